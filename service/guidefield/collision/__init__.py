@@ -1,0 +1,1 @@
+"""Collision: the robot among obstacles, exact distances, and the certificate of whole motions."""

@@ -1,0 +1,73 @@
+"""Clearance: exact smallest distances of a robot to obstacles and to itself, and where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+if TYPE_CHECKING:
+    from guidefield.collision.world import World
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceAt:
+    """Smallest distances at one configuration: signed where both bodies are convex, else 0 in contact.
+
+    Attributes:
+        obstacle_distance: Of moving links to obstacles [m]; infinite without such a pair.
+        obstacle_pair: The closest link and obstacle; None without such a pair.
+        witness: Their closest points, link first, shape (2, 3) [m, world]; None without such a pair.
+        self_distance: Of the robot to itself [m]; infinite without such a pair.
+        self_pair: The closest two links; None without such a pair.
+    """
+
+    obstacle_distance: float
+    obstacle_pair: tuple[str, str] | None
+    witness: np.ndarray | None
+    self_distance: float
+    self_pair: tuple[str, str] | None
+
+
+def clearance(world: World, q: np.ndarray) -> ClearanceAt:
+    """Smallest distances at a configuration (group.nq,).
+
+    Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer.
+    """
+    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
+    bounds = world.bodies.separations(world.bodies.centres_in_world(world.data), world.pairs, world.n_self)
+    own = _closest(world, bounds[: world.n_self], 0)
+    obstacle = _closest(world, bounds[world.n_self :], world.n_self)
+    witness = None
+    if obstacle is not None:
+        witness = np.array([obstacle[2].getNearestPoint1(), obstacle[2].getNearestPoint2()])
+        witness.setflags(write=False)
+    return ClearanceAt(
+        obstacle_distance=np.inf if obstacle is None else obstacle[0],
+        obstacle_pair=None if obstacle is None else world.pair_names(obstacle[1]),
+        witness=witness,
+        self_distance=np.inf if own is None else own[0],
+        self_pair=None if own is None else world.pair_names(own[1]),
+    )
+
+
+def clearances(world: World, qs: Iterable[np.ndarray]) -> list[ClearanceAt]:
+    """Smallest distances at each of several configurations (group.nq,)."""
+    return [clearance(world, q) for q in qs]
+
+
+def _closest(world: World, bounds: np.ndarray, first_pair: int) -> tuple[float, int, Any] | None:
+    """Distance, index and Coal's result of the closest of some pairs."""
+    closest = None
+    for index in np.argsort(bounds, kind="stable").tolist():
+        if closest is not None and bounds[index] > closest[0]:
+            break
+        pair = first_pair + index
+        result = pin.computeDistance(world.geometry, world.geometry_data, pair)
+        distance = float(result.min_distance) if world.signed[pair] else max(0.0, float(result.min_distance))
+        if closest is None or distance < closest[0]:
+            closest = (distance, pair, result)
+    return closest

@@ -1,0 +1,38 @@
+"""Contacts: which pairs of bodies touch at a configuration, and how deep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+if TYPE_CHECKING:
+    from guidefield.collision.world import World
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies that touch.
+
+    Attributes:
+        pair: Their names: a link, and a link or an obstacle.
+        depth: How far they must move apart to be free [m]; None where a body is a surface without an inside.
+    """
+
+    pair: tuple[str, str]
+    depth: float | None
+
+
+def contacts(world: World, q: np.ndarray) -> list[Contact]:
+    """Every pair that touches at a configuration (group.nq,), in the order of the world's pairs."""
+    pin.computeCollisions(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q), False)
+    touching = [k for k, result in enumerate(world.geometry_data.collisionResults) if result.isCollision()]
+    return [Contact(world.pair_names(k), _depth(world, k)) for k in touching]
+
+
+def _depth(world: World, pair: int) -> float | None:
+    if not world.signed[pair]:
+        return None
+    return max(0.0, -float(pin.computeDistance(world.geometry, world.geometry_data, pair).min_distance))

@@ -1,0 +1,95 @@
+"""A query that waits for its one answer."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+
+import zenoh
+
+from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest
+from guidefield.messages import codec, keys
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import error_reply
+from guidefield.pool.waiting import Answer
+
+JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
+"""Zenoh encodings that mean JSON: its own default ones too."""
+
+_log = logging.getLogger(__name__)
+
+
+class Asked:
+    """A query that waits for its one answer."""
+
+    def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None]) -> None:
+        self._query = query
+        self._prefix = f"guidefield/{instance}"
+        self._key = str(query.key_expr)
+        self._encoding = Encoding.JSON
+        self._count = count
+        self._open = threading.Lock()
+
+    def read(self) -> keys.Query:
+        """What the query says.
+
+        Raises:
+            MalformedRequest: if its encoding is unknown, or its key has wildcards.
+        """
+        name = str(self._query.encoding or "").partition(";")[0]
+        if name == Encoding.MSGPACK:
+            self._encoding = Encoding.MSGPACK
+        elif name not in JSON_NAMES:
+            raise MalformedRequest(
+                f"encoding {name!r} is not understood; use {' or '.join(Encoding)}",
+                encoding=name,
+                available=list(Encoding),
+            )
+        chunks = self._key.split("/")
+        if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
+            raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)
+        payload = self._query.payload
+        return keys.Query(
+            key=tuple(chunks[2:]),
+            parameters=dict(self._query.parameters),
+            payload=b"" if payload is None else payload.to_bytes(),
+            encoding=self._encoding,
+        )
+
+    def settle(self, future: Future[Answer]) -> None:
+        """Answer with what a future holds."""
+        with self.answering_failures():
+            self.answer(future.result())
+
+    def answer(self, answer: Answer, encoding: str | None = None) -> None:
+        """Send the answer, unless one was sent."""
+        if not self._open.acquire(blocking=False):
+            return
+        is_reply, payload = answer
+        self._count("answered" if is_reply else "refused")
+        with self._query as query:
+            if is_reply:
+                key = "/".join([self._prefix, *self._key.split("/")[2:]])
+                query.reply(key, payload, encoding=encoding or self._encoding.value)
+            else:
+                query.reply_err(payload, encoding=self._encoding.value)
+
+    @contextlib.contextmanager
+    def answering_failures(self) -> Iterator[None]:
+        """Answer with whatever error escapes the block."""
+        try:
+            yield
+        except GuidefieldError as error:
+            self._refuse(error)
+        except Exception as error:
+            _log.exception("a query failed with a bug of ours")
+            self._refuse(InternalFailure(f"a bug in guidefield stopped this query: {type(error).__name__}: {error}"))
+
+    def _refuse(self, error: GuidefieldError) -> None:
+        try:
+            self.answer((False, codec.encode(error_reply(error), self._encoding)))
+        except Exception:  # the link is gone, or the details can't be written: silence is all that is left
+            _log.exception("an error could not be sent")

@@ -1,0 +1,129 @@
+"""A service from its start to its end: alone under its name, workers warm, then open for queries until told to stop."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import zenoh
+
+from guidefield.endpoint.endpoint import Endpoint
+from guidefield.errors import WorkerCrashed
+from guidefield.messages.replies import error_reply
+from guidefield.pool.pool import Pool
+from guidefield.stores.files import checked_name
+from guidefield.worker import EngineSetup
+
+_log = logging.getLogger(__name__)
+
+DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+PATIENCE = 0.2
+"""How often a start looks whether it is to be given up [s]."""
+
+
+class InstanceLives(RuntimeError):
+    """A service of that name is alive already."""
+
+
+@dataclass(frozen=True)
+class ServiceSettings:
+    """How a service runs.
+
+    Attributes:
+        data: Folder of its runs and scenes.
+        instance: Its name, the second chunk of its keys.
+        listen: Zenoh endpoints; None takes the configuration's, or else a loopback port.
+        config: Zenoh configuration file.
+        workers: Number of worker processes.
+        queue_limit: How many requests may wait for one.
+        grace: How long requests that are being worked on may take at the end [s].
+    """
+
+    data: Path
+    instance: str = "local"
+    listen: tuple[str, ...] | None = None
+    config: Path | None = None
+    workers: int = 2
+    queue_limit: int = 64
+    grace: float = 10.0
+
+
+
+def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
+    """Serve until told to stop; then finish what is being worked on, refuse what waits, and leave.
+
+    Args:
+        settings: How.
+        stop: Set by whoever wants it to end.
+        announce: Is told, in one sentence each, how the start goes; the last begins with "ready".
+
+    Raises:
+        InstanceLives: if a service of that name is alive, on this data folder or on the network.
+        zenoh.ZError: if the configuration is wrong, or an endpoint can't be listened on.
+        RuntimeError: if the workers can't be prepared.
+    """
+    checked_name(settings.instance, "instance")
+    setup = EngineSetup(settings.instance, settings.data, _log.getEffectiveLevel())
+    config = _config(settings)
+    with contextlib.ExitStack() as opened:
+        opened.enter_context(_alone_in(settings.data))
+        session = opened.enter_context(zenoh.open(config))
+        _require_no_other(session, settings.instance)
+        runs = setup.runs()
+        runs.sweep(error_reply(WorkerCrashed("the service stopped while it worked on this run")))
+        pool = Pool(setup, workers=settings.workers, queue_limit=settings.queue_limit)
+        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool)
+        opened.callback(endpoint.close)
+        opened.callback(pool.close, settings.grace)
+        announce(f"starting {settings.workers} worker process(es); the first start ever compiles for a minute or more")
+        pool.start()
+        while not pool.ready(PATIENCE):
+            if stop.is_set():
+                return
+        opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
+        opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
+        announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
+        stop.wait()
+        announce("stopping: what is being worked on is finished, what waits is refused")
+
+
+def _alive(instance: str) -> str:
+    return f"guidefield/{instance}/alive"
+
+
+def _require_no_other(session: zenoh.Session, instance: str) -> None:
+    if any(reply.ok is not None for reply in session.liveliness().get(_alive(instance), timeout=1.0)):
+        raise InstanceLives(f"a service named {instance!r} is alive on this network; choose another name")
+
+
+@contextlib.contextmanager
+def _alone_in(data: Path) -> Iterator[None]:
+    """Hold a data folder; the system lets go of it however the process ends."""
+    data.mkdir(parents=True, exist_ok=True)
+    with (data / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InstanceLives(
+                f"a service is alive on the data folder {str(data)!r}; choose another name or folder"
+            ) from None
+        yield
+
+
+def _config(settings: ServiceSettings) -> zenoh.Config:
+    """The file's configuration; loopback only and no scouting where it doesn't say otherwise."""
+    config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
+    if settings.listen is not None:
+        config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
+    elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
+        config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
+    for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
+        if config.get_json(key) == "null":
+            config.insert_json5(key, "false")
+    return config

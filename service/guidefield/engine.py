@@ -1,0 +1,276 @@
+"""One request in, one reply out: the handlers with the catalog, the stores and the recorder around them.
+
+No network. Heavy packages are imported when the first request needs them, so that an engine which only reads scenes
+and runs stays light.
+"""
+
+from __future__ import annotations
+
+import enum
+import functools
+import hashlib
+import logging
+import time
+import uuid
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RobotInvalid
+from guidefield.handlers.info import info
+from guidefield.messages import codec, requests
+from guidefield.messages.replies import (
+    Done,
+    InfoReply,
+    PlanReply,
+    RobotReply,
+    RobotsReply,
+    RunReply,
+    RunsReply,
+    SceneReply,
+    ScenesReply,
+    error_reply,
+)
+from guidefield.messages.values import Reply
+from guidefield.run import Run
+from guidefield.stores.runs import NullRunStore, Runs
+from guidefield.stores.scenes import PackagedScenes, Scenes
+
+if TYPE_CHECKING:
+    from guidefield.robot.catalog import Catalog
+    from guidefield.robot.model import RobotModel
+    from guidefield.scene.scene import Scene
+
+MAX_CACHED_SCENES = 16
+"""Scenes kept built."""
+
+_log = logging.getLogger(__name__)
+
+
+class LocalFiles(enum.Enum):
+    """Whether a request may name a URDF file on this machine."""
+
+    ALLOWED = "allowed"
+    REFUSED = "refused"
+
+
+class Engine:
+    """Answers requests; one at a time.
+
+    Args:
+        instance: Name of the service it answers for; part of the key of a recording.
+        runs: Where runs are kept.
+        scenes: Where scenes are read and kept.
+        local_files: Whether a request may name a URDF file.
+    """
+
+    def __init__(
+        self,
+        instance: str = "local",
+        *,
+        runs: Runs | None = None,
+        scenes: Scenes | None = None,
+        local_files: LocalFiles = LocalFiles.ALLOWED,
+    ) -> None:
+        self._instance = instance
+        self._runs: Runs = NullRunStore() if runs is None else runs
+        self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
+        self._local_files = local_files
+        self._built: OrderedDict[bytes, Scene] = OrderedDict()
+        self._began = time.monotonic()
+        self._counters = Counter(answered=0, refused=0)
+        self._handlers: dict[type, Callable[[Any], Reply]] = {
+            requests.ForwardKinematics: self._kinematics,
+            requests.InverseKinematics: self._kinematics,
+            requests.Clearance: self._kinematics,
+            requests.Potential: self._kinematics,
+            requests.ReadRobots: self._read_robots,
+            requests.ReadRobot: self._read_robot,
+            requests.ReadScenes: self._read_scenes,
+            requests.ReadScene: self._read_scene,
+            requests.StoreScene: self._store_scene,
+            requests.DeleteScene: self._delete_scene,
+            requests.ReadRuns: self._read_runs,
+            requests.ReadRun: self._read_run,
+            requests.DeleteRun: self._delete_run,
+            requests.ReadInfo: self._info,
+        }
+
+    def answer(
+        self,
+        request: bytes | dict[str, Any] | requests.Request,
+        *,
+        record_to: Path | None = None,
+        received: float | None = None,
+    ) -> Reply:
+        """Answer one request of any kind.
+
+        Args:
+            request: JSON bytes, plain data, or a Struct.
+            record_to: Where to write the recording of a plan; None leaves that to the store of runs.
+            received: When the request arrived, by `time.monotonic()` [s]; None: now. Deadlines count from it.
+
+        Raises:
+            GuidefieldError: whatever travels as ``reply_err``; InternalFailure for a bug, logged with its trace.
+        """
+        received = time.monotonic() if received is None else received
+        try:
+            reply = self._dispatch(codec.decode_request(request), record_to, received)
+        except GuidefieldError:
+            self._counters["refused"] += 1
+            raise
+        except Exception as error:
+            self._counters["refused"] += 1
+            _log.exception("a request failed with a bug of ours")
+            raise _bug(error) from error
+        self._counters["answered"] += 1
+        return reply
+
+    def warm_up(self) -> None:
+        """Load what the first plan would wait for: packages and kernels."""
+        name = self._scenes.names()[0]
+        self.answer(requests.Potential(scene=name, points=[(0.0, 0.0, 0.0)]))
+
+    def _dispatch(self, request: requests.Request, record_to: Path | None, received: float) -> Reply:
+        if isinstance(request, requests.PlanRequest):
+            return self._plan(request, record_to, received)
+        if record_to is not None:
+            raise MalformedRequest(f"only a plan can be recorded, not {type(request).__name__}")
+        handler = self._handlers.get(type(request))
+        if handler is None:
+            raise MalformedRequest(f"{type(request).__name__} is no request", path="$")
+        return handler(request)
+
+    def _plan(self, request: requests.PlanRequest, record_to: Path | None, received: float) -> PlanReply:
+        from guidefield.handlers.plan import answer_plan
+
+        run_id = request.run_id or uuid.uuid4().hex
+        run = Run(run_id, request, self._runs, record_to, f"guidefield/{self._instance}/runs/{run_id}/recording")
+        try:
+            began = time.monotonic()
+            robot, scene = self._robot(request.robot), self._scene(request.scene)
+            load_seconds = time.monotonic() - began
+            reply = answer_plan(
+                request,
+                robot,
+                scene,
+                run_id=run_id,
+                received=received,
+                load_seconds=load_seconds,
+                record=run.record,
+            )
+            return run.end(reply)
+        except GuidefieldError:
+            run.refuse()
+            raise
+        except Exception as error:
+            run.fail(error_reply(_bug(error)))
+            raise
+
+    def _kinematics(self, request: requests.KinematicsRequest) -> Reply:
+        from guidefield.handlers import kinematics
+
+        handlers: dict[type, Callable[[Any, Any, Any], Reply]] = {
+            requests.ForwardKinematics: kinematics.forward_kinematics,
+            requests.InverseKinematics: kinematics.inverse_kinematics,
+            requests.Clearance: kinematics.clearance,
+            requests.Potential: kinematics.potential,
+        }
+        robot = None if request.robot is None else self._robot(request.robot)
+        reference = None if isinstance(request, requests.ForwardKinematics) else request.scene
+        scene = None if reference is None else self._scene(reference)
+        return handlers[type(request)](request, robot, scene)
+
+    def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
+        from guidefield.handlers.robots import robots
+
+        return robots(self._catalog)
+
+    def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
+        from guidefield.handlers.robots import robot
+
+        return robot(self._robot(request.name))
+
+    def _read_scenes(self, _request: requests.ReadScenes) -> ScenesReply:
+        return ScenesReply(scenes=self._scenes.names())
+
+    def _read_scene(self, request: requests.ReadScene) -> SceneReply:
+        return SceneReply(scene=self._scenes.read(request.name))
+
+    def _store_scene(self, request: requests.StoreScene) -> Done:
+        self._scene(request.scene)
+        self._scenes.write(request.scene)
+        return Done(done=f"scene {request.name!r} is stored")
+
+    def _delete_scene(self, request: requests.DeleteScene) -> Done:
+        self._scenes.delete(request.name)
+        return Done(done=f"scene {request.name!r} is deleted")
+
+    def _read_runs(self, request: requests.ReadRuns) -> RunsReply:
+        wanted = [
+            run
+            for run in self._runs.summaries()
+            if request.status in (None, run.status)
+            and request.robot in (None, run.robot)
+            and (request.since is None or run.began >= request.since)
+        ]
+        return RunsReply(runs=wanted)
+
+    def _read_run(self, request: requests.ReadRun) -> RunReply:
+        return self._runs.read(request.run_id)
+
+    def _delete_run(self, request: requests.DeleteRun) -> Done:
+        self._runs.delete(request.run_id)
+        return Done(done=f"run {request.run_id!r} is deleted")
+
+    def _info(self, _request: requests.ReadInfo) -> InfoReply:
+        return info(workers=0, queue=0, counters=self._counters, uptime=time.monotonic() - self._began)
+
+    @functools.cached_property
+    def _catalog(self) -> Catalog:
+        from guidefield.robot.catalog import Catalog
+
+        return Catalog()
+
+    def _robot(self, reference: requests.RobotReference) -> RobotModel:
+        if isinstance(reference, requests.UrdfFile) and self._local_files is LocalFiles.REFUSED:
+            raise RobotInvalid(
+                "a robot in a local file can be named in Python and on the command line only; "
+                "send its text as a `urdf`, or a name of the catalog",
+                path=reference.path,
+            )
+        return self._catalog.load(reference)
+
+    def _scene(self, reference: requests.SceneReference) -> Scene:
+        """The scene that a request means, built; the last few stay built, known by their content."""
+        from guidefield.scene.scene import build
+
+        message = self._scenes.read(reference) if isinstance(reference, str) else reference
+        content = hashlib.sha256(codec.encode(message, codec.Encoding.MSGPACK)).digest()
+        built = self._built.pop(content, None) or build(message)
+        self._built[content] = built
+        if len(self._built) > MAX_CACHED_SCENES:
+            self._built.popitem(last=False)
+        return built
+
+
+def _bug(error: Exception) -> InternalFailure:
+    kind = type(error).__name__
+    return InternalFailure(f"a bug in guidefield stopped this request: {kind}: {error}", kind=kind)
+
+
+_default = functools.cache(Engine)
+
+
+def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Path | None = None) -> Reply:
+    """Answer one request in this process: what the service does, with no queue in front and nothing kept.
+
+    Args:
+        request: JSON bytes, plain data, or a Struct.
+        record_to: Where to write the recording of a plan, if anywhere.
+
+    Raises:
+        GuidefieldError: whatever the service would send as ``reply_err``.
+    """
+    return _default().answer(request, record_to=record_to)

@@ -1,0 +1,164 @@
+"""Every exception of guidefield, with its wire code and the values it speaks about."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, ClassVar
+
+
+class Status(enum.IntEnum):
+    """Outcome codes of the wire; MoveIt's names and numbers where the meaning is the same."""
+
+    SUCCESS = 1
+    PLANNING_FAILED = -1
+    INVALID_MOTION_PLAN = -2
+    TIMED_OUT = -6
+    PREEMPTED = -7
+    START_STATE_IN_COLLISION = -10
+    START_STATE_VIOLATES_PATH_CONSTRAINTS = -11
+    GOAL_IN_COLLISION = -12
+    GOAL_VIOLATES_PATH_CONSTRAINTS = -13
+    GOAL_CONSTRAINTS_VIOLATED = -14
+    INVALID_GROUP_NAME = -15
+    INVALID_GOAL_CONSTRAINTS = -16
+    INVALID_ROBOT_STATE = -17
+    INVALID_LINK_NAME = -18
+    INVALID_OBJECT_NAME = -19
+    COMMUNICATION_FAILURE = -25
+    START_STATE_INVALID = -26
+    GOAL_STATE_INVALID = -27
+    CRASH = -29
+    NO_IK_SOLUTION = -31
+    STUCK_IN_MINIMUM = -101
+    GUIDE_PLANE_UNREACHABLE = -102
+    CLEARANCE_BELOW_MINIMUM = -103
+    SCENE_INVALID = -104
+    ROBOT_INVALID = -105
+    SERVER_BUSY = -106
+    MALFORMED_REQUEST = -107
+    REQUEST_TOO_LARGE = -108
+    FAILURE = 99999
+
+
+class GuidefieldError(Exception):
+    """Base of all errors that travel as ``reply_err``.
+
+    Attributes:
+        code: The wire code of this kind of error.
+        message: One sentence: what was expected, what came, what is valid.
+        details: The values that the message speaks about, as plain JSON data.
+    """
+
+    code: ClassVar[Status] = Status.FAILURE
+
+    def __init__(self, message: str, **details: Any) -> None:
+        super().__init__(message)
+        self.message = message
+        self.details: dict[str, Any] = details
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Exceptions with keyword arguments don't pickle by themselves; workers send theirs to the endpoint.
+        return (_rebuild, (type(self), self.message, self.details))
+
+
+def _rebuild(kind: type[GuidefieldError], message: str, details: dict[str, Any]) -> GuidefieldError:
+    return kind(message, **details)
+
+
+class MalformedRequest(GuidefieldError):
+    """The payload is not a request: syntax, unknown field, wrong type or length, NaN."""
+
+    code = Status.MALFORMED_REQUEST
+
+
+class RequestTooLarge(GuidefieldError):
+    """The payload, or a part of it, exceeds a size limit."""
+
+    code = Status.REQUEST_TOO_LARGE
+
+
+class RobotInvalid(GuidefieldError):
+    """The robot is unknown, or its description cannot be used."""
+
+    code = Status.ROBOT_INVALID
+
+
+class SceneInvalid(GuidefieldError):
+    """The scene is unknown, or an obstacle or guide plane of it cannot be used."""
+
+    code = Status.SCENE_INVALID
+
+
+class InvalidGroup(GuidefieldError):
+    """The joints to plan for cannot be planned for."""
+
+    code = Status.INVALID_GROUP_NAME
+
+
+class InvalidGoal(GuidefieldError):
+    """The goal does not fit the robot, the scene or the planner."""
+
+    code = Status.INVALID_GOAL_CONSTRAINTS
+
+
+class InvalidConfiguration(GuidefieldError):
+    """A configuration has an unknown joint, a wrong length or a quaternion that isn't one."""
+
+    code = Status.INVALID_ROBOT_STATE
+
+
+class UnknownFrame(GuidefieldError):
+    """A link or frame that the robot doesn't have."""
+
+    code = Status.INVALID_LINK_NAME
+
+
+class UnknownObject(GuidefieldError):
+    """An object that the scene, the robot or a store doesn't have."""
+
+    code = Status.INVALID_OBJECT_NAME
+
+
+class ServerBusy(GuidefieldError):
+    """The queue is full; ask again later."""
+
+    code = Status.SERVER_BUSY
+
+
+class WorkerCrashed(GuidefieldError):
+    """The process that worked on the request died; the service lives on."""
+
+    code = Status.CRASH
+
+
+class NoService(GuidefieldError):
+    """Nobody answers under that name at that address; raised by the client, never sent."""
+
+    code = Status.COMMUNICATION_FAILURE
+
+
+class InternalFailure(GuidefieldError):
+    """A bug of ours; logged with its trace."""
+
+    code = Status.FAILURE
+
+
+ERRORS: dict[Status, type[GuidefieldError]] = {
+    kind.code: kind
+    for kind in (
+        MalformedRequest,
+        RequestTooLarge,
+        RobotInvalid,
+        SceneInvalid,
+        InvalidGroup,
+        InvalidGoal,
+        InvalidConfiguration,
+        UnknownFrame,
+        UnknownObject,
+        ServerBusy,
+        WorkerCrashed,
+        NoService,
+        InternalFailure,
+    )
+}
+"""Kind of error by wire code: how a client turns a ``reply_err`` back into an exception."""

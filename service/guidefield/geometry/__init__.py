@@ -1,0 +1,1 @@
+"""Surfaces, hulls, charged points and fitted capsules: for links and obstacles alike."""

@@ -1,0 +1,145 @@
+"""A small capsule that contains points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from guidefield.geometry.axes import across
+from guidefield.geometry.surfaces import Floats
+
+_SLACK = 1.0 + 1e-12
+"""By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
+
+_FIRST_TILT = 0.2
+_LAST_TILT = 0.01
+"""Steps of the search for the best direction [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """All points within `radius` of the segment from `p0` to `p1`.
+
+    Attributes:
+        p0: One end of the axis, shape (3,) [m].
+        p1: The other; may be the same.
+        radius: Radius [m].
+    """
+
+    p0: Floats
+    p1: Floats
+    radius: float
+
+    @property
+    def volume(self) -> float:
+        """Volume [m^3]."""
+        length = float(np.linalg.norm(self.p1 - self.p0))
+        return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
+
+    def distance(self, points: Floats) -> Floats:
+        """Signed distance of points, shape (n, 3), from the surface [m]; negative inside. Shape (n,)."""
+        axis = self.p1 - self.p0
+        square = float(axis @ axis)
+        offsets = points - self.p0
+        along = np.clip(offsets @ axis / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(points))
+        distances: Floats = np.linalg.norm(offsets - along[:, None] * axis, axis=1) - self.radius
+        return distances
+
+
+def fit_capsule(points: Floats) -> Capsule:
+    """A capsule that contains all points, of locally least volume over the directions of its axis.
+
+    Along a given direction the radius is the smallest that the points' projection allows, and the axis the shortest.
+    The search starts from the best principal axis of the points. The same points give the same capsule.
+
+    Args:
+        points: Shape (n, 3), n >= 1 [m].
+
+    Raises:
+        ValueError: if there is no point, or one is not finite.
+    """
+    cloud = np.unique(np.asarray(points, dtype=np.float64).reshape(-1, 3), axis=0)
+    if len(cloud) == 0 or not np.isfinite(cloud).all():
+        raise ValueError("a capsule needs at least one point, and all finite")
+    principal = np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=True)[2]
+    direction = min(principal, key=lambda axis: _along(cloud, axis).volume)
+    return _tilted(cloud, direction)
+
+
+def _tilted(cloud: Floats, direction: Floats) -> Capsule:
+    """The best capsule that tilting the direction, less and less, leads to."""
+    best = _along(cloud, direction)
+    tilt = _FIRST_TILT
+    while tilt > _LAST_TILT:
+        first, second = across(direction)
+        tilts = [direction + tilt * side for side in (first, -first, second, -second)]
+        trials = [(_along(cloud, tilted), tilted) for tilted in (t / np.linalg.norm(t) for t in tilts)]
+        trial, tilted = min(trials, key=lambda pair: pair[0].volume)
+        if trial.volume < best.volume:
+            best, direction = trial, tilted
+        else:
+            tilt *= 0.5
+    return best
+
+
+def _along(cloud: Floats, direction: Floats) -> Capsule:
+    """The capsule of least radius, then least length, with its axis along a unit direction."""
+    frame = np.vstack([across(direction), direction])
+    local = cloud @ frame.T
+    centre, radius = _enclosing_circle(local[:, :2])
+    offsets = local[:, :2] - centre
+    # A point is inside if the axis comes to within `reach` of its height.
+    reach = np.sqrt(np.maximum(radius * radius - (offsets * offsets).sum(axis=1), 0.0))
+    low, high = float((local[:, 2] + reach).min()), float((local[:, 2] - reach).max())
+    if low > high:
+        low = high = 0.5 * (low + high)
+    ends = np.array([[*centre, low], [*centre, high]]) @ frame
+    farthest = Capsule(ends[0], ends[1], 0.0).distance(cloud).max()
+    ends.setflags(write=False)
+    return Capsule(ends[0], ends[1], float(farthest) * _SLACK)
+
+
+def _enclosing_circle(points: Floats) -> tuple[Floats, float]:
+    """The smallest circle around points in the plane, shape (n, 2): centre (2,) and radius.
+
+    Takes in the farthest point outside until there is none; the circle of the two or three points that hold it grows
+    each time, so that no such set returns.
+    """
+    held = points[:1]
+    radius = -1.0
+    while True:
+        centre, grown, held = _smallest_circle_of_few(held)
+        offsets = points - centre
+        distances = np.sqrt((offsets * offsets).sum(axis=1))
+        farthest = int(distances.argmax())
+        if distances[farthest] <= grown * _SLACK or grown <= radius:
+            return centre, float(distances[farthest])
+        radius = grown
+        held = np.vstack([held, points[farthest]])
+
+
+def _smallest_circle_of_few(points: Floats) -> tuple[Floats, float, Floats]:
+    """The smallest circle around one to four points: centre, radius, and the points among them that hold it."""
+    candidates = [(points[0], points)]
+    for i, j in combinations(range(len(points)), 2):
+        candidates.append((0.5 * (points[i] + points[j]), points[[i, j]]))
+    for three in combinations(range(len(points)), 3):
+        centre = _circumcentre(*points[list(three)])
+        if centre is not None:
+            candidates.append((centre, points[list(three)]))
+    radii = [float(np.linalg.norm(points - centre, axis=1).max()) for centre, _ in candidates]
+    best = int(np.argmin(radii))
+    return candidates[best][0], radii[best], candidates[best][1]
+
+
+def _circumcentre(a: Floats, b: Floats, c: Floats) -> Floats | None:
+    """Centre of the circle through three points in the plane; None if they lie on a line."""
+    u, v = b - a, c - a
+    twice_area = float(u[0] * v[1] - u[1] * v[0])
+    if twice_area == 0.0:
+        return None
+    uu, vv = float(u @ u), float(v @ v)
+    shift = np.array([v[1] * uu - u[1] * vv, u[0] * vv - v[0] * uu]) / (2.0 * twice_area)
+    return a + shift

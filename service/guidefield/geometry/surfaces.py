@@ -1,0 +1,152 @@
+"""Triangulated surfaces of shapes, each in its own frame; triangles counter-clockwise from outside."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+import mapbox_earcut
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from guidefield.geometry.axes import across
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Surface(NamedTuple):
+    """Triangles over shared vertices; both arrays are read-only.
+
+    Attributes:
+        vertices: Shape (v, 3) [m].
+        triangles: Indices into `vertices`, counter-clockwise from outside, shape (t, 3).
+    """
+
+    vertices: Floats
+    triangles: Integers
+
+    @property
+    def corners(self) -> Floats:
+        """Corners of every triangle, shape (t, 3, 3) [m]."""
+        return self.vertices[self.triangles]
+
+
+def surface(vertices: Floats, triangles: Integers) -> Surface:
+    """Surface of arrays that are copied and frozen; shapes (v, 3) and (t, 3)."""
+    frozen = Surface(np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64).reshape(-1, 3))
+    for array in frozen:
+        array.setflags(write=False)
+    return frozen
+
+
+def box(size: ArrayLike) -> Surface:
+    """Box about the origin with its edges along the axes; `size` is its full extents, shape (3,) [m]."""
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    halves = [half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))]
+    return surface(corners * np.asarray(size, dtype=np.float64), np.array(halves))
+
+
+def cylinder(radius: float, length: float, sides: int = 24) -> Surface:
+    """Prism that contains the cylinder along z about the origin: its sides touch it, its ends are the cylinder's."""
+    ring = radius / np.cos(np.pi / sides)
+    return _revolved([(0.0, -0.5 * length), (ring, -0.5 * length), (ring, 0.5 * length), (0.0, 0.5 * length)], sides)
+
+
+def capsule(radius: float, length: float, sides: int = 24) -> Surface:
+    """Capsule along z about the origin, its vertices on the capsule; `length` is that of its straight part [m]."""
+    latitudes = np.linspace(0.0, 0.5 * np.pi, sides // 4 + 1)
+    upper = [(radius * np.cos(angle), 0.5 * length + radius * np.sin(angle)) for angle in latitudes[:-1]]
+    lower = [(rho, -z) for rho, z in reversed(upper)]
+    pole = 0.5 * length + radius
+    return _revolved([(0.0, -pole), *lower, *upper, (0.0, pole)], sides)
+
+
+def sphere(radius: float, subdivisions: int = 2) -> Surface:
+    """Sphere about the origin: an icosahedron, its triangles quartered `subdivisions` times, its vertices on it."""
+    golden = 0.5 * (1.0 + np.sqrt(5.0))
+    flat = np.array([(0.0, s, t * golden) for s in (-1, 1) for t in (-1, 1)])
+    vertices = np.concatenate([np.roll(flat, turn, axis=1) for turn in range(3)])
+    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    triangles = _icosahedron(vertices)
+    for _ in range(subdivisions):
+        vertices, triangles = _quartered(vertices, triangles)
+        vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    return surface(radius * vertices, triangles)
+
+
+def triangulate_polygon(vertices: Floats) -> Surface:
+    """Triangles of a flat, simple polygon, convex or not, that turn as its corners do.
+
+    Args:
+        vertices: Corners in order, shape (k, 3) [m]. How flat they are is for the caller to judge.
+
+    Raises:
+        ValueError: if the polygon has fewer than three corners, no area, or crosses itself.
+    """
+    corners = np.asarray(vertices, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 3:
+        raise ValueError(f"a polygon needs corners of shape (k, 3) with k >= 3, got {corners.shape}")
+    centred = corners - corners.mean(axis=0)
+    area_vector = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
+    area = float(np.linalg.norm(area_vector))
+    if area <= 1e-12 * float((centred * centred).sum(axis=1).max()):
+        raise ValueError(f"a polygon needs an area, got {area} m^2 from {len(corners)} corners")
+    flat = centred @ across(area_vector / area).T
+    triangles = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32)).reshape(-1, 3)
+    areas = _signed_areas(flat[triangles])
+    triangles = np.where((areas < 0.0)[:, None], triangles[:, ::-1], triangles)
+    # Ears of a polygon that crosses itself cover some of its plane twice or not at all.
+    if abs(np.abs(areas).sum() - area) > 1e-9 * area:
+        raise ValueError(
+            f"a polygon must not cross itself: it encloses {area} m^2, its triangles {np.abs(areas).sum()} m^2"
+        )
+    return surface(corners, triangles)
+
+
+def _revolved(profile: list[tuple[float, float]], sides: int) -> Surface:
+    """Surface of a profile (rho, z) that starts and ends on the z axis and runs upwards outside."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    rings = [np.column_stack([rho * circle, np.full(sides, z)]) for rho, z in profile[1:-1]]
+    vertices = np.concatenate([*rings, [(0.0, 0.0, profile[0][1])], [(0.0, 0.0, profile[-1][1])]])
+    bottom, top = len(vertices) - 2, len(vertices) - 1
+    here = np.arange(sides)
+    after = (here + 1) % sides
+    triangles = [np.column_stack([np.full(sides, bottom), after, here])]
+    for low, high in pairwise(sides * ring for ring in range(len(rings))):
+        triangles.append(np.column_stack([low + here, low + after, high + after]))
+        triangles.append(np.column_stack([low + here, high + after, high + here]))
+    last = sides * (len(rings) - 1)
+    triangles.append(np.column_stack([np.full(sides, top), last + here, last + after]))
+    return surface(vertices, np.concatenate(triangles))
+
+
+def _icosahedron(vertices: Floats) -> Integers:
+    """The 20 triangles of an icosahedron's vertices: all triples at the edge's distance, turned outwards."""
+    distances = np.linalg.norm(vertices[:, None] - vertices[None], axis=2)
+    near = (distances > 0.0) & (distances < 1.01 * distances[distances > 0.0].min())
+    triples = combinations(range(len(vertices)), 3)
+    triangles = np.array([(i, j, k) for i, j, k in triples if near[i, j] and near[j, k] and near[k, i]])
+    inward = np.linalg.det(vertices[triangles]) < 0.0
+    return np.where(inward[:, None], triangles[:, ::-1], triangles)
+
+
+def _quartered(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
+    """Every triangle split at the middles of its edges, which neighbours share."""
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    unique, index = np.unique(edges, axis=0, return_inverse=True)
+    middles = len(vertices) + index.reshape(3, -1)
+    a, b, c = triangles.T
+    ab, bc, ca = middles
+    split = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    quarters = np.concatenate([np.column_stack(quarter) for quarter in split])
+    return np.concatenate([vertices, vertices[unique].mean(axis=1)]), quarters
+
+
+def _signed_areas(corners: Floats) -> Floats:
+    """Areas of triangles in the plane, shape (t, 3, 2), positive if counter-clockwise."""
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas: Floats = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    return areas

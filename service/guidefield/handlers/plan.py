@@ -1,0 +1,230 @@
+"""The plan request: from the message to the planner's problem, and from the plan to the reply."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.world import World
+from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, Status
+from guidefield.handlers.plan_reply import reply_to
+from guidefield.messages import requests
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest
+from guidefield.messages.values import Placement
+from guidefield.planner.plan import Plan, Planner, plan, refused
+from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
+from guidefield.planner.quality import ClearanceProfile, clearance_profile
+from guidefield.planner.trace import Event, Observer, Silent
+from guidefield.potential import RobotField
+from guidefield.robot.configuration import LIMIT_TOLERANCE, LimitFault, clamp, configuration_from_wire, limit_faults
+from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.inverse_kinematics import PoseTarget
+from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.model import RobotModel
+from guidefield.scene import guide_plane
+from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.scene import Scene
+
+
+class Recording(Protocol):
+    """Somebody who records a run: an observer who is told the end."""
+
+    def observe(self, event: Event) -> None:
+        """Be told of an event."""
+
+    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
+        """Be told the end, and write."""
+
+
+Record = Callable[[PlanningGroup, Scene, tuple[GuidePlane, ...]], Recording | None]
+"""Opens the recording of a run, once it is known what moves where."""
+
+
+def answer_plan(
+    request: PlanRequest,
+    robot: RobotModel,
+    scene: Scene,
+    *,
+    run_id: str,
+    received: float,
+    load_seconds: float = 0.0,
+    record: Record = lambda group, scene, planes: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> PlanReply:
+    """Plan, and say what came of it.
+
+    Args:
+        request: What is asked.
+        robot: The robot that it names.
+        scene: The scene that it names.
+        run_id: Name of the run.
+        received: When it arrived, on the clock of `time.monotonic` [s]; the deadline counts from then.
+        load_seconds: Time that loading robot and scene took [s].
+        record: Opens the recording.
+        cancelled: Whether somebody asked to stop.
+
+    Raises:
+        InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest: where
+            the question is ill-posed, or asks for what this version doesn't serve.
+    """
+    begin = time.monotonic()
+    _require_served(request)
+    q_whole, warnings = _start(request, robot)
+    group = select(robot, request.group, request.tip, q_whole, _placement(request.robot_placement))
+    group = _limited(group, request)
+    planes = _guide_planes(request, scene)
+    recording = record(group, scene, planes)
+    problem = Problem(
+        group=group,
+        scene=scene,
+        world=World.build(group, scene, request.allowed_collisions),
+        robot_field=RobotField(group, scene),
+        kinematics=Kinematics(group),
+        q_start=_of_group(group, q_whole),
+        goal=_goal(request, group, planes),
+        guide_planes=planes,
+        min_clearance=request.min_clearance,
+        seed=request.seed,
+        budget=Budget(received + request.allowed_planning_time, cancelled),
+        observer=recording or Silent(),
+    )
+    load_seconds += time.monotonic() - begin
+    made = _refusal(problem) or plan(problem, Planner(request.planner))
+    profile = None
+    if made.trajectory is not None:
+        profile = clearance_profile(made.trajectory, problem.world, problem.robot_field)
+    reply = reply_to(request, problem, made, profile, run_id, received, load_seconds, warnings)
+    if recording is not None:
+        recording.finish(reply, profile)
+    return reply
+
+
+def _require_served(request: PlanRequest) -> None:
+    """Refuse what is part of the wire but not of this version, by name."""
+    unserved = {
+        "attached_objects": bool(request.attached_objects),
+        "path_constraints": bool(request.path_constraints),
+        "leave_start_contact": request.leave_start_contact,
+        'minimizer "univariate"': request.minimizer == "univariate",
+        'guide_planes "auto"': request.guide_planes == "auto",
+        "jerk limits": any(limits.jerk is not None for limits in request.limits.values()),
+    }
+    for what, asked in unserved.items():
+        if asked:
+            raise MalformedRequest(f"this version does not serve {what} yet; leave it out", unserved=what)
+
+
+def _start(request: PlanRequest, robot: RobotModel) -> tuple[np.ndarray, list[str]]:
+    """The start of the whole robot, clamped where it was beyond a limit by next to nothing, and warnings about that."""
+    q = configuration_from_wire(robot, request.start)
+    warnings = [
+        f"start {fault.joint} was {fault.excess:.2g} beyond its limit and was clamped"
+        for fault in limit_faults(robot.joints, q)
+        if fault.excess <= LIMIT_TOLERANCE
+    ]
+    return (clamp_slight(robot, q) if warnings else q), warnings
+
+
+def clamp_slight(robot: RobotModel, q: np.ndarray) -> np.ndarray:
+    """The configuration with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
+    slight = [j for f in limit_faults(robot.joints, q) if f.excess <= LIMIT_TOLERANCE and (j := robot.joint(f.joint))]
+    return clamp(slight, q)
+
+
+def _limited(group: PlanningGroup, request: PlanRequest) -> PlanningGroup:
+    names = [joint.name for joint in group.joints]
+    for name in request.limits:
+        if name not in names:
+            raise InvalidConfiguration(
+                f"`limits` names joint {name!r}, which is not planned for; planned are {', '.join(names)}",
+                joint=name,
+                available=names,
+            )
+    return group.with_limits(
+        {name: limits.velocity for name, limits in request.limits.items() if limits.velocity is not None},
+        {name: limits.acceleration for name, limits in request.limits.items() if limits.acceleration is not None},
+        request.max_velocity_scaling_factor,
+        request.max_acceleration_scaling_factor,
+    )
+
+
+def _guide_planes(request: PlanRequest, scene: Scene) -> tuple[GuidePlane, ...]:
+    """The request's planes, else the scene's; none where the bare connection is asked for."""
+    if request.planner == "tree":
+        return ()
+    if isinstance(request.guide_planes, list):
+        return tuple(guide_plane.build(message, index) for index, message in enumerate(request.guide_planes))
+    return scene.guide_planes
+
+
+def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:
+    goal = request.goal
+    if isinstance(goal, requests.GuidePlaneGoal):
+        if not planes:
+            why = "planner 'tree' uses none" if request.planner == "tree" else "neither the request nor the scene has one"
+            raise InvalidGoal(f"the goal is the last guide plane, but there is none: {why}")
+        return LastPlaneGoal()
+    if request.planner == "guided":
+        raise InvalidGoal("planner 'guided' takes only a goal of type 'guide_plane'; 'auto' goes on to configurations and poses")
+    if isinstance(goal, requests.PoseGoal):
+        return TipGoal(PoseTarget.from_wire(goal))
+    many = goal.positions if isinstance(goal, requests.JointSetGoal) else [goal.positions]
+    return ConfigurationGoal(tuple(_goal_configuration(group, positions) for positions in many))
+
+
+def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> np.ndarray:
+    planned = {joint.name for joint in group.joints}
+    q = configuration_from_wire(group.robot, positions, base=group.q_reference, error=InvalidGoal)
+    for name in positions:
+        if name not in planned:
+            raise InvalidGoal(
+                f"the goal gives joint {name!r}, which is not planned for; planned are {', '.join(sorted(planned))}",
+                joint=name,
+                available=sorted(planned),
+            )
+    return _of_group(group, clamp_slight(group.robot, q))
+
+
+def _refusal(problem: Problem) -> Plan | None:
+    """The plan of a problem whose start or goal is beyond a joint limit; None where they are not."""
+    faults = limit_faults(problem.group.robot.joints, problem.group.q_reference)
+    if faults:
+        return refused(problem, Status.START_STATE_INVALID, *_limit_message("start", faults))
+    if isinstance(problem.goal, ConfigurationGoal):
+        goals = [limit_faults(problem.group.joints, q) for q in problem.goal.configurations]
+        if all(goals):
+            return refused(problem, Status.GOAL_STATE_INVALID, *_limit_message("goal", goals[0]))
+    return None
+
+
+def _limit_message(end: str, faults: list[LimitFault]) -> tuple[str, dict[str, Any]]:
+    fault = faults[0]
+    more = f" (and {len(faults) - 1} more joints)" if len(faults) > 1 else ""
+    return (
+        f"the {end} has joint {fault.joint} at {fault.value:.6g}, outside its limits [{fault.lower:.6g}, {fault.upper:.6g}]{more}",
+        {"stage": end, "joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]},
+    )
+
+
+def _of_group(group: PlanningGroup, q_whole: np.ndarray) -> np.ndarray:
+    """The planned joints' part of a configuration of the whole robot."""
+    q = np.empty(group.nq)
+    for joint in group.joints:
+        whole = group.robot.joint(joint.name)
+        assert whole is not None, "a group's joints are the robot's"
+        q[joint.idx_q : joint.idx_q + joint.nq] = q_whole[whole.idx_q : whole.idx_q + whole.nq]
+    return q
+
+
+def _placement(placement: Placement) -> Any:
+    return pin.SE3(_rotation(placement.quaternion_xyzw), np.array(placement.position))
+
+
+def _rotation(quaternion_xyzw: tuple[float, float, float, float]) -> np.ndarray:
+    rotation: np.ndarray = pin.Quaternion(np.array(quaternion_xyzw)).normalized().matrix()
+    return rotation

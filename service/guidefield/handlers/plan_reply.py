@@ -1,0 +1,128 @@
+"""The reply to a plan request, from the plan that was made."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from guidefield.messages import replies
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest
+from guidefield.messages.scene import GuidePlane
+from guidefield.planner.plan import Plan
+from guidefield.planner.problem import Problem
+from guidefield.planner.quality import ClearanceProfile, figures
+from guidefield.planner.trajectory import Trajectory
+
+CERTIFICATE = "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair"
+STAGES = ("connect", "guide", "relax", "parameterize", "certify")
+
+
+def reply_to(
+    request: PlanRequest,
+    problem: Problem,
+    made: Plan,
+    profile: ClearanceProfile | None,
+    run_id: str,
+    received: float,
+    load_seconds: float,
+    warnings: list[str],
+) -> PlanReply:
+    """Put a plan into the wire's words; `received` and `load_seconds` as in `answer_plan`."""
+    group = problem.group
+    return PlanReply(
+        run_id=run_id,
+        status=replies.Outcome(
+            code=int(made.status), name=made.status.name, message=made.message, details=made.details
+        ),
+        warnings=[*warnings, *made.warnings],
+        position_names=group.position_names,
+        velocity_names=group.velocity_names,
+        path=made.path.tolist(),
+        trajectory=_trajectory(made.trajectory, request.sample_rate),
+        guide_planes=[
+            GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()]) for plane in problem.guide_planes
+        ],
+        stages=[
+            replies.Stage(name=stage.name, outcome=stage.outcome, seconds=stage.seconds, plane=stage.plane)
+            for stage in made.stages
+        ],
+        clearance=_clearance(profile),
+        self_clearance=_self_clearance(profile),
+        certificate=replies.CertificateFigures(
+            collision_free=made.verdict.free,
+            method=CERTIFICATE,
+            covers="path" if made.trajectory is None else "trajectory",
+            evaluations=made.verdict.evaluations,
+        ),
+        metrics=_metrics(made, problem),
+        timing=replies.Timing(
+            load=load_seconds,
+            total=time.monotonic() - received,
+            **{stage: made.seconds.get(stage, 0.0) for stage in STAGES},
+        ),
+        counters=replies.Counters(
+            iterations=problem.counters.iterations,
+            potential_evaluations=problem.robot_field.evaluations,
+            collision_checks=problem.counters.collision_checks,
+        ),
+        seed=request.seed,
+        planner=request.planner,
+        recording=None,
+    )
+
+
+def _trajectory(trajectory: Trajectory | None, sample_rate: float | None) -> replies.Trajectory | None:
+    """The knots of the certified curve, or samples of it."""
+    if trajectory is None:
+        return None
+    states = trajectory if sample_rate is None else trajectory.resampled(sample_rate)
+    return replies.Trajectory(
+        times=states.times.tolist(),
+        positions=states.positions.tolist(),
+        velocities=states.velocities.tolist(),
+        accelerations=states.accelerations.tolist(),
+    )
+
+
+def _clearance(profile: ClearanceProfile | None) -> replies.ClearanceFigures | None:
+    if profile is None:
+        return None
+    distance = profile.obstacle_distance
+    worst = int(np.argmin(distance))
+    pair = profile.obstacle_pair[worst]
+    if not np.isfinite(distance[worst]):
+        return replies.ClearanceFigures(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
+    return replies.ClearanceFigures(
+        minimum=float(distance[worst]),
+        mean=float(distance.mean()),
+        inner=profile.inner,
+        ends=float(min(distance[0], distance[-1])),
+        pair=list(pair) if pair else None,
+        time=float(profile.times[worst]),
+    )
+
+
+def _self_clearance(profile: ClearanceProfile | None) -> replies.SelfClearance | None:
+    if profile is None:
+        return None
+    worst = int(np.argmin(profile.self_distance))
+    pair = profile.self_pair[worst]
+    finite = bool(np.isfinite(profile.self_distance[worst]))
+    return replies.SelfClearance(
+        minimum=float(profile.self_distance[worst]) if finite else None, pair=list(pair) if pair else None
+    )
+
+
+def _metrics(made: Plan, problem: Problem) -> replies.Metrics | None:
+    if made.trajectory is None:
+        return None
+    found = figures(made.trajectory, problem.kinematics)
+    return replies.Metrics(
+        joint_path_length=found.joint_path_length,
+        tip_path_length=found.tip_path_length,
+        duration=found.duration,
+        peak_jerk=found.peak_jerk,
+        smoothness=found.smoothness,
+    )

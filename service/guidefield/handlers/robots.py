@@ -1,0 +1,66 @@
+"""What can be planned for: the list of robots, and one robot described."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply
+from guidefield.robot.catalog import Catalog
+from guidefield.robot.configuration import configuration_to_wire
+from guidefield.robot.model import Joint, RobotModel
+
+
+def robots(catalog: Catalog) -> RobotsReply:
+    """The robots that can be named, and what was found wrong with those that cannot be used."""
+    return RobotsReply(robots=list(catalog.summaries()))
+
+
+def robot(model: RobotModel) -> RobotReply:
+    """Everything a client needs to know to plan for one robot."""
+    return RobotReply(
+        name=model.name,
+        joints=[_joint(joint) for joint in model.joints],
+        frames=[frame.name for frame in list(model.model.frames)[1:]],
+        links=list(model.links),
+        groups={name: list(joints) for name, joints in model.groups.items()},
+        tip=model.tip,
+        rest=configuration_to_wire(model.joints, model.rest),
+        geometry=[
+            GeometryInfo(name=choice.name, link=choice.link, shape=choice.shape, judged_as=choice.judged_as)
+            for choice in model.geometry_choices
+        ],
+        collision_pairs=_linked(model),
+        pairs_left_out=[PairLeftOut(links=list(pair.links), reason=pair.reason) for pair in model.pairs_left_out],
+        warnings=list(model.warnings),
+    )
+
+
+def _joint(joint: Joint) -> JointInfo:
+    mimic = joint.mimic
+    return JointInfo(
+        name=joint.name,
+        kind=joint.kind.value,
+        lower=_finite(joint.lower),
+        upper=_finite(joint.upper),
+        velocity=[float(limit) for limit in joint.velocity],
+        acceleration=[float(limit) for limit in joint.acceleration],
+        velocity_source=joint.velocity_source.value,
+        acceleration_source=joint.acceleration_source.value,
+        mimics=None if mimic is None else mimic.driver,
+        multiplier=1.0 if mimic is None else mimic.multiplier,
+        offset=0.0 if mimic is None else mimic.offset,
+    )
+
+
+def _finite(limits: Iterable[float]) -> list[float | None]:
+    return [float(limit) if math.isfinite(limit) else None for limit in limits]
+
+
+def _linked(model: RobotModel) -> list[list[str]]:
+    """Pairs of links of which some shapes are tested against each other, each once."""
+    pairs = (
+        sorted((model.link_of_geometry(pair.first), model.link_of_geometry(pair.second)))
+        for pair in model.geometry.collisionPairs
+    )
+    return [list(pair) for pair in sorted({(first, second) for first, second in pairs})]

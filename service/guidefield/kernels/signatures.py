@@ -1,0 +1,47 @@
+"""Types and compiler options that the kernels share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Vector3 = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+"""Of a field at a point: potential [1/m], gradient (3) [1/m^2], curvature [1/m^3], winding number."""
+
+SCALAR = types.float64
+SIX_SCALARS = types.UniTuple(types.float64, 6)
+
+VECTOR = types.Array(types.float64, 1, "C", readonly=True)
+"""Input, shape (n,); frozen and fresh arrays both fit, a strided one is refused."""
+
+MATRIX = types.Array(types.float64, 2, "C", readonly=True)
+"""Input, shape (m, n)."""
+
+VECTOR_OUT = types.Array(types.float64, 1, "C")
+"""Output, shape (n,)."""
+
+MATRIX_OUT = types.Array(types.float64, 2, "C")
+"""Output, shape (m, n)."""
+
+FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
+"""How sums may be rearranged. Not `ninf` and `nnan`: selects discard infinities, which must stay what they are."""
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def inlined(kernel: Kernel) -> Kernel:
+    """Decorator of the parts of kernels: compiled into each caller, so that its loops become vector loops."""
+    return cast(Kernel, njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)(kernel))
+
+
+def compiled(signature: Any) -> Callable[[Kernel], Kernel]:
+    """Decorator of a kernel of one signature: machine code from the cache, no GIL, division by zero gives infinity."""
+    return cast(
+        Callable[[Kernel], Kernel], njit(signature, cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
+    )

@@ -1,0 +1,111 @@
+"""Bytes to request, reply to bytes: JSON or MessagePack, strict about requests. Built once at import."""
+
+from __future__ import annotations
+
+import enum
+import functools
+from typing import Any
+
+import msgspec
+
+from guidefield.errors import MalformedRequest, RequestTooLarge
+from guidefield.messages import replies, requests
+from guidefield.messages.scene import Scene
+from guidefield.messages.values import Reply
+
+MAX_REQUEST_BYTES = 64 * 2**20
+"""Largest payload that is looked at."""
+
+
+class Encoding(enum.StrEnum):
+    """How a payload is written; the values are its MIME types."""
+
+    JSON = "application/json"
+    MSGPACK = "application/msgpack"
+
+
+class _Tag(msgspec.Struct):
+    """Just enough of a request to tell which decoder it wants."""
+
+    type: str | None = None
+
+
+_ENCODERS = {Encoding.JSON: msgspec.json.Encoder(), Encoding.MSGPACK: msgspec.msgpack.Encoder()}
+
+
+@functools.cache
+def _decoder(kind: Any, encoding: Encoding) -> Any:
+    return msgspec.json.Decoder(kind) if encoding is Encoding.JSON else msgspec.msgpack.Decoder(kind)
+
+
+for _kind in (_Tag, requests.PlanRequest, requests.KinematicsRequest, requests.TaggedRequest, Scene):
+    for _encoding in Encoding:
+        _decoder(_kind, _encoding)
+
+
+def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
+    """Decode one message of a known kind.
+
+    Args:
+        data: The payload.
+        kind: A message class, or a union of tagged ones.
+        encoding: How the payload is written.
+
+    Raises:
+        RequestTooLarge: if the payload is longer than `MAX_REQUEST_BYTES`.
+        MalformedRequest: if it isn't such a message; names the path of the first fault.
+    """
+    if len(data) > MAX_REQUEST_BYTES:
+        raise RequestTooLarge(
+            f"the request has {len(data)} bytes, at most {MAX_REQUEST_BYTES} are read", bytes=len(data), limit=MAX_REQUEST_BYTES
+        )
+    try:
+        return _decoder(kind, encoding).decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise _malformed(error, encoding) from None
+
+
+def decode_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
+    """Any request in any of its forms: JSON bytes, plain data, or a Struct already.
+
+    A request without a `type` is a plan request.
+
+    Raises:
+        RequestTooLarge, MalformedRequest: as in `decode`.
+    """
+    if isinstance(request, msgspec.Struct):
+        return request
+    if isinstance(request, dict):
+        kind = requests.TaggedRequest if "type" in request else requests.PlanRequest
+        try:
+            converted: requests.Request = msgspec.convert(request, kind)
+        except msgspec.ValidationError as error:
+            raise _malformed(error, None) from None
+        return converted
+    if not isinstance(request, bytes | bytearray | memoryview | str):
+        raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
+    tag = decode(request, _Tag, Encoding.JSON)
+    return decode(request, requests.PlanRequest if tag.type is None else requests.TaggedRequest)
+
+
+def encode(message: Reply | msgspec.Struct, encoding: Encoding = Encoding.JSON) -> bytes:
+    """Encode a reply, or any message."""
+    return _ENCODERS[encoding].encode(message)
+
+
+def json_schemas() -> dict[str, Any]:
+    """JSON Schema of every message that travels."""
+    kinds = [requests.PlanRequest, *requests.TaggedRequest.__args__, *replies.AnyReply.__args__, replies.ErrorReply, Scene]
+    schemas, components = msgspec.json.schema_components(kinds)
+    return {"messages": {kind.__name__: schema for kind, schema in zip(kinds, schemas, strict=True)}, "$defs": components}
+
+
+def _malformed(error: Exception, encoding: Encoding | None) -> MalformedRequest:
+    text = str(error)
+    message, _, path = text.rpartition(" - at `")
+    path = path.rstrip("`")
+    if not message:
+        message, path = text, "$"
+    if isinstance(error, msgspec.ValidationError) or encoding is None:
+        return MalformedRequest(f"{message} (at {path})", path=path)
+    return MalformedRequest(f"the payload is not {encoding.value}: {text}", path="$")

@@ -1,0 +1,183 @@
+"""Keys to requests: what a query below an instance's key asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import msgspec
+
+from guidefield.errors import MalformedRequest
+from guidefield.messages import codec, requests
+from guidefield.messages.codec import Encoding
+from guidefield.messages.scene import Scene
+
+SERVED = (
+    "plan",
+    "kinematics",
+    "robots",
+    "robots/<name>",
+    "scenes",
+    "scenes/<name>",
+    "runs",
+    "runs/<id>",
+    "runs/<id>/recording",
+    "info",
+)
+"""The keys of an instance that can be queried."""
+
+
+@dataclass(frozen=True)
+class Query:
+    """A query as it came.
+
+    Attributes:
+        key: Chunks of its key below the instance's, such as ("scenes", "shelf").
+        parameters: Those after the question mark.
+        payload: Empty where there is none.
+        encoding: How the payload is written, and the reply is to be.
+    """
+
+    key: tuple[str, ...]
+    parameters: Mapping[str, str]
+    payload: bytes
+    encoding: Encoding
+
+
+class PlanHead(msgspec.Struct, frozen=True):
+    """What a plan request says about the run itself, read without looking at the rest."""
+
+    run_id: str | None = None
+    allowed_planning_time: float = 5.0
+    planner: str = "auto"
+    seed: int = 0
+
+    @property
+    def allowed(self) -> float:
+        """The allowed planning time, brought within what a valid request can ask for [s]."""
+        return min(self.allowed_planning_time, 3600.0) if self.allowed_planning_time > 0.0 else 0.0
+
+
+def check(query: Query) -> None:
+    """Check all of a query but its payload.
+
+    Raises:
+        MalformedRequest: if the key is not served, or the query has parameters or a payload that don't fit it.
+    """
+    if not is_recording(query):
+        _rule(query)
+
+
+def request_of(query: Query) -> requests.Request:
+    """The request that a query makes.
+
+    Raises:
+        MalformedRequest: if the key is not served, or its parameters or payload don't fit it.
+        RequestTooLarge: if the payload is too long to be looked at.
+    """
+    return _rule(query).read(query)
+
+
+def plan_head(query: Query) -> PlanHead | None:
+    """The head of a plan request; None if the query asks for something else.
+
+    Raises:
+        MalformedRequest, RequestTooLarge: as `request_of`, for what was looked at.
+    """
+    if query.key != ("plan",):
+        return None
+    head: PlanHead = codec.decode(query.payload, PlanHead, query.encoding)
+    return head
+
+
+def is_recording(query: Query) -> bool:
+    """Whether the query asks for a recording: the one answer that is not a message."""
+    return len(query.key) == 3 and query.key[0] == "runs" and query.key[2] == "recording"
+
+
+def _plan(query: Query) -> requests.Request:
+    request: requests.Request = codec.decode(query.payload, requests.PlanRequest, query.encoding)
+    return request
+
+
+def _kinematics(query: Query) -> requests.Request:
+    request: requests.Request = codec.decode(query.payload, requests.KinematicsRequest, query.encoding)
+    return request
+
+
+def _scene(query: Query) -> requests.Request:
+    name = query.key[1]
+    if "delete" in query.parameters:
+        _refuse_payload(query)
+        return requests.DeleteScene(name)
+    if not query.payload:
+        return requests.ReadScene(name)
+    scene: Scene = codec.decode(query.payload, Scene, query.encoding)
+    if scene.name != name:
+        raise MalformedRequest(
+            f"the scene is named {scene.name!r}, but it is sent to be stored as {name!r}", path="$.name"
+        )
+    return requests.StoreScene(name, scene)
+
+
+def _runs(query: Query) -> requests.Request:
+    since = query.parameters.get("since")
+    try:
+        began_after = None if since is None else float(since)
+    except ValueError:
+        raise MalformedRequest(f"`since` must be seconds since 1970, got {since!r}", parameter="since") from None
+    return requests.ReadRuns(query.parameters.get("status"), query.parameters.get("robot"), began_after)
+
+
+def _run(query: Query) -> requests.Request:
+    kind = requests.DeleteRun if "delete" in query.parameters else requests.ReadRun
+    return kind(query.key[1])
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """How queries on one key are read, and which parameters they may have."""
+
+    read: Callable[[Query], requests.Request]
+    parameters: frozenset[str] = frozenset()
+    takes_payload: bool = False
+
+
+_RULES = {
+    ("plan", 1): _Rule(_plan, takes_payload=True),
+    ("kinematics", 1): _Rule(_kinematics, takes_payload=True),
+    ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
+    ("robots", 2): _Rule(lambda query: requests.ReadRobot(query.key[1])),
+    ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
+    ("scenes", 2): _Rule(_scene, frozenset({"delete"}), takes_payload=True),
+    ("runs", 1): _Rule(_runs, frozenset({"status", "robot", "since"})),
+    ("runs", 2): _Rule(_run, frozenset({"delete"})),
+    ("info", 1): _Rule(lambda _: requests.ReadInfo()),
+}
+"""Rules by the first chunk of the key and the number of chunks."""
+
+
+def _rule(query: Query) -> _Rule:
+    rule = _RULES.get((query.key[0] if query.key else "", len(query.key)))
+    if rule is None:
+        raise MalformedRequest(
+            f"nothing is served at {'/'.join(query.key)!r}; served are {', '.join(SERVED)}",
+            key="/".join(query.key),
+            served=list(SERVED),
+        )
+    unknown = sorted(set(query.parameters) - rule.parameters)
+    if unknown:
+        valid = ", ".join(sorted(rule.parameters)) or "none"
+        raise MalformedRequest(
+            f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}; valid: {valid}", parameter=unknown[0]
+        )
+    if not rule.takes_payload:
+        _refuse_payload(query)
+    return rule
+
+
+def _refuse_payload(query: Query) -> None:
+    if query.payload:
+        raise MalformedRequest(
+            f"a query on {'/'.join(query.key)!r} of this kind takes no payload", key="/".join(query.key)
+        )

@@ -1,0 +1,214 @@
+"""Obstacles, guide planes and scenes as declared data: one schema for the wire and the files."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from guidefield.messages.values import (
+    IDENTITY,
+    ORIGIN,
+    Float32Array,
+    Message,
+    Name,
+    NonNegative,
+    Placement,
+    Positive,
+    QuaternionXYZW,
+    Vector3,
+    require_finite,
+    require_unit_quaternion,
+)
+
+Points = list[Vector3] | Float32Array
+Triangle = tuple[int, int, int]
+
+MAX_VERTICES = 1_000_000
+"""Most vertices, triangles or points that one obstacle may have."""
+
+
+class ObstacleTrajectory(Message):
+    """Where a moving obstacle is: placements at times [s], at rest before the first and after the last."""
+
+    times: Annotated[list[float], msgspec.Meta(min_length=1, max_length=100_000)]
+    placements: list[Placement]
+
+    def __post_init__(self) -> None:
+        require_finite("times", self.times)
+        if len(self.times) != len(self.placements):
+            raise ValueError(f"`placements` must be as many as `times` ({len(self.times)}), got {len(self.placements)}")
+        if any(later <= earlier for earlier, later in zip(self.times, self.times[1:], strict=False)):
+            raise ValueError("`times` must increase strictly")
+
+
+class _Obstacle(Message, tag_field="type"):
+    """What every obstacle has: a name and a surface charge per area."""
+
+    name: Name
+    charge: NonNegative = 1.0
+    trajectory: ObstacleTrajectory | None = None
+
+    def __post_init__(self) -> None:
+        require_finite("charge", (self.charge,))
+
+
+class _Placed(_Obstacle, kw_only=True):
+    """An obstacle with a placement of its own frame in the world."""
+
+    position: Vector3 = ORIGIN
+    quaternion_xyzw: QuaternionXYZW = IDENTITY
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite("position", self.position)
+        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
+
+
+class Box(_Placed, tag="box", kw_only=True):
+    """A box; `size` is its full extents along its own axes [m]."""
+
+    size: tuple[Positive, Positive, Positive]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite("size", self.size)
+
+
+class Sphere(_Obstacle, tag="sphere", kw_only=True):
+    """A ball about `position`."""
+
+    radius: Positive
+    position: Vector3 = ORIGIN
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite("position", self.position)
+        require_finite("radius", (self.radius,))
+
+
+class Cylinder(_Placed, tag="cylinder", kw_only=True):
+    """A cylinder with flat ends along its own z; `length` from end to end [m]."""
+
+    radius: Positive
+    length: Positive
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite("radius, length", (self.radius, self.length))
+
+
+class Capsule(_Placed, tag="capsule", kw_only=True):
+    """A capsule along its own z; `length` is that of the straight part, without the caps [m]."""
+
+    radius: Positive
+    length: Positive
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite("radius, length", (self.radius, self.length))
+
+
+class Mesh(_Placed, tag="mesh", kw_only=True):
+    """A triangle mesh in its own frame; triangles counter-clockwise from outside. Closed, it is solid."""
+
+    vertices: Points
+    triangles: Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        count = _check_points("vertices", self.vertices)
+        for row, triangle in enumerate(self.triangles):
+            for index in triangle:
+                if not 0 <= index < count:
+                    raise ValueError(f"`triangles[{row}]` names vertex {index}, but there are {count} vertices (0 to {count - 1})")
+
+
+class Polygon(_Obstacle, tag="polygon", kw_only=True):
+    """A flat, simple polygon in the world: a thin wall, charged once; it has no inside."""
+
+    vertices: Annotated[list[Vector3], msgspec.Meta(max_length=10_000)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.vertices) < 3:
+            raise ValueError(f"`vertices` must have at least 3 corners, got {len(self.vertices)}")
+        _check_points("vertices", self.vertices)
+
+
+class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
+    """Everything with ``normal . x <= offset``; the normal points to the free side."""
+
+    normal: Vector3
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite("normal", self.normal)
+        require_finite("offset", (self.offset,))
+        if sum(x * x for x in self.normal) < 1e-12:
+            raise ValueError("`normal` must not be zero")
+
+
+class PointCloud(_Obstacle, tag="point_cloud", kw_only=True):
+    """Points judged as spheres of `radius` [m]."""
+
+    points: Points
+    radius: Positive
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_points("points", self.points)
+        require_finite("radius", (self.radius,))
+
+
+Obstacle = Box | Sphere | Cylinder | Capsule | Mesh | Polygon | HalfSpace | PointCloud
+
+
+class GuidePlane(Message):
+    """A convex, planar polygon in free space that the tip has to reach [m, world]."""
+
+    name: Name
+    vertices: Annotated[list[Vector3], msgspec.Meta(max_length=1_000)]
+
+    def __post_init__(self) -> None:
+        if len(self.vertices) < 3:
+            raise ValueError(f"`vertices` of a guide plane must have at least 3 corners, got {len(self.vertices)}")
+        _check_points("vertices", self.vertices)
+
+
+class Scene(Message):
+    """A named set of obstacles, and the guide planes that lead through them."""
+
+    name: Name
+    schema: Literal[1] = 1
+    frame: Literal["world"] = "world"
+    obstacles: Annotated[list[Obstacle], msgspec.Meta(max_length=100_000)] = []
+    guide_planes: Annotated[list[GuidePlane], msgspec.Meta(max_length=1_000)] = []
+
+    def __post_init__(self) -> None:
+        _require_distinct("obstacles", [obstacle.name for obstacle in self.obstacles])
+        _require_distinct("guide_planes", [plane.name for plane in self.guide_planes])
+
+
+def _check_points(field: str, points: Points) -> int:
+    """Number of points; ValueError where there are too many, none, or one isn't finite."""
+    if isinstance(points, Float32Array):
+        count = len(points.float32) // 12
+        if not all(x == x and abs(x) != float("inf") for x in memoryview(points.float32).cast("f")):
+            raise ValueError(f"`{field}` must be finite numbers")
+    else:
+        count = len(points)
+        for index, point in enumerate(points):
+            require_finite(f"{field}[{index}]", point)
+    if not 1 <= count <= MAX_VERTICES:
+        raise ValueError(f"`{field}` must have 1 to {MAX_VERTICES} points, got {count}")
+    return count
+
+
+def _require_distinct(field: str, names: list[str]) -> None:
+    seen: dict[str, int] = {}
+    for index, name in enumerate(names):
+        if name in seen:
+            raise ValueError(f"`{field}[{index}].name` {name!r} is already the name of `{field}[{seen[name]}]`")
+        seen[name] = index

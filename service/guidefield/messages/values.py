@@ -1,0 +1,64 @@
+"""Small values that messages are made of: vectors, quaternions, placements, packed arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Annotated
+
+import msgspec
+
+Vector3 = tuple[float, float, float]
+QuaternionXYZW = tuple[float, float, float, float]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
+
+ORIGIN: Vector3 = (0.0, 0.0, 0.0)
+IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)
+QUATERNION_TOLERANCE = 1e-6
+"""How far from 1 the norm of a quaternion may be; beyond, it is refused."""
+
+
+class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of everything that a client sends: frozen, strict about its fields."""
+
+
+class Reply(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of everything that the service sends: clients ignore fields that they don't know."""
+
+
+class Float32Array(Message):
+    """Triples of little-endian float32, packed: bytes in MessagePack, base64 text in JSON."""
+
+    float32: bytes
+
+    def __post_init__(self) -> None:
+        if len(self.float32) % 12:
+            raise ValueError(f"`float32` must hold whole triples (12 bytes each), got {len(self.float32)} bytes")
+
+
+class Placement(Message):
+    """A rigid placement: position [m] and unit quaternion (x, y, z, w)."""
+
+    position: Vector3 = ORIGIN
+    quaternion_xyzw: QuaternionXYZW = IDENTITY
+
+    def __post_init__(self) -> None:
+        require_finite("position", self.position)
+        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
+
+
+def require_finite(field: str, values: Iterable[float]) -> None:
+    """Raise ValueError if a number is NaN or infinite (MessagePack and Python can carry both)."""
+    for index, value in enumerate(values):
+        if not math.isfinite(value):
+            raise ValueError(f"`{field}[{index}]` must be a finite number, got {value}")
+
+
+def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
+    """Raise ValueError unless the norm of a quaternion is 1 within `QUATERNION_TOLERANCE`."""
+    require_finite(field, quaternion)
+    norm = math.sqrt(sum(x * x for x in quaternion))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise ValueError(f"`{field}` must be a unit quaternion within {QUATERNION_TOLERANCE:g}, its norm is {norm:.9g}")

@@ -1,0 +1,136 @@
+"""Connect two configurations: the straight motion, else a tree, then shortcuts; every motion certified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.certificate import Verdict, motion_free
+from guidefield.errors import Status
+from guidefield.planner import tree
+from guidefield.planner.problem import Problem
+from guidefield.planner.trace import Step
+
+RESOLUTION = 0.05
+"""Spacing of the samples by which the tree judges a motion [rad or m]; what it finds is certified afterwards."""
+FINER = 4
+"""How much finer the tree looks after something it found was refused by the certificate."""
+ATTEMPTS = 3
+SHORTCUTS = 60
+"""Shortcuts tried on a path that the tree found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """What came of a connection.
+
+    Attributes:
+        status: SUCCESS, or PLANNING_FAILED, TIMED_OUT, PREEMPTED.
+        message: One sentence for a person.
+        path: Chart points (n, nv) from start to a goal if it succeeded, else only the start.
+    """
+
+    status: Status
+    message: str
+    path: np.ndarray
+
+
+def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.random.Generator) -> Connection:
+    """Find a free motion from a chart point to one of several.
+
+    Args:
+        problem: Robot, world and budget.
+        z_start: Chart point, shape (nv,), free.
+        goals: Chart points, shape (m, nv), free.
+        rng: Randomness of the tree and the shortcuts.
+    """
+    near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
+    for goal in near[np.argsort(np.linalg.norm(near - z_start, axis=1))]:
+        if _certified(problem, z_start, goal).free:
+            return Connection(Status.SUCCESS, "the straight motion is free", np.array([z_start, goal]))
+    resolution = RESOLUTION
+    for _ in range(ATTEMPTS):
+        found, iterations = tree.grow(
+            problem.group, z_start[None], goals, _Sampled(problem, resolution).free, rng, problem.budget
+        )
+        problem.counters.iterations += iterations
+        if found is None:
+            break
+        if all(_certified(problem, a, b).free for a, b in zip(found, found[1:], strict=False)):
+            for z in found[1:]:
+                problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
+            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", np.array(found))
+        resolution /= FINER
+    spent = problem.budget.spent()
+    if spent is not None:
+        return Connection(spent, "no connection was found in time", z_start[None])
+    return Connection(Status.PLANNING_FAILED, "the tree search ended without a connection", z_start[None])
+
+
+def shortcut(problem: Problem, path: np.ndarray, rng: np.random.Generator, tries: int = SHORTCUTS) -> np.ndarray:
+    """Shorten a path by straight motions between random places on it, each certified.
+
+    Args:
+        problem: Robot, world and budget.
+        path: Chart points, shape (n, nv).
+        rng: Randomness.
+        tries: How many places are tried.
+    """
+    points = [point.copy() for point in path]
+    for _ in range(tries):
+        if len(points) < 3 or problem.budget.spent():
+            break
+        lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        low, high = np.sort(rng.uniform(0.0, lengths[-1], 2))
+        first, last = (int(np.searchsorted(lengths, s, side="right")) - 1 for s in (low, high))
+        last = min(last, len(points) - 2)
+        if first == last:
+            continue
+        a, b = (
+            points[i] + (s - lengths[i]) / max(lengths[i + 1] - lengths[i], 1e-12) * (points[i + 1] - points[i])
+            for i, s in ((first, low), (last, high))
+        )
+        if _certified(problem, a, b).free:
+            points = [*points[: first + 1], a, b, *points[last + 1 :]]
+    kept = [points[0]]
+    kept += [point for point in points[1:-1] if np.linalg.norm(point - kept[-1]) > 1e-6]
+    return np.array([*kept, points[-1]])
+
+
+def _certified(problem: Problem, z0: np.ndarray, z1: np.ndarray) -> Verdict:
+    verdict = motion_free(problem.world, z0, z1, problem.min_clearance)
+    problem.counters.collision_checks += verdict.evaluations
+    return verdict
+
+
+class _Sampled:
+    """Judges straight motions by samples: quick, and only ever a proposal to the certificate."""
+
+    def __init__(self, problem: Problem, resolution: float) -> None:
+        self._problem = problem
+        self._resolution = resolution
+
+    def free(self, z0: np.ndarray, z1: np.ndarray) -> bool:
+        """Whether no sample of the motion is in collision: the far end first, then ever finer between."""
+        world, group = self._problem.world, self._problem.group
+        count = max(1, int(np.ceil(np.linalg.norm(z1 - z0) / self._resolution)))
+        for step in _spread(count):
+            self._problem.counters.collision_checks += 1
+            if world.in_collision(group.from_chart(z0 + step / count * (z1 - z0))):
+                return False
+        return True
+
+
+def _spread(count: int) -> list[int]:
+    """1 .. count in an order that looks everywhere coarsely before it looks anywhere finely."""
+    order, stride, seen = [count], 1, {count}
+    while stride < count:
+        stride *= 2
+    while stride >= 1:
+        for step in range(stride, count, stride):
+            if step not in seen:
+                seen.add(step)
+                order.append(step)
+        stride //= 2
+    return order

@@ -1,0 +1,114 @@
+"""The ends of a motion: whether the start may be one, and which configurations would reach the goal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from guidefield.errors import Status
+from guidefield.planner.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.stages import StageFailed
+from guidefield.robot.inverse_kinematics import PoseTarget, solve
+
+GOAL_SOLUTIONS = 8
+"""Configurations for which a connection looks at once, for a pose."""
+
+
+def check_start(problem: Problem) -> None:
+    """Whether a motion may begin at the start.
+
+    Raises:
+        StageFailed: START_STATE_IN_COLLISION with the deepest pair, or CLEARANCE_BELOW_MINIMUM.
+    """
+    fault = end_fault(problem, problem.q_start)
+    if fault is not None:
+        message, details = fault
+        raise StageFailed(Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details)
+    _check_clearance(problem, problem.q_start, "start")
+
+
+def goal_points(problem: Problem) -> np.ndarray | None:
+    """Chart points (m, nv) that would reach the goal and are free; None where the last guide plane is the goal.
+
+    Raises:
+        StageFailed: GOAL_IN_COLLISION, NO_IK_SOLUTION or CLEARANCE_BELOW_MINIMUM.
+    """
+    if isinstance(problem.goal, ConfigurationGoal):
+        return _free_goals(problem, problem.goal)
+    if isinstance(problem.goal, TipGoal):
+        return tip_points(problem, problem.goal.target)
+    return None
+
+
+def tip_points(problem: Problem, target: PoseTarget) -> np.ndarray:
+    """Chart points (m, nv) of free configurations that bring the tip to a pose.
+
+    Raises:
+        StageFailed: NO_IK_SOLUTION with the reason.
+    """
+    result = solve(
+        problem.group,
+        target,
+        starts=(problem.q_start,),
+        count=GOAL_SOLUTIONS,
+        rng=np.random.default_rng([problem.seed, 1]),
+        accept=lambda q: end_fault(problem, q) is None and _keeps_clearance(problem, q),
+    )
+    if not result.solutions:
+        raise StageFailed(Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}", stage="goal")
+    return np.array([problem.group.chart(q) for q in result.solutions])
+
+
+def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
+    """Why a configuration can't be an end of a motion: the deepest contact, as a sentence and values; else None."""
+    contacts = problem.world.contacts(q)
+    if contacts:
+        worst = max(contacts, key=lambda contact: contact.depth or 0.0)
+        depth = f", {1000 * worst.depth:.1f} mm deep" if worst.depth is not None else ""
+        more = f" (and {len(contacts) - 1} more pairs)" if len(contacts) > 1 else ""
+        return f"{worst.pair[0]} and {worst.pair[1]}{depth}{more}", {
+            "pair": list(worst.pair),
+            "depth": worst.depth,
+            "pairs": [list(contact.pair) for contact in contacts],
+        }
+    inside = problem.world.enclosed(q)
+    if inside is not None:
+        return f"{inside[0]} and {inside[1]}, one wholly inside the other", {"pair": list(inside), "depth": None}
+    return None
+
+
+def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
+    faults = [end_fault(problem, q) for q in goal.configurations]
+    free = [q for q, fault in zip(goal.configurations, faults, strict=True) if fault is None]
+    if not free:
+        fault = faults[0]
+        assert fault is not None, "no goal is free"
+        which = "the goal is" if len(faults) == 1 else f"all {len(faults)} goals are"
+        raise StageFailed(Status.GOAL_IN_COLLISION, f"{which} in collision: {fault[0]}", stage="goal", **fault[1])
+    far = [q for q in free if _keeps_clearance(problem, q)]
+    if not far:
+        _check_clearance(problem, free[0], "goal")
+    return np.array([problem.group.chart(q) for q in far])
+
+
+def _keeps_clearance(problem: Problem, q: np.ndarray) -> bool:
+    if problem.min_clearance <= 0.0:
+        return True
+    return problem.world.clearance(q).obstacle_distance >= problem.min_clearance
+
+
+def _check_clearance(problem: Problem, q: np.ndarray, end: str) -> None:
+    if _keeps_clearance(problem, q):
+        return
+    found = problem.world.clearance(q)
+    pair = list(found.obstacle_pair) if found.obstacle_pair else None
+    raise StageFailed(
+        Status.CLEARANCE_BELOW_MINIMUM,
+        f"the {end} keeps {1000 * found.obstacle_distance:.1f} mm from the obstacles, "
+        f"{1000 * problem.min_clearance:.1f} mm are asked for",
+        stage=end,
+        clearance=found.obstacle_distance,
+        min_clearance=problem.min_clearance,
+        pair=pair,
+    )

@@ -1,0 +1,94 @@
+"""From a path that was found to the trajectory that is executed: relax, lay a spline, time it, certify it.
+
+What the certificate refuses goes back: the spline is drawn closer to the path where it was refused (a path of straight,
+certified motions is its limit), and where a relaxed path can't be certified the path that was found is taken instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.certificate import Verdict, certify
+from guidefield.planner.problem import Problem
+from guidefield.planner.relaxation import relax
+from guidefield.planner.spline import interpolate
+from guidefield.planner.stages import Stages
+from guidefield.planner.timing import parameterize
+from guidefield.planner.trajectory import Trajectory
+
+REPAIRS = 12
+"""How often the spline is drawn closer to the path where the certificate refused it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """The trajectory, the verdict about it, and the path that it follows.
+
+    Attributes:
+        trajectory: What the robot would execute.
+        verdict: The certificate's judgement of it.
+        path: Chart points (n, nv) that it runs through.
+        crossings: By index of each guide plane, its index in `path`.
+        warnings: What was odd but harmless.
+    """
+
+    trajectory: Trajectory
+    verdict: Verdict
+    path: np.ndarray
+    crossings: dict[int, int]
+    warnings: tuple[str, ...] = ()
+
+
+def finish(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages) -> Finished:
+    """Make a certified trajectory of a path whose straight pieces are free.
+
+    Args:
+        problem: Robot, world, limits and budget.
+        path: Chart points, shape (n, nv).
+        crossings: By index of each guide plane, its index in `path`; kept.
+        stages: Where time is counted.
+    """
+    with stages.entered("relax", "to the middle of the free space") as stage:
+        relaxed = relax(problem, path, crossings)
+        stage.outcome = relaxed.outcome
+    finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
+    if finished.verdict.free:
+        return finished
+    unrelaxed = _certified(problem, path, crossings, stages)
+    if not unrelaxed.verdict.free:
+        return unrelaxed
+    warning = f"the relaxed motion was not certified ({finished.verdict.reason}); this is the motion as it was found"
+    return Finished(unrelaxed.trajectory, unrelaxed.verdict, unrelaxed.path, unrelaxed.crossings, (warning,))
+
+
+def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages) -> Finished:
+    """Time and certify the spline through a path, drawing it closer to the path where it is refused."""
+    knots, marks = path, dict(crossings)
+    for repair in range(REPAIRS + 1):
+        with stages.entered("parameterize", "as fast as the limits allow") as stage:
+            spline = interpolate(knots if len(knots) > 1 else np.repeat(knots, 2, axis=0))
+            trajectory = parameterize(spline, problem.group.velocity_limits, problem.group.acceleration_limits)
+            stage.outcome = f"{trajectory.duration:.3f} s"
+        with stages.entered("certify", "on the exact geometry, between samples too") as stage:
+            verdict = certify(problem.world, trajectory.bezier(), problem.min_clearance)
+            problem.counters.collision_checks += verdict.evaluations
+            stage.outcome = verdict.reason
+        if verdict.free or repair == REPAIRS or verdict.piece is None or problem.budget.spent():
+            break
+        refused = trajectory.bezier()[verdict.piece].mean(axis=0)
+        knots, marks = _denser(knots, marks, refused)
+    return Finished(trajectory, verdict, knots, marks)
+
+
+def _denser(path: np.ndarray, crossings: dict[int, int], near: np.ndarray) -> tuple[np.ndarray, dict[int, int]]:
+    """Midpoints inserted into the segments next to a refused place (nv,)."""
+    along = np.diff(path, axis=0)
+    share = np.einsum("ij,ij->i", near - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
+    nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
+    worst = int(np.argmin(np.linalg.norm(near - nearest, axis=1)))
+    split = [i for i in range(worst - 1, worst + 2) if 0 <= i < len(along)]
+    middles = np.array([0.5 * (path[i] + path[i + 1]) for i in split])
+    denser = np.insert(path, np.array(split) + 1, middles, axis=0)
+    return denser, {plane: index + sum(index > i for i in split) for plane, index in crossings.items()}

@@ -1,0 +1,190 @@
+"""The stages of a plan, in order: check the ends, cross guide planes, connect, relax, time, certify."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.certificate import Verdict, certify
+from guidefield.errors import Status
+from guidefield.planner.connect import connect, shortcut
+from guidefield.planner.ends import check_start, goal_points, tip_points
+from guidefield.planner.finish import Finished, finish
+from guidefield.planner.guide import Crossing, cross, inset_of
+from guidefield.planner.problem import Problem
+from guidefield.planner.stages import Stage, StageFailed, Stages
+from guidefield.planner.trace import StageLeft
+from guidefield.planner.trajectory import Trajectory
+from guidefield.robot.inverse_kinematics import PoseTarget
+
+
+class Planner(enum.Enum):
+    """Which stages find the motion."""
+
+    AUTO = "auto"
+    GUIDED = "guided"
+    TREE = "tree"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What came of planning; it cannot be made without a certificate's verdict.
+
+    Attributes:
+        status: How it ended.
+        message: One sentence that a person can act on.
+        verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
+        path: What the planner found: chart points (n, nv), the best partial motion where it failed.
+        trajectory: What the robot would execute; None where the planner failed.
+        crossings: By index of each guide plane that was reached, its index in `path`.
+        stages: What was done, in order.
+        seconds: Time by stage.
+        details: The values that the message speaks about.
+        warnings: What was odd but harmless.
+    """
+
+    status: Status
+    message: str
+    verdict: Verdict
+    path: np.ndarray
+    trajectory: Trajectory | None = None
+    crossings: dict[int, int] = field(default_factory=dict)
+    stages: tuple[StageLeft, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+    details: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass
+class _Found:
+    """The motion found so far: chart points, and which of them lie on guide planes (by index in the request)."""
+
+    path: np.ndarray
+    crossings: dict[int, int] = field(default_factory=dict)
+
+    def extend(self, points: np.ndarray) -> None:
+        """Go on along chart points whose first is where the path ends."""
+        self.path = np.concatenate([self.path, points[1:]])
+
+
+def plan(problem: Problem, planner: Planner = Planner.AUTO) -> Plan:
+    """Plan a motion.
+
+    Args:
+        problem: Robot, scene, start, goal, guide planes, budget.
+        planner: Which stages find it.
+    """
+    stages = Stages(problem)
+    found = _Found(problem.group.chart(problem.q_start)[None])
+    try:
+        with stages.entered("ends", "start and goal") as stage:
+            check_start(problem)
+            goals = goal_points(problem)
+            stage.outcome = "the start is free" if goals is None else f"start free, {len(goals)} free configurations at the goal"
+        if planner is not Planner.TREE:
+            _cross_planes(problem, found, stages, planner)
+        if goals is not None:
+            with stages.entered("connect", "to the goal") as stage:
+                _connect(problem, found, goals, stage)
+    except StageFailed as failure:
+        return _partial(problem, found, failure, stages)
+    return _finished(problem, finish(problem, found.path, found.crossings, stages), stages)
+
+
+def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
+    """The plan of a problem that was not tried: nothing but the start, judged."""
+    start = _Found(problem.group.chart(problem.q_start)[None])
+    return _partial(problem, start, StageFailed(status, message, **details), Stages(problem))
+
+
+def _cross_planes(problem: Problem, found: _Found, stages: Stages, planner: Planner) -> None:
+    """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
+    group = problem.group
+    for index, plane in enumerate(problem.guide_planes):
+        with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
+            crossing = cross(problem, group.from_chart(found.path[-1]), plane, index)
+            stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
+        if crossing.status is Status.SUCCESS:
+            found.extend(group.chart_path(list(crossing.path), found.path[-1]))
+        elif planner is Planner.GUIDED or crossing.status in (Status.TIMED_OUT, Status.PREEMPTED):
+            found.extend(group.chart_path(list(crossing.path), found.path[-1]))
+            raise StageFailed(crossing.status, crossing.message, **crossing.details)
+        else:
+            with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
+                _connect_to_plane(problem, found, crossing, index, stage)
+        found.crossings[index] = len(found.path) - 1
+
+
+def _connect_to_plane(problem: Problem, found: _Found, stuck: Crossing, index: int, stage: Stage) -> None:
+    """Reach a guide plane, with any orientation, from where the approach to it began."""
+    plane = problem.guide_planes[index]
+    tip = problem.kinematics.tip_position(stuck.path[-1])
+    place = plane.closest_point(tip, inset_of(problem, plane))
+    target = PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf))
+    try:
+        _connect(problem, found, tip_points(problem, target), stage)
+    except StageFailed as failure:
+        found.extend(problem.group.chart_path(list(stuck.path), found.path[-1]))
+        raise StageFailed(
+            stuck.status, f"{stuck.message}; the tree got no further either: {failure.message}", **stuck.details
+        ) from None
+
+
+def _connect(problem: Problem, found: _Found, goals: np.ndarray, stage: Stage) -> None:
+    rng = np.random.default_rng([problem.seed, 2])
+    connection = connect(problem, found.path[-1], goals, rng)
+    stage.outcome = connection.message
+    if connection.status is not Status.SUCCESS:
+        raise StageFailed(connection.status, connection.message, stage="connect")
+    found.extend(shortcut(problem, connection.path, rng))
+
+
+def _partial(problem: Problem, found: _Found, failure: StageFailed, stages: Stages) -> Plan:
+    """The best motion so far, certified as far as it goes."""
+    with stages.entered("certify", "the motion as far as it got") as stage:
+        verdict = certify(problem.world, polyline(found.path))
+        stage.outcome = verdict.reason
+    return Plan(
+        status=failure.status,
+        message=failure.message,
+        verdict=verdict,
+        path=found.path,
+        crossings=found.crossings,
+        stages=tuple(stages.left),
+        seconds=stages.seconds,
+        details=failure.details,
+    )
+
+
+def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
+    status, message = Status.SUCCESS, "found a motion and certified it free over its whole length"
+    details: dict[str, Any] = {}
+    verdict = finished.verdict
+    if not verdict.free:
+        status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
+        pair = " and ".join(verdict.pair) if verdict.pair else "a pair of bodies"
+        message = f"the certificate refused the motion: {verdict.reason} between {pair}"
+        details = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+    return Plan(
+        status=status,
+        message=message,
+        verdict=verdict,
+        path=finished.path,
+        trajectory=finished.trajectory,
+        crossings=finished.crossings,
+        stages=tuple(stages.left),
+        seconds=stages.seconds,
+        details=details,
+        warnings=finished.warnings,
+    )
+
+
+def polyline(path: np.ndarray) -> np.ndarray:
+    """Straight pieces (n - 1, 2, nv) between chart points, as Bezier control points; a single point is one piece."""
+    if len(path) == 1:
+        return np.repeat(path[None], 2, axis=1)
+    return np.stack([path[:-1], path[1:]], axis=1)

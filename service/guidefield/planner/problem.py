@@ -1,0 +1,107 @@
+"""What is to be planned: robot, scene, start, goal, and the budget; and the counters that a reply reports."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.errors import Status
+from guidefield.planner.trace import Event, Observer, Silent
+from guidefield.potential import RobotField
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.inverse_kinematics import PoseTarget
+from guidefield.robot.kinematics import Kinematics
+from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationGoal:
+    """Reach any one of some configurations of the group, shape (k, nq)."""
+
+    configurations: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
+class TipGoal:
+    """Bring the tip to a pose, within tolerances."""
+
+    target: PoseTarget
+
+
+@dataclass(frozen=True)
+class LastPlaneGoal:
+    """Reach the last guide plane."""
+
+
+Goal = ConfigurationGoal | TipGoal | LastPlaneGoal
+
+
+@dataclass
+class Budget:
+    """How long planning may go on.
+
+    Attributes:
+        deadline: Time on the clock of `time.monotonic` [s].
+        cancelled: Whether somebody asked to stop.
+    """
+
+    deadline: float = float("inf")
+    cancelled: Callable[[], bool] = field(default=lambda: False)
+
+    def spent(self) -> Status | None:
+        """PREEMPTED, TIMED_OUT, or None while there is time."""
+        if self.cancelled():
+            return Status.PREEMPTED
+        return Status.TIMED_OUT if time.monotonic() >= self.deadline else None
+
+
+@dataclass
+class Counters:
+    """How often the expensive things were done."""
+
+    iterations: int = 0
+    collision_checks: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything that the stages of a plan share.
+
+    Attributes:
+        group: The robot, reduced to the joints that are planned for.
+        scene: Obstacles.
+        world: Robot and obstacles as one Coal model.
+        robot_field: The scene's field on the robot.
+        kinematics: Where the tip is.
+        q_start: Start, shape (nq,).
+        goal: What to reach.
+        guide_planes: Planes to cross, in order.
+        min_clearance: Distance to keep from obstacles everywhere [m].
+        seed: Of all randomness.
+        budget: How long it may take.
+        observer: Who watches.
+        counters: What is counted on the way.
+    """
+
+    group: PlanningGroup
+    scene: Scene
+    world: World
+    robot_field: RobotField
+    kinematics: Kinematics
+    q_start: np.ndarray
+    goal: Goal
+    guide_planes: tuple[GuidePlane, ...] = ()
+    min_clearance: float = 0.0
+    seed: int = 0
+    budget: Budget = field(default_factory=Budget)
+    observer: Observer = field(default_factory=Silent)
+    counters: Counters = field(default_factory=Counters)
+
+    def tell(self, event: Event) -> None:
+        """Tell the observer."""
+        self.observer.observe(event)

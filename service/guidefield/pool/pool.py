@@ -1,0 +1,110 @@
+"""Worker processes behind a bounded queue: a crash costs one job, never the service.
+
+Theory of operation. Each slot is one thread here and one worker process, the only member of a pebble pool of its own:
+workers share no lock, so one that is killed at any instruction cannot block another. The slot's thread takes a job from
+the common queue, has it done, and settles the job's future: with the worker's answer, or with the error that stands in
+for it. After anything but an orderly answer the slot starts a fresh process. A worker that dies while it has nothing to
+do is replaced in the same way, and a job that it was handed but never began is handed to its successor; what a worker
+has begun, it writes as a number into memory that it shares with its slot. A job that waits beyond its deadline is
+answered by the one thread that watches the queue.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from concurrent.futures import Future
+from typing import Any
+
+from guidefield.errors import ServerBusy
+from guidefield.pool.process import Setup
+from guidefield.pool.slot import Slot
+from guidefield.pool.waiting import Answer, Deadline, Task, Waiting
+
+QUEUE_CHECK = 0.05
+"""How often the queue is searched for jobs whose time is up [s]."""
+
+
+class Pool:
+    """Worker processes that answer jobs.
+
+    Args:
+        setup: Prepares each worker.
+        workers: How many.
+        queue_limit: How many jobs may wait.
+    """
+
+    def __init__(self, setup: Setup, *, workers: int, queue_limit: int = 64) -> None:
+        self._waiting = Waiting(queue_limit)
+        self._slots = [Slot(setup, self._waiting) for _ in range(workers)]
+        self._watch = threading.Thread(target=self._answer_expired, name="guidefield-queue", daemon=True)
+
+    @property
+    def workers(self) -> int:
+        """How many workers there are."""
+        return len(self._slots)
+
+    @property
+    def queue(self) -> int:
+        """How many jobs wait."""
+        return len(self._waiting)
+
+    @property
+    def crashes(self) -> int:
+        """How many workers had to be replaced."""
+        return sum(slot.replaced for slot in self._slots)
+
+    def start(self) -> None:
+        """Begin to start the workers: the others after the first, so that they find its caches."""
+        self._slots[0].start()
+        self._watch.start()
+
+    def ready(self, timeout: float) -> bool:
+        """Whether the first worker is ready within a time [s].
+
+        Raises:
+            RuntimeError: if it cannot be prepared; its log says why.
+        """
+        first, *others = self._slots
+        if not first.ready(timeout):
+            return False
+        for slot in others:
+            slot.start()
+        return True
+
+    def submit(self, job: Any, *, seconds: float, deadline: Deadline | None = None) -> Future[Answer]:
+        """Have a job done.
+
+        Args:
+            job: What the worker is given; must pickle.
+            seconds: A worker that works longer on it is stopped [s].
+            deadline: When it need not be begun any more; None: it waits as long as it takes.
+
+        Returns:
+            The answer to come; or WorkerCrashed, or ServerBusy where the pool is closed before the job's turn.
+
+        Raises:
+            ServerBusy: if too many jobs wait already, or the pool is closed.
+        """
+        task = Task(job, seconds, deadline)
+        self._waiting.put(task)
+        return task.future
+
+    def close(self, grace: float) -> None:
+        """Refuse what waits, let workers finish for a while [s], then stop them; every future is settled on return."""
+        for task in self._waiting.close():
+            task.future.set_exception(ServerBusy("the service is shutting down"))
+        deadline = time.monotonic() + grace
+        for slot in self._slots:
+            slot.join(deadline - time.monotonic())
+        for slot in self._slots:
+            slot.kill_worker()
+        for slot in self._slots:
+            slot.join(float("inf"))
+
+    def _answer_expired(self) -> None:
+        while not self._waiting.closed:
+            for task in self._waiting.take_expired(time.monotonic()):
+                assert task.deadline is not None, "only tasks with a deadline expire"
+                task.future.set_result(task.deadline.answer())
+            time.sleep(QUEUE_CHECK)

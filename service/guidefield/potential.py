@@ -1,0 +1,125 @@
+"""Potential, force and torque of a robot's charged points in a scene's field, and of its links in each other's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from guidefield.geometry.charged import FieldTables
+from guidefield.kernels.energy import ChargedRobot, energy
+from guidefield.kernels.tree_kinematics import JointTable, joint_placements
+from guidefield.robot.charges import robot_charges
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.tables import joint_table
+from guidefield.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """The field on a robot at one configuration.
+
+    Attributes:
+        potential: U, the weighted sum of the potential over the charged points, and of links on links [m].
+        gradient: dU/dv, shape (nv,); the generalised force is its negative.
+        metric: Curvature of nearby faces carried to the joints, shape (nv, nv), positive semidefinite.
+        wrenches: (joints of the group's model, 6) force [1] and moment about the world's origin [m] on each link.
+    """
+
+    potential: float
+    gradient: np.ndarray
+    metric: np.ndarray
+    wrenches: np.ndarray
+
+
+class RobotField:
+    """The field of a scene on a planning group, self-repulsion included (planner.md section 1).
+
+    Args:
+        group: The robot, reduced to what moves.
+        scene: The obstacles.
+    """
+
+    def __init__(self, group: PlanningGroup, scene: Scene) -> None:
+        self.group = group
+        self.tables: FieldTables = scene.tables
+        self.joints: JointTable = joint_table(group.model)
+        self.charged: ChargedRobot = _charged_robot(group)
+        self.evaluations = 0
+
+    def evaluate(self, q: np.ndarray) -> Energy:
+        """U, its gradient, the metric and the wrenches at a configuration of the group, shape (nq,)."""
+        nv, n = self.group.model.nv, self.group.model.njoints
+        gradient, metric, wrenches = np.empty(nv), np.empty((nv, nv)), np.empty((n, 6))
+        potential = energy(*self.joints, *self.charged, *self.tables, self.group.expand(q), gradient, metric, wrenches)
+        self.evaluations += 1
+        E = self.group.expand_velocity
+        return Energy(float(potential), E.T @ gradient, E.T @ metric @ E, wrenches)
+
+    def potential(self, q: np.ndarray) -> float:
+        """U at a configuration [m]."""
+        return self.evaluate(q).potential
+
+    def generalized_force(self, q: np.ndarray) -> np.ndarray:
+        """-dU/dv at a configuration, shape (nv,)."""
+        return -self.evaluate(q).gradient
+
+    def link_wrenches(self, q: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Force and torque on each moving link, by the name of its joint's link: F = sum f_i, tau = sum (x_i - J) x f_i.
+
+        Torques are about the origin of the joint that moves the link, in the world's axes.
+        """
+        wrenches = self.evaluate(q).wrenches
+        placements = np.empty((self.group.model.njoints, 3, 4))
+        parents, kinds, axes, fixed, idx_q, _, _ = self.joints
+        joint_placements(parents, kinds, axes, fixed, idx_q, self.group.expand(q), placements)
+        by_link = {}
+        for index in range(1, self.group.model.njoints):
+            force, moment = wrenches[index, :3], wrenches[index, 3:]
+            by_link[_moved_link(self.group.model, index)] = (force, moment - np.cross(placements[index, :, 3], force))
+        return by_link
+
+
+def _charged_robot(group: PlanningGroup) -> ChargedRobot:
+    """The robot's charges, carried to the frames of the group's joints."""
+    charges = robot_charges(group.robot)
+    indices = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
+    points, weights, joints, capsules, first = [], [], [], [], {}
+    count = 0
+    for shape in group.geometry.geometryObjects:
+        charged = charges.shapes[indices[shape.name]]
+        first[indices[shape.name]] = (count, count + len(charged.points), len(capsules))
+        count += len(charged.points)
+        rotation, translation = shape.placement.rotation, shape.placement.translation
+        points.append(charged.points @ rotation.T + translation)
+        weights.append(charged.weights)
+        joints.append(np.full(len(charged.points), shape.parentJoint, np.int64))
+        ends = [rotation @ end + translation for end in (charged.capsule.p0, charged.capsule.p1)]
+        capsules.append((shape.parentJoint, np.r_[ends[0], ends[1], charged.capsule.radius]))
+    capsule_joints = np.array([joint for joint, _ in capsules], np.int64)
+    pairs = [
+        (first[a][0], first[a][1], first[b][2])
+        for i, j in charges.repelling
+        for a, b in ((i, j), (j, i))
+        if capsule_joints[first[i][2]] != capsule_joints[first[j][2]]
+    ]
+    arrays = ChargedRobot(
+        np.ascontiguousarray(np.concatenate(points)),
+        np.concatenate(weights),
+        np.concatenate(joints),
+        np.array([capsule for _, capsule in capsules]),
+        capsule_joints,
+        np.array(pairs, np.int64).reshape(-1, 3),
+    )
+    for array in arrays:
+        array.setflags(write=False)
+    return arrays
+
+
+def _moved_link(model: Any, joint: int) -> str:
+    """The first link that a joint moves."""
+    for frame in model.frames:
+        if frame.parentJoint == joint and frame.type.name == "BODY":
+            return str(frame.name)
+    return str(model.names[joint])

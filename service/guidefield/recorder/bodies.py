@@ -1,0 +1,96 @@
+"""Everything of a robot that is drawn, prepared once per robot: what it looks like, what is judged, a sketch for ghosts."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import pinocchio as pin
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.recorder import surface
+from guidefield.recorder.chunks import entity, implicit_frame, still
+from guidefield.recorder.surface import Surface
+from guidefield.recorder.visuals import Body, visual_bodies
+from guidefield.robot.model import RobotModel
+
+KEPT = 8
+"""Robots kept prepared in a process."""
+
+COLLISION_COLOR = (96, 165, 250, 110)
+"""Colour of collision geometry (RGBA)."""
+
+MEDIA_TYPE_GLB = "model/gltf-binary"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotBodies:
+    """A robot ready to be drawn.
+
+    Attributes:
+        chunks: Meshes of `/robot/visual/<body>` and `/robot/collision/<body>`, each in the frame of its link's entity.
+        links: Links that carry something.
+        sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
+        faults: What can't be drawn.
+    """
+
+    chunks: tuple[Chunk, ...]
+    links: tuple[str, ...]
+    sketch: tuple[tuple[str, Surface], ...]
+    faults: tuple[str, ...]
+
+
+def link_entity(link: str) -> str:
+    """The entity that stands for a link's frame."""
+    return entity("robot", "links", link)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def prepare(robot: RobotModel) -> RobotBodies:
+    """Read a robot's meshes and turn them into chunks; a second call with the same robot is free.
+
+    A robot without visual geometry, or none that can be read, is drawn as its collision geometry.
+    """
+    seen, faults = visual_bodies(robot.source)
+    judged = _collision_bodies(robot)
+    chunks = [_chunk("visual", body) for body in seen or judged]
+    chunks += [_chunk("collision", body, COLLISION_COLOR) for body in judged]
+    return RobotBodies(
+        chunks=tuple(chunks),
+        links=tuple(dict.fromkeys(body.link for body in (*seen, *judged))),
+        sketch=tuple((body.link, surface.sketch(body.surface)) for body in judged if isinstance(body.surface, Surface)),
+        faults=faults,
+    )
+
+
+def _collision_bodies(robot: RobotModel) -> tuple[Body, ...]:
+    """The shapes that are judged, in their links' frames."""
+    bodies = []
+    for index, shape in enumerate(robot.geometry.geometryObjects):
+        link = robot.link_of_geometry(index)
+        in_link = robot.model.frames[robot.frame_id(link)].placement.inverse() * shape.placement
+        bodies.append(Body(shape.name, link, surface.of_shape(shape.geometry).moved(in_link), pin.SE3.Identity()))
+    return tuple(bodies)
+
+
+def _chunk(tree: str, body: Body, color: tuple[int, int, int, int] | None = None) -> Chunk:
+    frame = rr.CoordinateFrame(implicit_frame(link_entity(body.link)))
+    path = entity("robot", tree, body.name)
+    if isinstance(body.surface, bytes):
+        pose = rr.InstancePoses3D(
+            translations=[body.placement.translation], quaternions=[pin.Quaternion(body.placement.rotation).coeffs()]
+        )
+        return still(path, frame, rr.Asset3D(contents=body.surface, media_type=MEDIA_TYPE_GLB), pose)
+    return still(path, frame, mesh(body.surface, color or (body.color if body.surface.colors is None else None)))
+
+
+def mesh(drawn: Surface, color: tuple[int, int, int, int] | None = None) -> rr.Mesh3D:
+    """Rerun's mesh of a surface; `color` (RGBA) tints it as a whole."""
+    return rr.Mesh3D(
+        vertex_positions=drawn.vertices,
+        triangle_indices=drawn.triangles,
+        vertex_normals=drawn.normals,
+        vertex_colors=drawn.colors,
+        albedo_factor=color,
+    )

@@ -1,0 +1,124 @@
+"""From where to look: the side from which the scene hides least of the motion, and what stands in the way even so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.scene.obstacle import Obstacle
+
+AZIMUTHS = 16
+ELEVATIONS = (0.35, 0.65)
+"""Angles above the horizon that are tried [rad]."""
+
+PREFERRED_AZIMUTH = 2.2
+"""How far from the direction of the motion the eye stands best, seen from above [rad]: behind the robot, to its side."""
+
+PREFERENCE = 0.15
+"""Share of hidden points that the preferred direction makes up for."""
+
+DISTANCE = 1.75
+"""How far the eye is, as a multiple of the radius of what it looks at."""
+
+SMALLEST_RADIUS = 0.35
+"""Radius that is looked at even if less moves [m]."""
+
+SAMPLES = 8
+"""Points of the tip's way that are looked for."""
+
+MOST_TRIANGLES = 1500
+"""Triangles that may hide something; of more, the largest."""
+
+HIDING_SHARE = 0.1
+"""Share of the tip's way that an obstacle hides before it is drawn translucent."""
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """A view of a scene.
+
+    Attributes:
+        position, target: Where the eye is and what it looks at, shape (3,) [m, world].
+        hiding: Names of obstacles that hide part of the tip's way.
+    """
+
+    position: np.ndarray
+    target: np.ndarray
+    hiding: frozenset[str]
+
+
+def choose_eye(tip: np.ndarray, joints: np.ndarray, obstacles: Sequence[Obstacle]) -> Eye:
+    """Choose from where to look at a motion.
+
+    Args:
+        tip: The tip's way, shape (n, 3) [m, world].
+        joints: Where joints are on the way, shape (m, 3) [m, world]; they are to be in the picture too.
+        obstacles: What may hide the motion.
+    """
+    seen = np.vstack([tip, joints])
+    lowest, highest = seen.min(axis=0), seen.max(axis=0)
+    target = 0.5 * (lowest + highest)
+    distance = DISTANCE * max(0.5 * float(np.linalg.norm(highest - lowest)) + 0.15, SMALLEST_RADIUS)
+    points = tip[np.unique(np.linspace(0, len(tip) - 1, SAMPLES).astype(int))]
+    corners, owners = _occluders(obstacles)
+    forward = tip.mean(axis=0) - joints.mean(axis=0)
+    heading = float(np.arctan2(forward[1], forward[0]))
+    best, best_score, best_hits = target, np.inf, np.zeros((0, 0), bool)
+    for direction, preference in _directions(heading):
+        position = target + distance * direction
+        hits = _hits(position, points, corners)
+        score = float(hits.any(axis=1).mean()) - PREFERENCE * preference
+        if score < best_score:
+            best, best_score, best_hits = position, score, hits
+    return Eye(best, target, _hiding(best_hits, owners, obstacles))
+
+
+def _directions(heading: float) -> list[tuple[np.ndarray, float]]:
+    """Unit vectors (3,) from the target to the eye, each with how much it is preferred, from 0 to 1."""
+    directions = []
+    for elevation in ELEVATIONS:
+        for azimuth in np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False):
+            off = abs(abs(azimuth) - PREFERRED_AZIMUTH) / np.pi
+            side = 0.05 if azimuth < 0.0 else 0.0  # of two mirrored views, always the same one
+            flat = heading + azimuth
+            direction = np.array([np.cos(flat) * np.cos(elevation), np.sin(flat) * np.cos(elevation), np.sin(elevation)])
+            directions.append((direction, 1.0 - off - side))
+    return directions
+
+
+def _occluders(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles (t, 3, 3) of all obstacles, the largest first, and the index of each one's obstacle (t,)."""
+    if not obstacles:
+        return np.empty((0, 3, 3)), np.empty(0, int)
+    corners = np.concatenate([obstacle.vertices[obstacle.triangles] for obstacle in obstacles])
+    owners = np.repeat(np.arange(len(obstacles)), [len(obstacle.triangles) for obstacle in obstacles])
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    largest = np.argsort(-areas, kind="stable")[:MOST_TRIANGLES]
+    return corners[largest], owners[largest]
+
+
+def _hits(eye: np.ndarray, points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Which triangles (t, 3, 3) cut the segments from an eye to points (n, 3): shape (n, t).
+
+    Source: T. Möller, B. Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997.
+    """
+    rays = points - eye
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    offset = eye - corners[:, 0]
+    turned = np.cross(offset, first)
+    determinant = -rays @ np.cross(first, second).T
+    inverse = 1.0 / np.where(np.abs(determinant) < 1e-12, np.inf, determinant)
+    u = rays @ np.cross(second, offset).T * inverse
+    v = rays @ turned.T * inverse
+    along = np.einsum("tk,tk->t", turned, second) * inverse
+    cut: np.ndarray = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 1e-6) & (along < 1.0 - 1e-6)
+    return cut & (inverse != 0.0)
+
+
+def _hiding(hits: np.ndarray, owners: np.ndarray, obstacles: Sequence[Obstacle]) -> frozenset[str]:
+    hidden = (
+        (one.name, hits[:, owners == index].any(axis=1).mean()) for index, one in enumerate(obstacles) if (owners == index).any()
+    )
+    return frozenset(name for name, share in hidden if share > HIDING_SHARE)

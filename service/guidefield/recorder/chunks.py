@@ -1,0 +1,62 @@
+"""Rerun chunks from archetypes: the small vocabulary in which the rest of this room writes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+PATH_TIME = "path_time"
+"""Timeline of the motion itself [s]."""
+
+STEP = "step"
+"""Timeline of the planner's accepted steps, counted."""
+
+PLANNING_TIME = "planning_time"
+"""Timeline of the planner's work [s] since it began."""
+
+
+def entity(*parts: str) -> str:
+    """Entity path of named parts, whatever characters the names have."""
+    return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
+
+
+def implicit_frame(path: str) -> str:
+    """Name of the coordinate frame that Rerun gives to an entity."""
+    return f"tf#{path}"
+
+
+def still(path: str, *archetypes: Any) -> Chunk:
+    """A chunk that holds at all times.
+
+    Args:
+        path: Entity path.
+        archetypes: Rerun archetypes.
+    """
+    return Chunk.from_columns(path, [], [column for archetype in archetypes for column in _single_row(archetype)])
+
+
+def timed(path: str, times: Iterable[rr.TimeColumn], *columns: Iterable[Any]) -> Chunk:
+    """A chunk with one row per time.
+
+    Args:
+        path: Entity path.
+        times: Columns of n times each.
+        columns: What an archetype's ``columns()`` gives, n rows each.
+    """
+    return Chunk.from_columns(path, list(times), [column for group in columns for column in group])
+
+
+def path_times(times: np.ndarray) -> rr.TimeColumn:
+    """The column of `PATH_TIME` for times (n,) [s]."""
+    return rr.TimeColumn(PATH_TIME, duration=times)
+
+
+def _single_row(archetype: Any) -> list[Any]:
+    return [
+        rr.ComponentColumn(batch.component_descriptor(), batch, lengths=[len(batch.as_arrow_array())])
+        for batch in archetype.as_component_batches()
+    ]

@@ -1,0 +1,185 @@
+"""The words of a recording: a summary to read first, the request and the reply, the planner's log."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import platform
+from collections.abc import Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import msgspec
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.errors import Status
+from guidefield.messages import codec
+from guidefield.messages.replies import PlanReply, as_plain_data
+from guidefield.messages.requests import PlanRequest
+from guidefield.recorder.chunks import still
+from guidefield.robot.group import PlanningGroup
+from guidefield.scene.scene import Scene
+
+PACKAGES = ("guidefield", "pin", "coal", "numpy", "numba", "rerun-sdk")
+"""Whose versions are recorded."""
+
+LONGEST_LIST = 12
+"""Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
+
+LONGEST_TEXT = 300
+"""Characters of a text that are shown."""
+
+WIDTH = 110
+"""Characters of a line within which a list of plain values stays."""
+
+
+def message_document(path: str, message: msgspec.Struct) -> Chunk:
+    """A message to read, and beside it, in the component `json`, to the last digit for programs."""
+    text = codec.encode(message).decode()
+    shown = f"```json\n{readable(as_plain_data(message))}\n```"
+    return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(json=text))
+
+
+def summary_document(
+    request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str]
+) -> Chunk:
+    """How the plan ended, in figures; what it was about; what it was made with."""
+    parts = [*_headline(reply), *_figures(reply), *_stages(reply), *_remarks((*reply.warnings, *remarks))]
+    parts += _origin(request, reply, group, scene)
+    return still("/documents/summary", rr.TextDocument("\n".join(parts), media_type=rr.MediaType.MARKDOWN))
+
+
+def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene) -> Iterator[Chunk]:
+    """What identifies a run, to be queried across many recordings."""
+    figures: dict[str, Any] = {
+        "run_id": reply.run_id,
+        "status": reply.status.name,
+        "code": reply.status.code,
+        "robot": group.robot.name,
+        "scene": scene.name,
+        "planner": reply.planner,
+        "seed": reply.seed,
+        "request_sha256": hashlib.sha256(codec.encode(request)).hexdigest(),
+        "planning_seconds": reply.timing.total,
+    }
+    if reply.metrics is not None:
+        figures["duration"] = reply.metrics.duration
+    if reply.clearance is not None and reply.clearance.minimum is not None:
+        figures["clearance"] = reply.clearance.minimum
+    yield Chunk.from_property("plan", rr.AnyValues(**figures))
+    yield Chunk.from_property("versions", rr.AnyValues(**{name.replace("-", "_"): text for name, text in _versions().items()}))
+
+
+def readable(value: Any, indent: int = 0) -> str:
+    """Plain data as JSON for a person: short lists on one line, long lists and texts cut, with a count of what is left out."""
+    inner = " " * (indent + 2)
+    if isinstance(value, dict) and value:
+        rows = [f"{inner}{json.dumps(key)}: {readable(one, indent + 2)}" for key, one in value.items()]
+        return "{\n" + ",\n".join(rows) + "\n" + " " * indent + "}"
+    if isinstance(value, list | tuple) and value:
+        return _readable_list(list(value), indent)
+    if isinstance(value, str) and len(value) > LONGEST_TEXT:
+        return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _readable_list(values: list[Any], indent: int) -> str:
+    inner = " " * (indent + 2)
+    if all(not isinstance(one, dict | list | tuple | str) for one in values) or len(values) <= 2:
+        line = "[" + ", ".join(readable(one, indent + 2) for one in values) + "]"
+        if len(line) <= WIDTH and "\n" not in line:
+            return line
+    if len(values) > LONGEST_LIST:
+        head = [readable(one, indent + 2) for one in values[: LONGEST_LIST // 2]]
+        rows = [*head, f"… {len(values) - LONGEST_LIST // 2 - 1} more …", readable(values[-1], indent + 2)]
+    else:
+        rows = [readable(one, indent + 2) for one in values]
+    return "[\n" + ",\n".join(inner + row for row in rows) + "\n" + " " * indent + "]"
+
+
+def _headline(reply: PlanReply) -> list[str]:
+    lines = [f"## {reply.status.name}", "", reply.status.message, ""]
+    if reply.status.code != Status.SUCCESS and reply.status.details:
+        lines += ["```json", readable(reply.status.details), "```", ""]
+    return lines
+
+
+def _figures(reply: PlanReply) -> list[str]:
+    rows: list[tuple[str, str]] = []
+    if (clear := reply.clearance) is not None:
+        where = f" ({clear.pair[0]} - {clear.pair[1]})" if clear.pair else ""
+        when = f" at {clear.time:.2f} s" if clear.time is not None else ""
+        rows.append(("clearance", f"**{_millimetres(clear.minimum)}**{where}{when}"))
+        rows.append(("… mean / inner / ends", " / ".join(_millimetres(x) for x in (clear.mean, clear.inner, clear.ends))))
+    if (own := reply.self_clearance) is not None:
+        rows.append(("to itself", _millimetres(own.minimum) + (f" ({own.pair[0]} - {own.pair[1]})" if own.pair else "")))
+    if (metrics := reply.metrics) is not None:
+        rows.append(("duration", f"{metrics.duration:.2f} s"))
+        rows.append(("way of the joints / the tip", f"{metrics.joint_path_length:.2f} rad / {metrics.tip_path_length:.2f} m"))
+        rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} rad/s³"))
+    judged = "free of collision" if reply.certificate.collision_free else "**not certified**"
+    rows.append(("certificate", f"{judged}: {reply.certificate.covers} ({reply.certificate.method})"))
+    counters = reply.counters
+    rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
+    rows.append(
+        ("work", f"{counters.potential_evaluations} potentials, {counters.collision_checks} collision checks,"
+         f" {reply.certificate.evaluations} certificate evaluations")
+    )  # fmt: skip
+    return [*_table(("result", ""), rows), ""]
+
+
+def _stages(reply: PlanReply) -> list[str]:
+    rows = [(stage.name, _plane(stage.plane, reply), stage.outcome, _milliseconds(stage.seconds)) for stage in reply.stages]
+    spent = as_plain_data(reply.timing)
+    rows += [(f"all of {name}", "", "", _milliseconds(seconds)) for name, seconds in spent.items() if seconds and name != "total"]
+    rows.append(("**total**", "", "", f"**{_milliseconds(reply.timing.total)}**"))
+    return [*_table(("stage", "guide plane", "outcome", "time"), rows), ""]
+
+
+def _remarks(remarks: Sequence[str]) -> list[str]:
+    return ["**Warnings**", "", *(f"- {remark}" for remark in remarks), ""] if remarks else []
+
+
+def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene) -> list[str]:
+    urdf = hashlib.sha256(group.robot.source.urdf_text.encode()).hexdigest()[:12]
+    rows = [
+        ("run", reply.run_id),
+        ("robot", f"{group.robot.name} (URDF {urdf}), {len(group.joints)} joints, tip {group.tip}"),
+        ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes crossed"),
+        ("request", hashlib.sha256(codec.encode(request)).hexdigest()[:12]),
+        ("planner, seed", f"{reply.planner}, {reply.seed}"),
+        ("made with", ", ".join(f"{name} {text}" for name, text in _versions().items())),
+    ]
+    return _table(("about", ""), rows)
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:  # run from the source tree
+            versions[package] = "unknown"
+    return versions
+
+
+def _plane(index: int | None, reply: PlanReply) -> str:
+    if index is None:
+        return ""
+    return reply.guide_planes[index].name if index < len(reply.guide_planes) else f"{index}"
+
+
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+
+
+def _millimetres(distance: float | None) -> str:
+    return "–" if distance is None else f"{1e3 * distance:.1f} mm"
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.1f} ms"

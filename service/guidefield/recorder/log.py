@@ -1,0 +1,115 @@
+"""What the planner said while it worked, kept as it came and written down at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.errors import Status
+from guidefield.messages.replies import PlanReply
+from guidefield.planner.trace import Event, Note, StageEntered, StageLeft, Step
+from guidefield.recorder.chunks import PATH_TIME, PLANNING_TIME, STEP, timed
+
+MOST_EVENTS = 20_000
+"""Events that are kept; what comes after is counted only."""
+
+MOST_FRAMES = 300
+"""Steps at which the robot is shown: of more, as many, evenly chosen."""
+
+STEP_COLORS = {
+    "start": (240, 240, 240, 255),
+    "advance": (94, 184, 255, 255),
+    "descend": (255, 176, 84, 255),
+    "slide": (120, 220, 160, 255),
+    "reorient": (235, 150, 220, 255),
+    "tree": (150, 150, 150, 255),
+    "shortcut": (250, 220, 90, 255),
+    "relax": (190, 160, 250, 255),
+}
+"""Colour by kind of step (RGBA)."""
+
+OTHER_COLOR = (200, 200, 200, 255)
+
+
+@dataclass(eq=False)
+class EventLog:
+    """Events in the order in which they came.
+
+    Attributes:
+        events: Those that are kept.
+        seconds: When each came, since the log began.
+        dropped: How many came after the log was full.
+    """
+
+    events: list[Event] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    dropped: int = 0
+    began: float = field(default_factory=time.perf_counter)
+
+    def add(self, event: Event) -> None:
+        """Keep an event; costs next to nothing."""
+        if len(self.events) < MOST_EVENTS:
+            self.events.append(event)
+            self.seconds.append(time.perf_counter() - self.began)
+        else:
+            self.dropped += 1
+
+    def steps(self) -> list[Step]:
+        """The accepted steps."""
+        return [event for event in self.events if isinstance(event, Step)]
+
+    def step_seconds(self) -> np.ndarray:
+        """When each step was taken, shape (n,) [s since the log began]."""
+        pairs = zip(self.events, self.seconds, strict=True)
+        return np.array([seconds for event, seconds in pairs if isinstance(event, Step)])
+
+
+def shown_steps(count: int) -> np.ndarray:
+    """Indices of the steps at which the robot is shown: all of them, or `MOST_FRAMES` evenly chosen."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int)) if count else np.empty(0, int)
+
+
+def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
+    """One line per event, and one for how it ended."""
+    lines = [_line(event) for event in log.events]
+    steps = np.cumsum([isinstance(event, Step) for event in log.events], dtype=int) - 1
+    seconds, numbers = list(log.seconds), np.maximum(steps, 0).tolist()
+    last = (seconds[-1], numbers[-1]) if seconds else (0.0, 0)
+    if log.dropped:
+        lines.append(("WARN", f"{log.dropped} more events were not kept", (230, 160, 60, 255)))
+    good = reply.status.code == Status.SUCCESS
+    lines.append(("INFO" if good else "ERROR", f"{reply.status.name}: {reply.status.message}", OTHER_COLOR))
+    times = [
+        # The planning is over before the motion begins: on the motion's timeline all of it stands at the start.
+        rr.TimeColumn(PATH_TIME, duration=np.zeros(len(lines))),
+        rr.TimeColumn(STEP, sequence=numbers + [last[1]] * (len(lines) - len(numbers))),
+        rr.TimeColumn(PLANNING_TIME, duration=seconds + [last[0]] * (len(lines) - len(seconds))),
+    ]
+    levels, texts, colors = zip(*lines, strict=True)
+    yield timed("/planner/log", times, rr.TextLog.columns(level=levels, text=texts, color=colors))
+
+
+def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
+    """Where the steps brought the tip (n, 3) [m, world], coloured by kind of step."""
+    colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for step in log.steps()]
+    if colors:
+        times = [rr.TimeColumn(STEP, sequence=np.arange(len(colors)))]
+        yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=np.full(len(tip), 0.006)))
+
+
+def _line(event: Event) -> tuple[str, str, tuple[int, int, int, int]]:
+    """Level, text and colour of an event."""
+    if isinstance(event, StageEntered):
+        return "INFO", f"{event.name}: {event.message}", OTHER_COLOR
+    if isinstance(event, StageLeft):
+        plane = "" if event.plane is None else f" (guide plane {event.plane})"
+        return "INFO", f"{event.name}{plane}: {event.outcome} after {1e3 * event.seconds:.1f} ms", OTHER_COLOR
+    if isinstance(event, Note):
+        return "WARN" if event.warning else "INFO", event.text, OTHER_COLOR
+    potential = "" if event.potential is None else f"  U = {event.potential:.6g} m"
+    return "DEBUG", f"{event.kind}: {event.message}{potential}", STEP_COLORS.get(event.kind, OTHER_COLOR)

@@ -1,0 +1,109 @@
+"""The curves of a recording: clearance, potential, joints against time and against their limits; the closest pair in 3D."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.messages.replies import Trajectory
+from guidefield.planner.quality import ClearanceProfile
+from guidefield.recorder.chunks import STEP, path_times, still, timed
+from guidefield.recorder.motion import Motion, curves
+from guidefield.robot.group import PlanningGroup
+
+CLEAR = 0.10
+"""Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
+
+OBSTACLE_COLOR = (94, 184, 255, 255)
+SELF_COLOR = (190, 160, 250, 255)
+REQUIRED_COLOR = (235, 87, 87, 255)
+POTENTIAL_COLOR = (255, 176, 84, 255)
+LIMIT_COLOR = (150, 150, 150, 255)
+
+
+def clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
+    """Distance to obstacles and to the robot itself over the motion, and what was asked for [m]."""
+    times = path_times(np.asarray(profile.times))
+    yield from _curves("/plots/clearance/obstacles", times, profile.obstacle_distance, ["to obstacles"], [OBSTACLE_COLOR])
+    yield from _curves("/plots/clearance/self", times, profile.self_distance, ["to itself"], [SELF_COLOR])
+    if required > 0.0:
+        asked = np.full(len(profile.times), required)
+        yield from _curves("/plots/clearance/required", times, asked, ["required"], [REQUIRED_COLOR])
+    if profile.potential is not None:
+        yield from _curves("/plots/potential", times, profile.potential, ["potential of the robot"], [POTENTIAL_COLOR])
+
+
+def closest_pair(profile: ClearanceProfile) -> Chunk:
+    """The segment between the robot and the obstacle closest to it, over the motion: red where it is short."""
+    there = np.array([pair is not None for pair in profile.obstacle_pair])
+    there &= np.isfinite(profile.witness).all(axis=(1, 2)) & np.isfinite(profile.obstacle_distance)
+    labels = [
+        f"{1e3 * distance:.0f} mm  {pair[0]} - {pair[1]}"
+        for distance, pair, shown in zip(profile.obstacle_distance, profile.obstacle_pair, there, strict=True)
+        if shown and pair is not None
+    ]
+    columns = rr.LineStrips3D.columns(
+        strips=np.asarray(profile.witness)[there],
+        colors=[_warmth(distance) for distance in np.asarray(profile.obstacle_distance)[there]],
+        labels=labels,
+        radii=np.full(int(there.sum()), 0.003),
+    )
+    return timed("/path/closest_pair", [path_times(np.asarray(profile.times))], columns.partition(there.astype(int)))
+
+
+def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
+    """Joint positions, velocities and accelerations, and the latter two as shares of their limits."""
+    colors = palette(group.nv)
+    positions = group.chart_path(list(motion.configurations))
+    yield from _curves("/plots/position", path_times(motion.times), positions, group.position_names, colors)
+    if trajectory is None or not trajectory.times:
+        return
+    moments, _, velocities, accelerations = curves(trajectory)
+    times = path_times(moments)
+    for kind, values, limits in (
+        ("velocity", velocities, group.velocity_limits),
+        ("acceleration", accelerations, group.acceleration_limits),
+    ):
+        yield from _curves(f"/plots/{kind}", times, values, group.velocity_names, colors)
+        yield from _curves(f"/plots/use/{kind}", times, values / limits, group.velocity_names, colors)
+        bounds = np.tile([-1.0, 1.0], (len(values), 1))
+        yield from _curves(f"/plots/use/{kind}/limits", times, bounds, ["limit", "limit"], [LIMIT_COLOR] * 2)
+
+
+def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:
+    """Potential of the robot after each of the planner's steps, where it was evaluated."""
+    steps = [index for index, value in enumerate(potentials) if value is not None]
+    values = np.array([value for value in potentials if value is not None], float)
+    if steps:
+        times = rr.TimeColumn(STEP, sequence=steps)
+        yield from _curves("/planner/potential", times, values, ["potential after the step"], [POTENTIAL_COLOR])
+
+
+def palette(count: int) -> list[tuple[int, int, int, int]]:
+    """Colours (RGBA) that can be told apart as thin lines on a dark ground."""
+    colors = []
+    for number in range(count):
+        red, green, blue = colorsys.hls_to_rgb((0.56 + number / max(count, 1)) % 1.0, 0.66 if number % 2 else 0.60, 0.75)
+        colors.append((round(255 * red), round(255 * green), round(255 * blue), 255))
+    return colors
+
+
+def _curves(
+    path: str, times: rr.TimeColumn, values: np.ndarray, names: Sequence[str], colors: Sequence[tuple[int, int, int, int]]
+) -> Iterator[Chunk]:
+    """Values (n,) or (n, k) over n times, with the names of the k curves; what isn't finite is left open."""
+    rows = np.asarray(values, float).reshape(len(values), -1)
+    rows = np.where(np.isfinite(rows), rows, np.nan)
+    yield still(path, rr.SeriesLines(names=list(names), colors=list(colors), widths=[1.5] * len(names)))
+    yield timed(path, [times], rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows)))
+
+
+def _warmth(distance: float) -> tuple[int, int, int, int]:
+    """Green from `CLEAR` on, over amber to red at contact."""
+    hue = 0.36 * float(np.clip(distance / CLEAR, 0.0, 1.0))
+    red, green, blue = colorsys.hls_to_rgb(hue, 0.55, 0.85)
+    return round(255 * red), round(255 * green), round(255 * blue), 255

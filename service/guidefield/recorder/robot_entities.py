@@ -1,0 +1,88 @@
+"""The robot in a recording: its links over time, its tip's trace, and ghosts of where it was on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.recorder import bodies, surface
+from guidefield.recorder.bodies import RobotBodies, link_entity
+from guidefield.recorder.chunks import entity, implicit_frame, still, timed
+from guidefield.recorder.motion import Motion, Poses, link_placements
+from guidefield.robot.group import PlanningGroup
+
+GHOSTS = 7
+"""Configurations shown along the motion, both ends included."""
+
+GHOST_ALPHA = 90
+"""Opacity of a ghost, of 255."""
+
+TRACE_COLOR = (255, 196, 61, 255)
+WAYPOINT_COLOR = (120, 220, 160, 255)
+
+
+def link_frames(group: PlanningGroup, drawn: RobotBodies) -> Iterator[Chunk]:
+    """The frames of the links that carry something, and of the tip, each fixed to the joint that moves it."""
+    for link in dict.fromkeys((*drawn.links, group.tip)):
+        frame = group.model.frames[group.model.getFrameId(link)]
+        parent = _joint_entity(group, frame.parentJoint) if frame.parentJoint else "/"
+        placement = rr.Transform3D(
+            translation=frame.placement.translation, mat3x3=frame.placement.rotation, parent_frame=implicit_frame(parent)
+        )
+        yield still(link_entity(link), placement)
+    tip = rr.CoordinateFrame(implicit_frame(link_entity(group.tip)))
+    yield still("/robot/tip", tip, rr.TransformAxes3D(0.08))
+
+
+def joint_motion(group: PlanningGroup, at: Poses, *times: rr.TimeColumn) -> Iterator[Chunk]:
+    """Placements in the world of each joint over time; its links follow.
+
+    Args:
+        group: The joints that were planned for.
+        at: Forward kinematics at n times.
+        times: Columns of n times each.
+    """
+    for column, joint in enumerate(at.joints):
+        placements = at.placements[:, column]
+        columns = rr.Transform3D.columns(translation=placements[:, :3], quaternion=placements[:, 3:])
+        yield timed(_joint_entity(group, joint), times, columns)
+
+
+def tip_trace(tip: np.ndarray) -> Chunk:
+    """The tip's whole way (n, 3) [m, world] as a line."""
+    return still("/path/tip", rr.LineStrips3D([tip], colors=[TRACE_COLOR], radii=[0.004]))
+
+
+def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
+    """What the planner itself found, before it was made into a trajectory: the tip at its waypoints (n, 3) [m, world]."""
+    yield still("/path/planned/line", rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015]))
+    yield still("/path/planned/waypoints", rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
+
+
+def ghosts(group: PlanningGroup, drawn: RobotBodies, motion: Motion) -> Iterator[Chunk]:
+    """Sketches of the robot evenly along its way in joint space, from white at the start to black at the end."""
+    chosen = spread_along(motion.configurations, GHOSTS)
+    links = [link for link, _ in drawn.sketch if group.model.frames[group.model.getFrameId(link)].parentJoint]
+    for number, index in enumerate(chosen):
+        placements = link_placements(group, motion.configurations[index], links)
+        parts = [sketch.moved(placements[link]) for link, sketch in drawn.sketch if link in placements]
+        if not parts:
+            return
+        grey = round(235 - 215 * number / max(1, len(chosen) - 1))
+        yield still(entity("ghosts", f"{number}"), bodies.mesh(surface.joined(parts), (grey, grey, grey, GHOST_ALPHA)))
+
+
+def spread_along(configurations: np.ndarray, count: int) -> list[int]:
+    """Rows of configurations (n, nq), first and last included, about evenly far along the way."""
+    steps = np.linalg.norm(np.diff(configurations, axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    if arc[-1] == 0.0:
+        return [0]
+    return sorted({int(np.argmin(np.abs(arc - at))) for at in np.linspace(0.0, arc[-1], count)})
+
+
+def _joint_entity(group: PlanningGroup, joint: int) -> str:
+    return entity("robot", "joints", group.model.names[joint])

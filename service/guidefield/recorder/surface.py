@@ -1,0 +1,208 @@
+"""Triangles ready to be drawn: from a collision shape, from a mesh file, or thinned out to a sketch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import trimesh
+
+from guidefield.robot.shapes import triangulation
+
+CREASE = np.radians(40.0)
+"""Faces that meet at less than this angle are shaded as one smooth surface [rad]."""
+
+MERGED_DIGITS = 6
+"""Decimals of a metre to which vertices are the same."""
+
+SKETCH_VERTICES = 40
+"""Most vertices of a body in a sketch."""
+
+SIDES = 48
+"""Sides of a drawn cylinder."""
+
+GREY = (204, 204, 208, 255)
+"""Colour of a body that has none of its own (RGBA)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A triangle mesh with normals.
+
+    Attributes:
+        vertices: Shape (v, 3) [m], float32.
+        triangles: Vertex indices, shape (t, 3), uint32, counter-clockwise from outside.
+        normals: Unit normals, shape (v, 3), float32.
+        colors: RGBA per vertex, shape (v, 4), uint8; None where the whole body has one colour.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray | None = None
+
+    def moved(self, placement: Any) -> Surface:
+        """The same in another frame, given its placement there (pinocchio.SE3)."""
+        rotation = placement.rotation.T.astype(np.float32)
+        vertices = self.vertices @ rotation + placement.translation.astype(np.float32)
+        return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
+
+
+def shaded(vertices: np.ndarray, triangles: np.ndarray, color: np.ndarray | None = None) -> Surface:
+    """A surface that is smooth but for its creases.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+        color: RGBA of all vertices, shape (4,); None leaves the colour open.
+    """
+    places, merged = np.unique(np.round(vertices, MERGED_DIGITS), axis=0, return_inverse=True)
+    corners = merged.reshape(-1)[np.asarray(triangles)]
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    areas = 0.5 * np.cross(places[corners[:, 1]] - places[corners[:, 0]], places[corners[:, 2]] - places[corners[:, 0]])
+    shared = _smooth_corners(corners, areas)
+    count = int(shared.max(initial=-1)) + 1
+    normals = np.column_stack([np.bincount(shared, np.repeat(component, 3), count) for component in areas.T])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    positions = np.empty((count, 3), np.float32)
+    positions[shared] = places[corners.ravel()]
+    colors = None if color is None else np.tile(np.asarray(color, np.uint8), (count, 1))
+    return Surface(positions, shared.reshape(-1, 3).astype(np.uint32), normals.astype(np.float32), colors)
+
+
+def joined(surfaces: list[Surface]) -> Surface:
+    """Several surfaces as one; they are all coloured, or none is."""
+    counts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+    colors = [surface.colors for surface in surfaces if surface.colors is not None]
+    return Surface(
+        np.concatenate([surface.vertices for surface in surfaces]),
+        np.concatenate([s.triangles + np.uint32(offset) for s, offset in zip(surfaces, counts[:-1], strict=True)]),
+        np.concatenate([surface.normals for surface in surfaces]),
+        np.concatenate(colors) if colors else None,
+    )
+
+
+def of_shape(shape: Any) -> Surface:
+    """The surface of a Coal shape in its own frame.
+
+    Raises:
+        ValueError: if there is no way to draw such a shape.
+    """
+    for kind, outline in OUTLINES.items():
+        if isinstance(shape, kind):
+            return shaded(*outline(shape))
+    raise ValueError(f"a {type(shape).__name__} can't be drawn")
+
+
+def sketch(surface: Surface) -> Surface:
+    """The hull of few of a surface's points, evenly spread: enough to show a pose."""
+    vertices = surface.vertices.astype(float)
+    mesh = trimesh.Trimesh(_spread(vertices, SKETCH_VERTICES), process=False).convex_hull
+    return shaded(mesh.vertices, mesh.faces)
+
+
+def read_mesh(path: Path, scale: np.ndarray, override: np.ndarray | None) -> Surface | bytes:
+    """Read a mesh file of any kind with its colours.
+
+    Args:
+        path: `.dae`, `.stl`, `.obj`, `.glb` or any other file that trimesh reads.
+        scale: Factors along its axes, shape (3,).
+        override: RGBA that replaces the file's colours, shape (4,); None keeps them.
+
+    Returns:
+        A coloured surface; or, where the file has textures that count, the whole of it as GLB.
+
+    Raises:
+        ValueError: if there is nothing to draw in it.
+    """
+    scene = trimesh.load_scene(path)
+    scene.apply_transform(np.diag([*scale, 1.0]))
+    meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    if not meshes:
+        raise ValueError(f"{path.name} has no triangles")
+    if override is None and any(_texture(mesh) is not None for mesh in meshes):
+        glb: bytes = trimesh.Scene(meshes).export(file_type="glb")
+        return glb
+    return joined([_colored(mesh, override) for mesh in meshes])
+
+
+def _colored(mesh: trimesh.Trimesh, override: np.ndarray | None) -> Surface:
+    if override is not None:
+        return shaded(mesh.vertices, mesh.faces, override)
+    visual = mesh.visual
+    if isinstance(visual, trimesh.visual.TextureVisuals):
+        return shaded(mesh.vertices, mesh.faces, np.asarray(visual.material.main_color))
+    if visual.kind is None:
+        return shaded(mesh.vertices, mesh.faces, np.array(GREY))
+    # Colours by face or by corner don't survive merging: flat shading keeps them as they are.
+    triangles = np.arange(3 * len(mesh.faces), dtype=np.uint32).reshape(-1, 3)
+    colors = visual.face_colors.repeat(3, axis=0) if visual.kind == "face" else visual.vertex_colors[mesh.faces].reshape(-1, 4)
+    vertices = np.asarray(mesh.triangles, np.float32).reshape(-1, 3)
+    normals = np.asarray(mesh.face_normals, np.float32).repeat(3, axis=0)
+    return Surface(vertices, triangles, normals, np.asarray(colors, np.uint8))
+
+
+def _texture(mesh: trimesh.Trimesh) -> Any:
+    material = getattr(mesh.visual, "material", None)
+    if getattr(mesh.visual, "uv", None) is None:
+        return None
+    image = getattr(material, "image", None)
+    return image if image is not None else getattr(material, "baseColorTexture", None)
+
+
+def _spread(points: np.ndarray, count: int) -> np.ndarray:
+    """At most so many of the points (n, 3), each the farthest from those before it."""
+    distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    chosen = []
+    for _ in range(min(count, len(points))):
+        chosen.append(int(np.argmax(distances)))
+        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
+
+
+def _smooth_corners(corners: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    """Corners that share a vertex and a normal, as labels (3 t,) from 0: those joined across edges that aren't creases.
+
+    Args:
+        corners: Merged vertices of the triangles, shape (t, 3).
+        areas: Their area vectors, shape (t, 3).
+    """
+    starts, ends = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    at_end = np.roll(np.arange(len(starts)).reshape(-1, 3), -1, axis=1).ravel()
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    order = np.lexsort((high, low))
+    same = (low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1])
+    one, other = order[:-1][same], order[1:][same]
+    units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
+    cosines = np.einsum("ij,ij->i", units[one // 3], units[other // 3])
+    one, other = one[cosines > np.cos(CREASE)], other[cosines > np.cos(CREASE)]
+    # Edge k of a triangle runs from its corner k to the next; the neighbour's edge runs the same way or the other.
+    along = starts[one] == starts[other]
+    pairs = np.vstack(
+        [
+            np.column_stack([one, np.where(along, other, at_end[other])]),
+            np.column_stack([at_end[one], np.where(along, at_end[other], other)]),
+        ]
+    )
+    labels: np.ndarray = trimesh.graph.connected_component_labels(pairs, node_count=len(starts))
+    return np.unique(labels, return_inverse=True)[1].reshape(-1)
+
+
+def _mesh(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+OUTLINES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
+    coal.Box: lambda box: _mesh(trimesh.creation.box(2.0 * box.halfSide)),
+    coal.Sphere: lambda ball: _mesh(trimesh.creation.icosphere(subdivisions=3, radius=ball.radius)),
+    coal.Ellipsoid: lambda e: _mesh(trimesh.creation.icosphere(subdivisions=3).apply_scale(e.radii)),
+    coal.Cylinder: lambda c: _mesh(trimesh.creation.cylinder(c.radius, 2.0 * c.halfLength, sections=SIDES)),
+    coal.Capsule: lambda c: _mesh(trimesh.creation.capsule(2.0 * c.halfLength, c.radius, (24, 24))),
+    coal.BVHModelBase: triangulation,
+    coal.ConvexBase: triangulation,
+}
+"""Vertices and triangles by kind of Coal shape."""

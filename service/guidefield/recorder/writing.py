@@ -1,0 +1,77 @@
+"""Chunks and a layout to one `.rrd` file: whole or not at all, and without leaving threads behind."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import uuid
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+import rerun_bindings as bindings
+from rerun.chunk import Chunk, RrdReader
+
+APPLICATION_ID = "guidefield"
+
+
+def write_recording(path: Path, recording_id: str, chunks: Iterable[Chunk], layout: rrb.Blueprint) -> None:
+    """Write a self-contained recording with its layout; the file appears by one rename, complete.
+
+    The layout belongs to this file: its application id is unique, as viewers share a layout among the recordings of one
+    application.
+
+    Args:
+        path: File to write; replaced if it exists.
+        recording_id: Its identity in a viewer.
+        chunks: What it holds.
+        layout: How a viewer shows it at first.
+
+    Raises:
+        OSError: if the file cannot be written; nothing is left of it, and an older one stays as it was.
+    """
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}.draft")
+    try:
+        _write(draft, recording_id, chunks, layout)
+        RrdReader(draft).store()  # reads the footer, which a write that failed at the very end would lack
+        draft.replace(path)
+    except (RuntimeError, ValueError) as error:  # what Rerun raises for a missing folder or a full disk
+        raise OSError(f"the recording {path} could not be written: {error}") from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _write(path: Path, recording_id: str, chunks: Iterable[Chunk], layout: rrb.Blueprint) -> None:
+    application_id = f"{APPLICATION_ID}-{recording_id}"
+    with _disconnected_after(rr.RecordingStream(application_id, recording_id=recording_id)) as recording:
+        with _disconnected_after(_layout_stream(layout, application_id)) as layout_stream:
+            storage = layout_stream.memory_recording().storage
+            bindings.save(os.fspath(path), default_blueprint=storage, recording=recording.to_native())
+        recording.send_chunks(chunks)
+        recording.flush()
+
+
+def _layout_stream(layout: rrb.Blueprint, application_id: str) -> rr.RecordingStream:
+    # What `RecordingStream.save(default_blueprint=…)` does inside, but with a handle on the stream: left alone, its memory
+    # sink keeps it alive for ever, two threads included.
+    native = bindings.new_blueprint(
+        application_id=application_id, make_default=False, make_thread_default=False, default_enabled=True
+    )
+    stream = rr.RecordingStream._from_native(native)
+    stream.set_time("blueprint", sequence=0)
+    layout._log_to_stream(stream)
+    return stream
+
+
+@contextlib.contextmanager
+def _disconnected_after(stream: rr.RecordingStream) -> Iterator[Any]:
+    """Use a stream, then end its threads."""
+    try:
+        yield stream
+    finally:
+        with contextlib.suppress(RuntimeError):  # a failed flush has been raised already
+            stream.disconnect()
+        del stream
+        bindings.flush_and_cleanup_orphaned_recordings()

@@ -1,0 +1,147 @@
+"""Configurations between the wire (joint names to values) and Pinocchio (one vector)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.errors import GuidefieldError, InvalidConfiguration
+from guidefield.messages.requests import JointValue, Positions
+from guidefield.messages.values import QUATERNION_TOLERANCE
+from guidefield.robot.model import Joint, JointKind, RobotModel
+
+LIMIT_TOLERANCE = 1e-5
+"""A value beyond its limit by at most this [rad or m] is clamped, with a warning."""
+
+LENGTHS = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}
+"""How many numbers the wire has for a joint, where it isn't one."""
+
+
+@dataclass(frozen=True)
+class LimitFault:
+    """A joint value that lies beyond a limit."""
+
+    joint: str
+    value: float
+    lower: float
+    upper: float
+
+    @property
+    def excess(self) -> float:
+        """By how much [rad or m]."""
+        return max(self.lower - self.value, self.value - self.upper)
+
+
+def configuration_from_wire(
+    robot: RobotModel,
+    positions: Positions,
+    base: np.ndarray | None = None,
+    error: type[GuidefieldError] = InvalidConfiguration,
+) -> np.ndarray:
+    """Configuration of the whole robot, shape (nq,), from joint names and values.
+
+    Args:
+        robot: The robot.
+        positions: Values by joint name; joints left out keep the base's value.
+        base: Configuration to start from; None for the robot's rest configuration.
+        error: What to raise.
+
+    Raises:
+        InvalidConfiguration: (or `error`) for an unknown joint, a joint that follows another, a value of the wrong
+            length, or a quaternion whose norm isn't 1 within 1e-6.
+    """
+    q = np.array(robot.rest if base is None else base, float)
+    for name, value in positions.items():
+        joint = robot.joint(name)
+        if joint is None:
+            available = [j.name for j in robot.joints if j.mimic is None]
+            raise error(
+                f"robot {robot.name!r} has no joint {name!r}; its joints are {', '.join(available)}",
+                joint=name,
+                available=available,
+            )
+        if joint.mimic is not None:
+            raise error(f"joint {name!r} follows {joint.mimic.driver!r} and can't be given", joint=name)
+        q[joint.idx_q : joint.idx_q + joint.nq] = _from_wire(joint, value, error)
+    follow(robot, q)
+    return q
+
+
+def follow(robot: RobotModel, q: np.ndarray) -> None:
+    """Set the joints that mimic others, in place, to what they must be."""
+    pending = [joint for joint in robot.joints if joint.mimic is not None]
+    while pending:
+        waiting = {joint.name for joint in pending}
+        for joint in [j for j in pending if j.mimic and j.mimic.driver not in waiting]:
+            assert joint.mimic is not None, "only followers are pending"
+            driver = robot.joint(joint.mimic.driver)
+            assert driver is not None, "loading checks that what is mimicked moves"
+            q[joint.idx_q] = joint.mimic.multiplier * scalar(driver, q) + joint.mimic.offset
+            pending.remove(joint)
+
+
+def scalar(joint: Joint, q: np.ndarray) -> float:
+    """Value of a joint with one degree of freedom [rad or m]."""
+    if joint.kind is JointKind.CONTINUOUS:
+        return float(np.arctan2(q[joint.idx_q + 1], q[joint.idx_q]))
+    return float(q[joint.idx_q])
+
+
+def configuration_to_wire(joints: Sequence[Joint], q: np.ndarray) -> Positions:
+    """Joint names and values of a configuration; joints that follow others are left out."""
+    return {joint.name: _to_wire(joint, q) for joint in joints if joint.mimic is None}
+
+
+def limit_faults(joints: Sequence[Joint], q: np.ndarray) -> list[LimitFault]:
+    """Values beyond their limits, in the joints' order."""
+    faults = []
+    for joint in joints:
+        if joint.kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+            continue
+        value, lower, upper = float(q[joint.idx_q]), float(joint.lower[0]), float(joint.upper[0])
+        if not lower <= value <= upper:
+            faults.append(LimitFault(joint.name, value, lower, upper))
+    return faults
+
+
+def clamp(joints: Sequence[Joint], q: np.ndarray) -> np.ndarray:
+    """The configuration with every value brought within its limits."""
+    clamped = q.copy()
+    for joint in joints:
+        if joint.kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+            clamped[joint.idx_q] = np.clip(q[joint.idx_q], joint.lower[0], joint.upper[0])
+    return clamped
+
+
+def _from_wire(joint: Joint, value: JointValue, error: type[GuidefieldError]) -> np.ndarray:
+    expected = LENGTHS.get(joint.kind)
+    if expected is None:
+        if isinstance(value, list):
+            raise error(
+                f"joint {joint.name!r} is {joint.kind.value}: its value is one number, not {len(value)}", joint=joint.name
+            )
+        return np.array([np.cos(value), np.sin(value)] if joint.kind is JointKind.CONTINUOUS else [value])
+    if not isinstance(value, list) or len(value) != expected:
+        got = len(value) if isinstance(value, list) else 1
+        raise error(
+            f"joint {joint.name!r} is {joint.kind.value}: its value has {expected} numbers, not {got}", joint=joint.name
+        )
+    if joint.kind is JointKind.PLANAR:
+        return np.array([value[0], value[1], np.cos(value[2]), np.sin(value[2])])
+    numbers = np.array(value)
+    norm = float(np.linalg.norm(numbers[-4:]))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise error(f"joint {joint.name!r}: its quaternion must have norm 1, it has {norm:.9g}", joint=joint.name)
+    numbers[-4:] /= norm
+    return numbers
+
+
+def _to_wire(joint: Joint, q: np.ndarray) -> JointValue:
+    values = q[joint.idx_q : joint.idx_q + joint.nq]
+    if joint.nv == 1:
+        return scalar(joint, q)
+    if joint.kind is JointKind.PLANAR:
+        return [float(values[0]), float(values[1]), float(np.arctan2(values[3], values[2]))]
+    return [float(value) for value in values]

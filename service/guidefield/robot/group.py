@@ -1,0 +1,325 @@
+"""The joints that a request plans for: a robot reduced to them, in the world where the request puts it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import InvalidGroup
+from guidefield.robot.groups import joints_to
+from guidefield.robot.model import Joint, JointKind, LimitSource, RobotModel
+
+CHART_KINDS = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
+"""Kinds of joints whose values are coordinates that may be added and interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningGroup:
+    """A robot whose joints outside the group stand still.
+
+    Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
+    planned one move with it. The *chart* ``z`` (nv,) is the configuration with unwrapped angles for continuous joints: in
+    it, straight lines and splines are drawn.
+
+    Attributes:
+        robot: The whole robot.
+        model: Pinocchio model of the planned joints and their followers; the placement in the world is folded in.
+        geometry: Collision geometry on that model, with the pairs that count.
+        space: Pinocchio model of the planned joints alone, for integrate and difference.
+        joints: Planned joints; their indices are those of this group's q and v.
+        tip: Name of the frame that goals are about.
+        tip_id: Its index in `model`.
+        q_reference: Configuration of the whole robot, shape (robot.model.nq,), from which the others are taken.
+        lower, upper: Chart limits, shape (nv,) [rad or m]; infinite where there are none.
+        velocity_limits, acceleration_limits: Shape (nv,).
+        expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
+        expand_offset: Shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset.
+    """
+
+    robot: RobotModel
+    model: Any
+    geometry: Any
+    space: Any
+    joints: tuple[Joint, ...]
+    tip: str
+    tip_id: int
+    q_reference: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity_limits: np.ndarray
+    acceleration_limits: np.ndarray
+    expand_velocity: np.ndarray
+    expand_offset: np.ndarray
+
+    @property
+    def nq(self) -> int:
+        """Length of a configuration."""
+        return int(self.space.nq)
+
+    @property
+    def nv(self) -> int:
+        """Length of a tangent, and of the chart."""
+        return int(self.space.nv)
+
+    @property
+    def position_names(self) -> list[str]:
+        """Names of the chart's columns, as the wire names positions."""
+        return [joint.name for joint in self.joints]
+
+    @property
+    def velocity_names(self) -> list[str]:
+        """Names of the tangent's columns, as the wire names velocities."""
+        return [joint.name for joint in self.joints]
+
+    def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Configuration reached from q along the tangent v."""
+        reached: np.ndarray = pin.integrate(self.space, q, v)
+        return reached
+
+    def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+        """Tangent that leads from q0 to q1 the short way."""
+        tangent: np.ndarray = pin.difference(self.space, q0, q1)
+        return tangent
+
+    def interpolate(self, q0: np.ndarray, q1: np.ndarray, t: float) -> np.ndarray:
+        """Configuration at the fraction t of the way from q0 to q1."""
+        between: np.ndarray = pin.interpolate(self.space, q0, q1, t)
+        return between
+
+    def expand(self, q: np.ndarray) -> np.ndarray:
+        """Configuration of `model`, followers included."""
+        if self.space is self.model:
+            return q
+        return self._from_chart(self.model, self.expand_velocity @ self.chart(q) + self.expand_offset)
+
+    def chart(self, q: np.ndarray) -> np.ndarray:
+        """Chart coordinates of a configuration; angles of continuous joints in (-pi, pi]."""
+        z = np.empty(self.nv)
+        for joint in self.joints:
+            if joint.kind is JointKind.CONTINUOUS:
+                z[joint.idx_v] = np.arctan2(q[joint.idx_q + 1], q[joint.idx_q])
+            else:
+                z[joint.idx_v] = q[joint.idx_q]
+        return z
+
+    def from_chart(self, z: np.ndarray) -> np.ndarray:
+        """Configuration of chart coordinates."""
+        return self._from_chart(self.space, z)
+
+    def chart_path(self, qs: Sequence[np.ndarray], start: np.ndarray | None = None) -> np.ndarray:
+        """Chart coordinates (n, nv) along configurations, each next to the one before: angles unwrapped.
+
+        Args:
+            qs: Configurations in order.
+            start: Chart coordinates near which the first is to be; None: its own.
+        """
+        zs = [self.chart(qs[0]) if start is None else self.unwrapped(self.chart(qs[0]), start)]
+        for q in qs[1:]:
+            zs.append(self.unwrapped(self.chart(q), zs[-1]))
+        return np.array(zs)
+
+    def unwrapped(self, z: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """The same configuration's chart coordinates nearest to others: whole turns of continuous joints added."""
+        turned = z.copy()
+        for joint in self.joints:
+            if joint.kind is JointKind.CONTINUOUS:
+                i = joint.idx_v
+                turned[i] += 2.0 * np.pi * np.round((near[i] - z[i]) / (2.0 * np.pi))
+        return turned
+
+    def random(self, rng: np.random.Generator) -> np.ndarray:
+        """A configuration drawn evenly within the limits; angles without limits from one turn."""
+        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
+        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
+        return self.from_chart(rng.uniform(lower, upper))
+
+    def with_limits(
+        self, velocity: Mapping[str, float], acceleration: Mapping[str, float], velocity_scaling: float, acceleration_scaling: float
+    ) -> PlanningGroup:
+        """The same group with other limits by joint name, then scaled."""
+        joints = tuple(
+            dataclasses.replace(
+                joint,
+                velocity=np.full(joint.nv, velocity[joint.name]) if joint.name in velocity else joint.velocity,
+                velocity_source=LimitSource.REQUEST if joint.name in velocity else joint.velocity_source,
+                acceleration=np.full(joint.nv, acceleration[joint.name]) if joint.name in acceleration else joint.acceleration,
+                acceleration_source=LimitSource.REQUEST if joint.name in acceleration else joint.acceleration_source,
+            )
+            for joint in self.joints
+        )
+        return dataclasses.replace(
+            self,
+            joints=joints,
+            velocity_limits=velocity_scaling * np.concatenate([joint.velocity for joint in joints]),
+            acceleration_limits=acceleration_scaling * np.concatenate([joint.acceleration for joint in joints]),
+        )
+
+    @staticmethod
+    def _from_chart(model: Any, z: np.ndarray) -> np.ndarray:
+        if model.nq == model.nv:
+            return np.array(z, float)
+        q = np.empty(model.nq)
+        for joint in list(model.joints)[1:]:
+            if joint.nq == 2:
+                q[joint.idx_q], q[joint.idx_q + 1] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
+            else:
+                q[joint.idx_q] = z[joint.idx_v]
+        return q
+
+
+def select(
+    robot: RobotModel, group: str | Sequence[str] | None, tip: str | None, q_reference: np.ndarray, placement: Any
+) -> PlanningGroup:
+    """Reduce a robot to the joints that are planned for.
+
+    Args:
+        robot: The robot.
+        group: Joint names, the name of a group, or None for every joint between the root and the tip.
+        tip: Frame that goals are about; None for the robot's own.
+        q_reference: Configuration of the whole robot, shape (robot.model.nq,); joints outside the group keep it.
+        placement: Placement of the robot's root in the world, pinocchio.SE3.
+
+    Raises:
+        InvalidGroup: if the group or a joint is unknown, or a joint can't be planned for.
+        UnknownFrame: if the robot has no such tip.
+    """
+    tip = robot.tip if tip is None else tip
+    robot.frame_id(tip)
+    planned = _planned_joints(robot, group, tip)
+    followers = {joint.name for joint in robot.joints if joint.mimic and _driver(robot, joint) in planned}
+    model, geometry = _placed(robot, placement)
+    locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
+    model, geometry = _reduced(model, geometry, locked, q_reference)
+    space = model
+    if followers:
+        indices = [model.getJointId(name) for name in followers]
+        space = pin.buildReducedModel(model, indices, _reference(model, robot, q_reference))
+    joints = _regrouped(robot, space)
+    matrix, offset = _expansion(robot, model, space)
+    arrays = {
+        "lower": np.concatenate([j.lower for j in joints]),
+        "upper": np.concatenate([j.upper for j in joints]),
+        "velocity_limits": np.concatenate([j.velocity for j in joints]),
+        "acceleration_limits": np.concatenate([j.acceleration for j in joints]),
+        "expand_velocity": matrix,
+        "expand_offset": offset,
+        "q_reference": np.array(q_reference, float),
+    }
+    for array in arrays.values():
+        array.setflags(write=False)
+    return PlanningGroup(
+        robot=robot, model=model, geometry=geometry, space=space, joints=joints, tip=tip, tip_id=int(model.getFrameId(tip)), **arrays
+    )
+
+
+def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
+    """Names of the planned joints, in Pinocchio's order."""
+    if isinstance(group, str):
+        if group not in robot.groups:
+            available = sorted(robot.groups)
+            raise InvalidGroup(
+                f"robot {robot.name!r} has no group {group!r}; it has {', '.join(available) or 'none'}",
+                group=group,
+                available=available,
+            )
+        names = robot.groups[group]
+    elif group is not None:
+        names = tuple(group)
+    elif tip == robot.tip and "default" in robot.groups:
+        names = robot.groups["default"]
+    else:
+        names = tuple(name for name in joints_to(robot.model, tip) if (j := robot.joint(name)) and j.mimic is None)
+    for name in names:
+        joint = robot.joint(name)
+        if joint is None:
+            available = [j.name for j in robot.joints]
+            raise InvalidGroup(
+                f"robot {robot.name!r} has no movable joint {name!r}; it has {', '.join(available)}",
+                joint=name,
+                available=available,
+            )
+        if joint.mimic is not None:
+            raise InvalidGroup(f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name)
+        if joint.kind not in CHART_KINDS:
+            raise InvalidGroup(
+                f"joint {name!r} is {joint.kind.value}; this version plans for {', '.join(CHART_KINDS)} joints",
+                joint=name,
+                kind=joint.kind.value,
+            )
+    if not names:
+        raise InvalidGroup(f"no joint moves {tip!r}: there is nothing to plan for", tip=tip)
+    return tuple(joint.name for joint in robot.joints if joint.name in names)
+
+
+def _driver(robot: RobotModel, joint: Joint) -> str:
+    """The joint at the end of a chain of mimics."""
+    while joint.mimic is not None:
+        driver = robot.joint(joint.mimic.driver)
+        assert driver is not None, "loading checks that what is mimicked moves"
+        joint = driver
+    return joint.name
+
+
+def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
+    """Copies of the robot's models with its root at a placement in the world."""
+    model, geometry = robot.model.copy(), robot.geometry.copy()
+    for index in range(1, model.njoints):
+        if model.parents[index] == 0:
+            model.jointPlacements[index] = placement * model.jointPlacements[index]
+    for frame in list(model.frames)[1:]:
+        if frame.parentJoint == 0:
+            frame.placement = placement * frame.placement
+    for shape in geometry.geometryObjects:
+        if shape.parentJoint == 0:
+            shape.placement = placement * shape.placement
+    return model, geometry
+
+
+def _reduced(model: Any, geometry: Any, locked: list[int], q_reference: np.ndarray) -> tuple[Any, Any]:
+    if not locked:
+        return model, geometry
+    reduced: tuple[Any, Any] = pin.buildReducedModel(model, geometry, locked, q_reference)
+    return reduced
+
+
+def _reference(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:
+    """The part of a whole configuration that a reduced model has."""
+    q: np.ndarray = pin.neutral(model)
+    for index in range(1, model.njoints):
+        joint, whole = model.joints[index], robot.joint(model.names[index])
+        assert whole is not None, "a reduced model has the robot's joints"
+        q[joint.idx_q : joint.idx_q + joint.nq] = q_reference[whole.idx_q : whole.idx_q + whole.nq]
+    return q
+
+
+def _regrouped(robot: RobotModel, space: Any) -> tuple[Joint, ...]:
+    """The robot's joints with the indices that they have in the space of planned joints."""
+    regrouped = []
+    for index in range(1, space.njoints):
+        joint, whole = space.joints[index], robot.joint(space.names[index])
+        assert whole is not None, "a reduced model has the robot's joints"
+        regrouped.append(dataclasses.replace(whole, index=index, idx_q=joint.idx_q, idx_v=joint.idx_v))
+    return tuple(regrouped)
+
+
+def _expansion(robot: RobotModel, model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The affine map from the chart of the planned joints to that of the model with followers."""
+    matrix, offset = np.zeros((model.nv, space.nv)), np.zeros(model.nv)
+    for index in range(1, model.njoints):
+        joint = robot.joint(model.names[index])
+        assert joint is not None, "a reduced model has the robot's joints"
+        row, multiplier, shift = model.joints[index].idx_v, 1.0, 0.0
+        while joint.mimic is not None:
+            shift += multiplier * joint.mimic.offset
+            multiplier *= joint.mimic.multiplier
+            driver = robot.joint(joint.mimic.driver)
+            assert driver is not None, "loading checks that what is mimicked moves"
+            joint = driver
+        matrix[row, space.joints[space.getJointId(joint.name)].idx_v] = multiplier
+        offset[row] = shift
+    return matrix, offset

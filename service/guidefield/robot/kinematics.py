@@ -1,0 +1,38 @@
+"""Where frames are and how they move: placements and Jacobians of a planning group."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.robot.group import PlanningGroup
+
+
+class Kinematics:
+    """Placements and Jacobians of one group; owns the scratch data that Pinocchio needs (one per thread)."""
+
+    def __init__(self, group: PlanningGroup) -> None:
+        self.group = group
+        self._data = group.model.createData()
+
+    def frame_placement(self, q: np.ndarray, frame_id: int) -> Any:
+        """``T_world_frame`` (pinocchio.SE3, its own copy) of a frame of `group.model` at a configuration."""
+        model = self.group.model
+        pin.forwardKinematics(model, self._data, self.group.expand(q))
+        return pin.updateFramePlacement(model, self._data, frame_id).copy()
+
+    def tip_position(self, q: np.ndarray) -> np.ndarray:
+        """Position of the tip in the world, shape (3,) [m]."""
+        position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
+        return position
+
+    def tip_jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Jacobian (6, nv) of the tip: linear rows first, at the tip's origin in the world's axes."""
+        model = self.group.model
+        J = pin.computeFrameJacobian(
+            model, self._data, self.group.expand(q), self.group.tip_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        jacobian: np.ndarray = J @ self.group.expand_velocity
+        return jacobian

@@ -1,0 +1,181 @@
+"""From a URDF's text to a `RobotModel`: check, let Pinocchio parse, settle shapes, pairs, limits, tip and rest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import RobotInvalid
+from guidefield.robot import pairs, shapes, srdf
+from guidefield.robot.card import RobotCard
+from guidefield.robot.groups import resolve_groups
+from guidefield.robot.intake import check_geometry_complete, check_urdf
+from guidefield.robot.meshes import MeshResolver
+from guidefield.robot.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
+from guidefield.robot.native_stderr import captured_stderr
+from guidefield.robot.urdf_facts import UrdfFacts
+
+DEFAULT_ROTATION_SPEED = 1.0
+"""Velocity limit of a rotation for which nobody names one [rad/s]."""
+DEFAULT_TRANSLATION_SPEED = 0.5
+"""Velocity limit of a translation for which nobody names one [m/s]."""
+TIME_TO_SPEED = 0.5
+"""Acceleration limits that nobody names let a joint reach its velocity limit in this time [s]."""
+
+ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
+
+KINDS = {
+    **{f"JointModelR{axis}": JointKind.REVOLUTE for axis in ("X", "Y", "Z", "evoluteUnaligned")},
+    **{f"JointModelR{axis}": JointKind.CONTINUOUS for axis in ("UBX", "UBY", "UBZ", "evoluteUnboundedUnaligned")},
+    **{f"JointModelP{axis}": JointKind.PRISMATIC for axis in ("X", "Y", "Z", "rismaticUnaligned")},
+    "JointModelPlanar": JointKind.PLANAR,
+    "JointModelSpherical": JointKind.SPHERICAL,
+    "JointModelFreeFlyer": JointKind.FLOATING,
+}
+"""Kind of joint by Pinocchio's name of it."""
+
+
+def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard, resolver: MeshResolver) -> RobotModel:
+    """Build a robot.
+
+    Args:
+        name: What to call it.
+        source: Its text, folders and root joint; the model keeps the checked text, its meshes as absolute paths.
+        srdf_text: SRDF, if there is one.
+        card: Defaults that the URDF doesn't settle.
+        resolver: Where meshes may come from.
+
+    Raises:
+        RobotInvalid: if the URDF, its meshes or the SRDF cannot be used, with the element at fault.
+    """
+    facts = check_urdf(source.urdf_text, resolver)
+    described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
+    source = dataclasses.replace(source, urdf_text=facts.text)
+    model, geometry = _parse(name, source)
+    check_geometry_complete(facts, geometry, model)
+    if not geometry.ngeoms:
+        raise RobotInvalid(f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name)
+    choices = shapes.settle(model, geometry)
+    joints = tuple(_joint(model, index, facts, card) for index in range(1, model.njoints))
+    groups = resolve_groups(model, described, joints)
+    rest = _rest(name, model, joints, described, card)
+    left_out = pairs.settle(model, geometry, [choice.link for choice in choices], described.disabled, rest)
+    rest.setflags(write=False)
+    return RobotModel(
+        name=name,
+        model=model,
+        geometry=geometry,
+        joints=joints,
+        links=tuple(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY),
+        tip=_tip(model, described, card),
+        groups=groups if card.group is None else {"default": tuple(card.group), **groups},
+        rest=rest,
+        geometry_choices=choices,
+        pairs_left_out=left_out,
+        warnings=tuple(facts.warnings),
+        source=source,
+    )
+
+
+def _parse(name: str, source: RobotSource) -> tuple[Any, Any]:
+    """Pinocchio's model and collision geometry; its stated reason becomes ours."""
+    root = ROOT_JOINTS[source.root_joint]
+    with captured_stderr() as stderr:
+        try:
+            text = source.urdf_text
+            model = pin.buildModelFromXML(text, root()) if root else pin.buildModelFromXML(text)
+            geometry = pin.GeometryModel()
+            pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+        except (ValueError, RuntimeError) as error:
+            reason = stderr.reason() or str(error)
+            raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
+    return model, geometry
+
+
+def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard) -> Joint:
+    pinocchio_joint = model.joints[index]
+    name, short = model.names[index], pinocchio_joint.shortname()
+    if short not in KINDS:
+        raise RobotInvalid(f"joint {name!r} is a {short}, which cannot be planned for", joint=name, kind=short)
+    kind = KINDS[short]
+    at_q = slice(pinocchio_joint.idx_q, pinocchio_joint.idx_q + pinocchio_joint.nq)
+    at_v = slice(pinocchio_joint.idx_v, pinocchio_joint.idx_v + pinocchio_joint.nv)
+    lower, upper = np.full(pinocchio_joint.nv, -np.inf), np.full(pinocchio_joint.nv, np.inf)
+    if kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+        lower, upper = model.lowerPositionLimit[at_q].copy(), model.upperPositionLimit[at_q].copy()
+    velocity, velocity_source = _velocity_limit(kind, model.velocityLimit[at_v], card.velocity.get(name))
+    acceleration = velocity / TIME_TO_SPEED
+    acceleration_source = LimitSource.DEFAULT
+    if name in card.acceleration:
+        acceleration, acceleration_source = np.full(pinocchio_joint.nv, card.acceleration[name]), LimitSource.CARD
+    for array in (lower, upper, velocity, acceleration):
+        array.setflags(write=False)
+    mimic = facts.mimics.get(name)
+    return Joint(
+        name=name,
+        kind=kind,
+        index=index,
+        idx_q=pinocchio_joint.idx_q,
+        nq=pinocchio_joint.nq,
+        idx_v=pinocchio_joint.idx_v,
+        nv=pinocchio_joint.nv,
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        acceleration=acceleration,
+        velocity_source=velocity_source,
+        acceleration_source=acceleration_source,
+        mimic=Mimic(*mimic) if mimic else None,
+    )
+
+
+def _velocity_limit(kind: JointKind, urdf: np.ndarray, card: float | None) -> tuple[np.ndarray, LimitSource]:
+    if card is not None:
+        return np.full(len(urdf), card), LimitSource.CARD
+    if np.all(urdf > 0.0) and np.all(urdf < 1e6):
+        return urdf.copy(), LimitSource.URDF
+    rotation, translation = DEFAULT_ROTATION_SPEED, DEFAULT_TRANSLATION_SPEED
+    by_kind = {
+        JointKind.PRISMATIC: [translation],
+        JointKind.PLANAR: [translation, translation, rotation],
+        JointKind.FLOATING: [translation] * 3 + [rotation] * 3,
+    }
+    return np.array(by_kind.get(kind, [rotation] * len(urdf))), LimitSource.DEFAULT
+
+
+def _tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
+    """The card's tip, else the SRDF's first end effector, else the frame that most joints move."""
+    if card.tip is not None:
+        return card.tip
+    for parent_link, _ in described.end_effectors:
+        if model.existFrame(parent_link):
+            return parent_link
+    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    depth = [len(model.supports[frame.parentJoint]) for frame in bodies]
+    return str(bodies[max(range(len(bodies)), key=lambda i: (depth[i], i))].name)
+
+
+def _rest(name: str, model: Any, joints: tuple[Joint, ...], described: srdf.Srdf, card: RobotCard) -> np.ndarray:
+    """The card's rest values over the SRDF's first state over zero, each within its limits."""
+    states = described.states
+    preferred = next((states[key] for key in ("default", "rest", "home", "ready") if key in states), None)
+    values: Mapping[str, float] = {**(preferred or next(iter(states.values()), {})), **card.rest}
+    q: np.ndarray = pin.neutral(model)
+    for joint in joints:
+        value = values.get(joint.name, 0.0)
+        if joint.kind is JointKind.CONTINUOUS:
+            q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
+        elif joint.nq == 1:
+            q[joint.idx_q] = np.clip(value, joint.lower[0], joint.upper[0])
+    for joint in joints:
+        if joint.mimic is not None and joint.nq == 1:
+            driver = next((other for other in joints if other.name == joint.mimic.driver), None)
+            if driver is None:
+                raise RobotInvalid(f"robot {name!r}: joint {joint.name!r} mimics {joint.mimic.driver!r}, which doesn't move")
+            if driver.nq == 1:
+                q[joint.idx_q] = joint.mimic.multiplier * q[driver.idx_q] + joint.mimic.offset
+    return q

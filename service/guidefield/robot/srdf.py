@@ -1,0 +1,91 @@
+"""What an SRDF says: groups, named states, end effectors and pairs of links not to test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lxml import etree
+
+from guidefield.errors import RobotInvalid
+
+
+@dataclass(frozen=True)
+class Chain:
+    """All joints from a base link to a tip link."""
+
+    base: str
+    tip: str
+
+
+@dataclass(frozen=True)
+class SrdfGroup:
+    """A group as written: joints, links (each stands for its parent joint), chains and other groups."""
+
+    joints: tuple[str, ...] = ()
+    links: tuple[str, ...] = ()
+    chains: tuple[Chain, ...] = ()
+    groups: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Srdf:
+    """The parts of an SRDF that planning needs.
+
+    Attributes:
+        groups: By name.
+        states: Joint values by state name.
+        end_effectors: Parent link and group of each end effector.
+        disabled: Pair of links to the reason given.
+    """
+
+    groups: dict[str, SrdfGroup] = field(default_factory=dict)
+    states: dict[str, dict[str, float]] = field(default_factory=dict)
+    end_effectors: tuple[tuple[str, str], ...] = ()
+    disabled: dict[frozenset[str], str] = field(default_factory=dict)
+
+
+def parse(text: str) -> Srdf:
+    """Read an SRDF.
+
+    Raises:
+        RobotInvalid: if it isn't XML or its root isn't <robot>.
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
+    try:
+        root = etree.fromstring(text.encode(), parser)
+    except etree.XMLSyntaxError as error:
+        raise RobotInvalid(f"the SRDF is not XML: {error}", line=error.lineno) from None
+    if root.tag != "robot":
+        raise RobotInvalid(f"the SRDF's root element must be <robot>, it is <{root.tag}>", line=root.sourceline)
+    return Srdf(
+        groups={group.get("name", ""): _group(group) for group in root.findall("group")},
+        states={state.get("name", ""): _state(state) for state in root.findall("group_state")},
+        end_effectors=tuple((e.get("parent_link", ""), e.get("group", "")) for e in root.findall("end_effector")),
+        disabled={
+            frozenset((pair.get("link1", ""), pair.get("link2", ""))): pair.get("reason", "unspecified")
+            for pair in root.findall("disable_collisions")
+        },
+    )
+
+
+def _group(element: etree._Element) -> SrdfGroup:
+    return SrdfGroup(
+        joints=tuple(e.get("name", "") for e in element.findall("joint")),
+        links=tuple(e.get("name", "") for e in element.findall("link")),
+        chains=tuple(Chain(e.get("base_link", ""), e.get("tip_link", "")) for e in element.findall("chain")),
+        groups=tuple(e.get("name", "") for e in element.findall("group")),
+    )
+
+
+def _state(element: etree._Element) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for joint in element.findall("joint"):
+        try:
+            values[joint.get("name", "")] = float(joint.get("value", "").split()[0])
+        except (ValueError, IndexError):
+            raise RobotInvalid(
+                f"the SRDF's state {element.get('name')!r} gives joint {joint.get('name')!r} the value "
+                f"{joint.get('value')!r}, which is no number",
+                line=joint.sourceline,
+            ) from None
+    return values

@@ -1,0 +1,41 @@
+"""A Pinocchio model as tables for the kernels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.kernels.tree_kinematics import CONTINUOUS, FLOATING, PLANAR, PRISMATIC, REVOLUTE, SPHERICAL, JointTable
+
+AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+CODES = {
+    "JointModelPlanar": PLANAR,
+    "JointModelSpherical": SPHERICAL,
+    "JointModelFreeFlyer": FLOATING,
+    "JointModelRevoluteUnaligned": REVOLUTE,
+    "JointModelRevoluteUnboundedUnaligned": CONTINUOUS,
+    "JointModelPrismaticUnaligned": PRISMATIC,
+    **{f"JointModelR{axis}": REVOLUTE for axis in AXES},
+    **{f"JointModelRUB{axis}": CONTINUOUS for axis in AXES},
+    **{f"JointModelP{axis}": PRISMATIC for axis in AXES},
+}
+
+
+def joint_table(model: Any) -> JointTable:
+    """Tables of a model's joints, in its order; row 0 is the world."""
+    n = model.njoints
+    parents, kinds, idx_q, idx_v, nv = (np.zeros(n, np.int64) for _ in range(5))
+    axes, placements = np.zeros((n, 3)), np.zeros((n, 3, 4))
+    for index in range(1, n):
+        joint = model.joints[index]
+        short = joint.shortname()
+        parents[index], kinds[index] = model.parents[index], CODES[short]
+        idx_q[index], idx_v[index], nv[index] = joint.idx_q, joint.idx_v, joint.nv
+        axes[index] = joint.extract().axis if short.endswith("Unaligned") else AXES.get(short[-1], (0.0, 0.0, 0.0))
+        placement: pin.SE3 = model.jointPlacements[index]
+        placements[index] = np.c_[placement.rotation, placement.translation]
+    for array in (parents, kinds, axes, placements, idx_q, idx_v, nv):
+        array.setflags(write=False)
+    return JointTable(parents, kinds, axes, placements, idx_q, idx_v, nv)

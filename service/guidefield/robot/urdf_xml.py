@@ -1,0 +1,151 @@
+"""A URDF's text as XML elements, their numbers, and faults that name line and element."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+from lxml import etree
+
+from guidefield.errors import RobotInvalid
+from guidefield.messages.requests import MAX_URDF_CHARACTERS
+
+Element = Any
+"""An element of lxml, for which there are no types."""
+
+LARGEST_LENGTH = 1e6
+"""No part of a robot is larger, or further from the next one [m]; beyond, placements would lose all digits."""
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+_STRICT = {
+    "encoding": "utf-8",
+    "resolve_entities": False,
+    "no_network": True,
+    "load_dtd": False,
+    "huge_tree": False,
+    "remove_comments": True,
+    "remove_pis": True,
+}
+
+
+def parse(text: str) -> Element:
+    """The root element of a URDF, comments left out.
+
+    Entities are neither declared nor expanded, nothing is fetched, and depth and size stay within libxml2's limits.
+
+    Raises:
+        RobotInvalid: if the text is too long, isn't XML, has a DOCTYPE, is an unexpanded xacro file or isn't a <robot>.
+    """
+    if len(text) > MAX_URDF_CHARACTERS:
+        limit = MAX_URDF_CHARACTERS
+        raise RobotInvalid(f"the URDF has {len(text)} characters, at most {limit} are read", limit=limit)
+    before, doctype, _ = text.partition("<!DOCTYPE")
+    if doctype:
+        line = before.count("\n") + 1
+        raise RobotInvalid(
+            f"line {line}: a URDF must not have a <!DOCTYPE>, nor entities", line=line, element="!DOCTYPE"
+        )
+    try:
+        root = etree.fromstring(text.encode(), etree.XMLParser(**_STRICT))
+    except etree.XMLSyntaxError as error:
+        raise RobotInvalid(f"line {error.lineno}: the URDF is not XML: {error.msg}", line=error.lineno) from None
+    except UnicodeEncodeError as error:
+        line = text.count("\n", 0, error.start) + 1
+        raise RobotInvalid(f"line {line}: the URDF is not text: it has half a surrogate pair", line=line) from None
+    _settle_namespaces(root)
+    if root.tag != "robot":
+        raise fault(root, f"the root element of a URDF must be <robot>, it is <{root.tag}>")
+    return root
+
+
+def fault(element: Element, message: str, **details: Any) -> RobotInvalid:
+    """The error for what is wrong with an element; its details name line, element, and the joint or link it is in."""
+    owners = [element, *element.iterancestors()]
+    named = {owner.tag: owner.get("name") for owner in owners if owner.tag in ("joint", "link") and owner.get("name")}
+    where = "".join(f"{kind} {name!r}: " for kind, name in named.items())
+    line = element.sourceline
+    return RobotInvalid(f"line {line}: {where}{message}", line=line, element=element.tag, **{**named, **details})
+
+
+def warning(element: Element, message: str) -> str:
+    """The same as a sentence, for what is odd but harmless."""
+    return fault(element, message).message
+
+
+def name_of(element: Element) -> str:
+    """The name of an element that must have one."""
+    name: str = element.get("name", "")
+    if not name.strip():
+        raise fault(element, f"<{element.tag}> must have a name")
+    return name
+
+
+def numbers(element: Element, attribute: str, count: int, largest: float = math.inf) -> list[float] | None:
+    """Finite numbers of an attribute, or None where it is left out; rewrites it with single spaces between them.
+
+    Args:
+        element: Where the attribute is.
+        attribute: Its name.
+        count: How many numbers it must have.
+        largest: Largest magnitude of each.
+    """
+    text = element.get(attribute)
+    if text is None:
+        return None
+    words = text.split()
+    what = f"{attribute!r} of <{element.tag}> must be {'a finite number' if count == 1 else f'{count} finite numbers'}"
+    if len(words) != count:
+        raise fault(element, f"{what}, got {len(words)}: {text!r}", attribute=attribute)
+    values = [float(word) if _NUMBER.fullmatch(word) else math.nan for word in words]
+    for word, value in zip(words, values, strict=True):
+        if not math.isfinite(value):
+            hint = "; expand the file with xacro first" if "${" in text else ""
+            raise fault(element, f"{what}, got {word!r}{hint}", attribute=attribute)
+        if abs(value) > largest:
+            raise fault(element, f"{what} of at most {largest:g}, got {word!r}", attribute=attribute)
+    element.set(attribute, " ".join(words))
+    return values
+
+
+def number(element: Element, attribute: str, default: float | None = None, largest: float = math.inf) -> float:
+    """One finite number; `default` where the attribute is left out, a fault where there is no default."""
+    values = numbers(element, attribute, 1, largest)
+    if values is not None:
+        return values[0]
+    if default is None:
+        raise fault(element, f"<{element.tag}> must have {attribute!r}", attribute=attribute)
+    return default
+
+
+def check_origins(element: Element, version: tuple[int, int]) -> None:
+    """Check the `<origin>` of a joint, or of a part of a link.
+
+    Args:
+        element: What has the origin.
+        version: Of the URDF; a quaternion is read from 1.1 on, and would be left out silently before.
+    """
+    for origin in element.findall("origin"):
+        numbers(origin, "xyz", 3, LARGEST_LENGTH)
+        rpy, quaternion = numbers(origin, "rpy", 3), numbers(origin, "quat_xyzw", 4)
+        if quaternion is None:
+            continue
+        if version < (1, 1):
+            raise fault(origin, "'quat_xyzw' needs <robot version=\"1.1\">; before, it is 'rpy'", attribute="quat_xyzw")
+        if rpy is not None:
+            raise fault(origin, "<origin> must have 'rpy' or 'quat_xyzw', not both", attribute="quat_xyzw")
+        if math.hypot(*quaternion) < 1e-9:
+            raise fault(origin, "'quat_xyzw' of <origin> must not be zero", attribute="quat_xyzw")
+
+
+def _settle_namespaces(root: Element) -> None:
+    """Drop a default namespace, which other parsers of URDF don't know; refuse elements of xacro."""
+    for element in root.iter(etree.Element):
+        name = etree.QName(element)
+        if name.namespace and "xacro" in name.namespace:
+            raise fault(element, "this is a xacro file; expand it first (xacro robot.urdf.xacro > robot.urdf)")
+        if name.namespace and element.prefix is None:
+            element.tag = name.localname
+    etree.cleanup_namespaces(root)

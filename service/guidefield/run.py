@@ -1,0 +1,125 @@
+"""A run while it is made: what is kept of it and where; what can't be kept becomes a warning, not a failure."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from guidefield.messages.replies import ErrorReply, PlanReply
+from guidefield.messages.requests import PlanRequest
+from guidefield.stores.runs import NullRunStore, Runs
+
+if TYPE_CHECKING:
+    from guidefield.planner.quality import ClearanceProfile
+    from guidefield.planner.trace import Event
+    from guidefield.recorder.recorder import Recorder
+    from guidefield.robot.group import PlanningGroup
+    from guidefield.scene.guide_plane import GuidePlane
+    from guidefield.scene.scene import Scene
+
+_log = logging.getLogger(__name__)
+
+
+class Run:
+    """One run: its request kept from the beginning, its recording, and its reply or error at the end.
+
+    Args:
+        run_id: Its name.
+        request: As it came.
+        runs: Where it is kept; a disk that refuses is not this run's end.
+        record_to: Where its recording goes, if not to `runs`.
+        recording_key: What a reply says about where the recording is, if it is kept in `runs`.
+
+    Raises:
+        MalformedRequest: if the name is taken.
+    """
+
+    def __init__(
+        self, run_id: str, request: PlanRequest, runs: Runs, record_to: Path | None, recording_key: str
+    ) -> None:
+        self.run_id = run_id
+        self._request = request
+        self._runs = runs
+        self._warnings: list[str] = []
+        self._recording: _Recording | None = None
+        try:
+            runs.begin(run_id, request)
+        except OSError as error:
+            self._warn(f"the run is not kept: {error}")
+            self._runs = NullRunStore()
+        kept_at = self._runs.recording_path(run_id)
+        self._path = kept_at if record_to is None else record_to
+        self._place = recording_key if record_to is None else str(record_to)
+
+    def record(self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]) -> _Recording | None:
+        """An observer of this run that writes its recording when it is finished; None if it isn't recorded."""
+        if self._path is None or self._request.recording == "off":
+            return None
+        from guidefield.recorder.recorder import Recorder
+
+        recorder = Recorder(self._path, group, scene, self._request, self.run_id)
+        self._recording = _Recording(recorder, self._place, self._warn)
+        return self._recording
+
+    def end(self, reply: PlanReply) -> PlanReply:
+        """The reply as it is sent, with its recording and with what could not be kept; keeps it."""
+        place = None
+        if self._recording is not None:
+            self._recording.finish(reply, None)
+            place = self._recording.written
+        sent = msgspec.structs.replace(reply, recording=place, warnings=[*reply.warnings, *self._warnings])
+        try:
+            self._runs.finish(self.run_id, sent)
+        except OSError as error:
+            self._warn(f"the reply is not kept: {error}")
+            sent = msgspec.structs.replace(sent, warnings=[*reply.warnings, *self._warnings])
+        return sent
+
+    def refuse(self) -> None:
+        """Forget the run: its request was ill-posed."""
+        self._runs.discard(self.run_id)
+
+    def fail(self, error: ErrorReply) -> None:
+        """Keep what ended the run."""
+        try:
+            self._runs.fail(self.run_id, error)
+        except OSError:
+            _log.exception("the end of run %s is not kept", self.run_id)
+
+    def _warn(self, text: str) -> None:
+        _log.warning("run %s: %s", self.run_id, text)
+        self._warnings.append(text)
+
+
+class _Recording:
+    """A recorder that is finished once, and whose failure to write is told, not raised."""
+
+    def __init__(self, recorder: Recorder, place: str, warn: Any) -> None:
+        self._recorder = recorder
+        self._place = place
+        self._warn = warn
+        self._finished = False
+        self.written: str | None = None
+
+    def observe(self, event: Event) -> None:
+        """Pass on what the planner tells."""
+        self._recorder.observe(event)
+
+    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
+        """Write the recording; the reply in it says where it is."""
+        if self._finished:
+            return
+        self._finished = True
+        try:
+            self._recorder.finish(msgspec.structs.replace(reply, recording=self._place), profile)
+            self.written = self._place
+        except OSError as error:
+            self._warn(f"the recording was not written: {error}")
+        except Exception as error:
+            _log.exception("the recorder failed")
+            self._warn(
+                f"the recording was not written, because of a bug in guidefield: {type(error).__name__}: {error}"
+            )

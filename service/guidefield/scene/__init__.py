@@ -1,0 +1,1 @@
+"""Scenes: obstacles and guide planes, built from messages, ready to plan in."""

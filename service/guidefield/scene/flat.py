@@ -1,0 +1,151 @@
+"""Flat polygons in space: their plane, coordinates in it, and what may be wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+PLANARITY = 1e-6
+"""How far from their plane the corners of a flat polygon may lie, as a fraction of its size."""
+
+SMALLEST_AREA = 1e-9
+"""Smallest area of a polygon, as a fraction of its size squared."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPolygon:
+    """Corners in the plane that fits them best.
+
+    Attributes:
+        vertices: Corners, shape (k, 3) [m, world].
+        normal: Unit normal, shape (3,), about which the corners turn counter-clockwise (as a whole).
+        origin: Mean of the corners, shape (3,): the plane runs through it.
+        axes: Two unit vectors in the plane, shape (2, 3); ``axes[0] x axes[1] = normal``.
+        corners: The corners in those axes about the origin, shape (k, 2) [m].
+        size: Diagonal of the box about the corners [m].
+        deviation: Largest distance of a corner from the plane [m].
+        area: Signed sum of the enclosed area [m^2]; positive for a simple polygon.
+    """
+
+    vertices: np.ndarray
+    normal: np.ndarray
+    origin: np.ndarray
+    axes: np.ndarray
+    corners: np.ndarray
+    size: float
+    deviation: float
+    area: float
+
+    def from_plane(self, corners: np.ndarray) -> np.ndarray:
+        """Points (n, 3) in the world of coordinates (n, 2) in the plane."""
+        points: np.ndarray = self.origin + corners @ self.axes
+        return points
+
+
+def flat_polygon(vertices: np.ndarray) -> FlatPolygon:
+    """Fit a plane to the corners of a polygon.
+
+    The normal is Newell's, half the sum of the cross products of successive corners: exact for a flat polygon, convex
+    or not, however many corners lie on one line.
+
+    Args:
+        vertices: Corners in order, shape (k, 3) [m, world].
+    """
+    origin = vertices.mean(axis=0)
+    arms = vertices - origin
+    area_vector = 0.5 * np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
+    area = float(np.linalg.norm(area_vector))
+    normal = area_vector / area if area > 0.0 else np.array([0.0, 0.0, 1.0])
+    axes = axes_across(normal)
+    values = {
+        "vertices": np.array(vertices, float),
+        "normal": normal,
+        "origin": origin,
+        "axes": axes,
+        "corners": arms @ axes.T,
+    }
+    for array in values.values():
+        array.setflags(write=False)
+    return FlatPolygon(
+        **values,
+        size=float(np.linalg.norm(np.ptp(vertices, axis=0))),
+        deviation=float(np.abs(arms @ normal).max()),
+        area=area,
+    )
+
+
+def flatness_fault(polygon: FlatPolygon) -> str | None:
+    """What keeps corners from being a flat polygon with an area, or None."""
+    edges = np.linalg.norm(np.roll(polygon.vertices, -1, axis=0) - polygon.vertices, axis=1)
+    if polygon.size == 0.0 or edges.min() <= PLANARITY * polygon.size:
+        first = int(np.argmin(edges))
+        return f"vertices {first} and {(first + 1) % len(edges)} coincide ({edges[first]:.3g} m apart)"
+    if polygon.area <= SMALLEST_AREA * polygon.size**2:
+        return f"its area is {polygon.area:.3g} m^2 at a size of {polygon.size:.3g} m: it is a line"
+    if polygon.deviation > PLANARITY * polygon.size:
+        return (
+            f"its vertices lie up to {polygon.deviation:.3g} m off a plane,"
+            f" at most {PLANARITY * polygon.size:.3g} m ({PLANARITY:g} of its size) are allowed"
+        )
+    return None
+
+
+def axes_across(normal: np.ndarray) -> np.ndarray:
+    """Two unit vectors (2, 3) that complete a unit normal to a right-handed frame."""
+    seed = np.zeros(3)
+    seed[np.argmin(np.abs(normal))] = 1.0
+    first = np.cross(seed, normal)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first)])
+
+
+def crossing_edges(polygon: FlatPolygon) -> tuple[int, int] | None:
+    """Two edges that touch though they aren't neighbours, or fold back on each other; None if the polygon is simple.
+
+    Edge i runs from corner i to corner i + 1. Lengths below `PLANARITY` of the size count as touching.
+    """
+    start = polygon.corners
+    end = np.roll(start, -1, axis=0)
+    count = len(start)
+    gap = PLANARITY * polygon.size
+    along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", along, np.roll(along, -1, axis=0))
+    folded = np.flatnonzero(cosine < -1.0 + 0.5 * PLANARITY**2)
+    if len(folded):
+        return int(folded[0]), int((folded[0] + 1) % count)
+    for i in range(count - 2):
+        others = np.arange(i + 2, count - 1 if i == 0 else count)
+        touching = _segment_distances(start[i], end[i], start[others], end[others]) <= gap
+        if touching.any():
+            return i, int(others[np.argmax(touching)])
+    return None
+
+
+def _segment_distances(a: np.ndarray, b: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Distances (n,) of the segment a b to others in the plane; 0 where they cross."""
+    between = np.minimum.reduce(
+        [
+            _point_distances(starts, a, b),
+            _point_distances(ends, a, b),
+            _point_distances(a, starts, ends),
+            _point_distances(b, starts, ends),
+        ]
+    )
+    crossing = (_turn(a, b, starts) * _turn(a, b, ends) < 0.0) & (_turn(starts, ends, a) * _turn(starts, ends, b) < 0.0)
+    return np.where(crossing, 0.0, between)
+
+
+def _point_distances(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distances (n,) of points to segments, either of which may be one or many."""
+    along = b - a
+    share = np.clip(((points - a) * along).sum(axis=-1) / (along * along).sum(axis=-1), 0.0, 1.0)
+    distances: np.ndarray = np.linalg.norm(points - (a + share[..., None] * along), axis=-1)
+    return distances
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Twice the signed area of triangles a b c in the plane."""
+    first, second = b - a, c - a
+    turned: np.ndarray = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    return turned

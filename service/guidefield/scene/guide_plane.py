@@ -1,0 +1,194 @@
+"""The guide plane: a convex, flat polygon in free space that the tip has to reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.errors import SceneInvalid
+from guidefield.messages import scene as messages
+from guidefield.scene.flat import PLANARITY, FlatPolygon, flat_polygon, flatness_fault
+
+_SLACK = 1e-8
+"""Rounding that `contains` forgives, as a fraction of the size: a closest point is contained."""
+
+_BISECTIONS = 60
+"""Halvings of the interval that holds the inradius: to the last bit."""
+
+
+@dataclass(frozen=True, eq=False)
+class GuidePlane:
+    """A convex, flat polygon.
+
+    The *inset* polygon holds the points of the polygon that are at least a given distance from its edges [m]. An inset
+    beyond the inradius stands for the inradius: what is left then is the deepest point, or the deepest stretch.
+
+    Attributes:
+        name: Its name in the scene.
+        vertices: Corners, shape (k, 3) [m, world], counter-clockwise about the normal.
+        normal: Unit normal, shape (3,).
+        centroid: Centroid of the area, shape (3,) [m, world].
+        inradius: Radius of the largest circle inside [m].
+        flat: The polygon in its plane.
+        inward: Unit normals (k, 2) of the edges, in the plane, to the inside; edge i runs from corner i to i + 1.
+        offsets: Shape (k,): ``inward[i] . x - offsets[i]`` is the height of x over edge i [m].
+    """
+
+    name: str
+    vertices: np.ndarray
+    normal: np.ndarray
+    centroid: np.ndarray
+    inradius: float
+    flat: FlatPolygon
+    inward: np.ndarray
+    offsets: np.ndarray
+
+    def signed_height(self, point: np.ndarray) -> float:
+        """Distance of a point (3,) from the plane [m], positive on the side of the normal."""
+        return float(self.normal @ (point - self.flat.origin))
+
+    def contains(self, point: np.ndarray, inset: float = 0.0) -> bool:
+        """Whether the foot of a point (3,) on the plane lies in the inset polygon, whatever its height."""
+        depth = self._depth(self.flat.axes @ (point - self.flat.origin))
+        return depth >= min(inset, self.inradius) - _SLACK * self.flat.size
+
+    def closest_point(self, point: np.ndarray, inset: float = 0.0) -> np.ndarray:
+        """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
+        inset = min(inset, self.inradius)
+        foot = self.flat.axes @ (point - self.flat.origin)
+        if self._depth(foot) < inset:
+            foot = _closest_on_outline(foot, self._inset_corners(inset))
+        closest: np.ndarray = self.flat.origin + foot @ self.flat.axes
+        return closest
+
+    def distance(self, point: np.ndarray, inset: float = 0.0) -> float:
+        """Distance of a point (3,) to the inset polygon [m]."""
+        return float(np.linalg.norm(point - self.closest_point(point, inset)))
+
+    def inset_vertices(self, inset: float) -> np.ndarray:
+        """Corners of the inset polygon, shape (m, 3) [m, world]; fewer where an edge has vanished."""
+        return self.flat.from_plane(self._inset_corners(min(inset, self.inradius)))
+
+    def _depth(self, foot: np.ndarray) -> float:
+        return float((self.inward @ foot - self.offsets).min())
+
+    def _inset_corners(self, inset: float) -> np.ndarray:
+        if inset <= 0.0:
+            return self.flat.corners
+        moved = _mitred(self.flat.corners, self.inward, inset)
+        if moved is not None:
+            return moved
+        # At the inradius itself rounding decides whether anything is left.
+        return _clipped(self.flat.corners, self.inward, self.offsets + inset * (1.0 - 1e-9))
+
+
+def build(message: messages.GuidePlane, index: int) -> GuidePlane:
+    """Check a guide plane and make it ready for questions.
+
+    Args:
+        message: Its declaration.
+        index: Where it stands in the scene, for error messages.
+
+    Raises:
+        SceneInvalid: if it isn't flat, isn't convex or has no area; `details` name the plane and the path.
+    """
+    flat = flat_polygon(np.array(message.vertices, float))
+    fault = flatness_fault(flat) or _convexity_fault(flat)
+    if fault is not None:
+        raise SceneInvalid(
+            f"guide plane {message.name!r}: {fault}", guide_plane=message.name, path=f"$.guide_planes[{index}].vertices"
+        )
+    edges = np.roll(flat.corners, -1, axis=0) - flat.corners
+    inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
+    offsets = np.einsum("ij,ij->i", inward, flat.corners)
+    centroid = flat.from_plane(_area_centroid(flat.corners)[None])[0]
+    for array in (inward, offsets, centroid):
+        array.setflags(write=False)
+    return GuidePlane(
+        name=message.name,
+        vertices=flat.vertices,
+        normal=flat.normal,
+        centroid=centroid,
+        inradius=_inradius(flat.corners, inward, offsets),
+        flat=flat,
+        inward=inward,
+        offsets=offsets,
+    )
+
+
+def _convexity_fault(flat: FlatPolygon) -> str | None:
+    before, after = np.roll(flat.corners, 1, axis=0), np.roll(flat.corners, -1, axis=0)
+    arriving, leaving = flat.corners - before, after - flat.corners
+    cross = arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0]
+    # How deep the corner dents the polygon: its distance from the chord of its neighbours.
+    chords = np.linalg.norm(after - before, axis=1)
+    dents = -cross / np.maximum(chords, PLANARITY * flat.size)
+    worst = int(np.argmax(dents))
+    if dents[worst] > PLANARITY * flat.size:
+        return f"it is not convex: vertex {worst} dents it by {dents[worst]:.3g} m"
+    turns = np.arctan2(cross, np.einsum("ij,ij->i", arriving, leaving))
+    if abs(turns.sum() - 2.0 * np.pi) > 1e-3:
+        return f"it is not convex: its edges turn {turns.sum() / (2.0 * np.pi):.2f} times around instead of once"
+    return None
+
+
+def _area_centroid(corners: np.ndarray) -> np.ndarray:
+    after = np.roll(corners, -1, axis=0)
+    cross = corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]
+    centroid: np.ndarray = ((corners + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
+    return centroid
+
+
+def _inradius(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> float:
+    """Largest inset that leaves something over: by bisection, each trial a clipping."""
+    low, high = 0.0, float(np.ptp(corners, axis=0).max())
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if len(_clipped(corners, inward, offsets + middle)):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:
+    """Corners after all edges moved inwards; None once an edge has vanished.
+
+    An edge's length falls linearly with the inset as long as all edges are there: if all are positive now, none has
+    vanished before.
+    """
+    arriving = np.roll(inward, 1, axis=0)
+    mitre = (arriving + inward) / (1.0 + np.einsum("ij,ij->i", arriving, inward))[:, None]
+    moved: np.ndarray = corners + inset * mitre
+    edges = np.roll(moved, -1, axis=0) - moved
+    if (inward[:, 1] * edges[:, 0] - inward[:, 0] * edges[:, 1]).min() > 0.0:
+        return moved
+    return None
+
+
+def _clipped(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """What half-planes ``inward . x >= offset`` leave of a convex polygon, shape (m, 2), m may be 0."""
+    for normal, offset in zip(inward, offsets, strict=True):
+        heights = corners @ normal - offset
+        if heights.min() >= 0.0:
+            continue
+        if heights.max() < 0.0:
+            return np.empty((0, 2))
+        after, heights_after = np.roll(corners, -1, axis=0), np.roll(heights, -1)
+        cut = heights * heights_after < 0.0
+        share = np.where(cut, heights / np.where(cut, heights - heights_after, 1.0), 0.0)
+        crossings = corners + share[:, None] * (after - corners)
+        both = np.stack([corners, crossings], axis=1).reshape(-1, 2)
+        corners = both[np.stack([heights >= 0.0, cut], axis=1).ravel()]
+    return corners
+
+
+def _closest_on_outline(foot: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Point (2,) of a closed outline (m, 2), m >= 1, that is closest to another."""
+    along = np.roll(corners, -1, axis=0) - corners
+    lengths = np.einsum("ij,ij->i", along, along)
+    share = np.einsum("ij,ij->i", foot - corners, along) / np.where(lengths > 0.0, lengths, 1.0)
+    points = corners + np.clip(share, 0.0, 1.0)[:, None] * along
+    closest: np.ndarray = points[np.argmin(np.einsum("ij,ij->i", points - foot, points - foot))]
+    return closest

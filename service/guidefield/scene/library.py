@@ -1,0 +1,37 @@
+"""The scenes that come with guidefield, by name."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+from guidefield.errors import SceneInvalid
+from guidefield.messages import codec
+from guidefield.messages.scene import Scene
+
+_PACKAGE = "guidefield.scenes"
+
+
+def names() -> tuple[str, ...]:
+    """Names of the packaged scenes, in alphabetical order."""
+    files = resources.files(_PACKAGE).iterdir()
+    return tuple(sorted(file.name.removesuffix(".json") for file in files if file.name.endswith(".json")))
+
+
+def read(name: str) -> Scene:
+    """Read a packaged scene.
+
+    Args:
+        name: One of `names`.
+
+    Raises:
+        SceneInvalid: if there is none of that name; lists those there are.
+    """
+    available = names()
+    if name not in available:
+        raise SceneInvalid(
+            f"no scene {name!r} comes with guidefield; there are {', '.join(available)}",
+            scene=name,
+            available=list(available),
+        )
+    scene: Scene = codec.decode(resources.files(_PACKAGE).joinpath(f"{name}.json").read_bytes(), Scene)
+    return scene

@@ -1,0 +1,218 @@
+"""What a triangle mesh bounds: closed or open, consistent or not, one convex body or something else."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+
+_FLAT = 1e-9
+"""A closed mesh with less volume than this fraction of its size cubed has no inside."""
+
+_CONVEX = 1e-7
+"""How far a mesh may dent in and still be judged by its hull, as a fraction of its size."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSurface:
+    """A triangle mesh as it is judged.
+
+    Attributes:
+        vertices: Distinct vertices that triangles use, shape (v, 3) [m].
+        triangles: Shape (t, 3), counter-clockwise from outside where the mesh is solid.
+        solid: Whether it is closed around a volume.
+        hull: Its convex hull as a Coal shape if it is that hull, else None.
+        warnings: What was odd: open, inside out, inconsistent; one sentence each.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    solid: bool
+    hull: Any | None
+    warnings: tuple[str, ...]
+
+
+def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
+    """Judge a triangle mesh; None if its triangles have no area.
+
+    Vertices at the same place become one. Where the mesh is closed, triangles that face inwards are turned.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3), indices of vertices.
+    """
+    vertices, triangles = _compact(vertices, triangles)
+    if not len(triangles) or _areas(vertices, triangles).max() <= 1e-12 * np.ptp(vertices, axis=0).max() ** 2:
+        return None
+    triangles, solid, warnings = _facing_outwards(vertices, triangles)
+    hull = _own_hull(vertices, triangles) if solid else None
+    for array in (vertices, triangles):
+        array.setflags(write=False)
+    return MeshSurface(vertices, triangles, solid, hull, tuple(warnings))
+
+
+def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+    """The surface as a Coal tree of oriented boxes: triangles only, no inside."""
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(triangles), len(vertices))
+    tree.addVertices(np.ascontiguousarray(vertices, float))
+    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
+    tree.endModel()
+    tree.computeLocalAABB()
+    return tree
+
+
+def pieces(vertex_count: int, triangles: np.ndarray) -> np.ndarray:
+    """Connected pieces of a mesh: for each vertex the lowest index of a vertex it is connected to, shape (v,)."""
+    labels = np.arange(vertex_count)
+    while True:
+        lowest = labels[triangles].min(axis=1)
+        hooked = labels.copy()
+        np.minimum.at(hooked, triangles.ravel(), np.repeat(lowest, 3))
+        np.minimum.at(hooked, labels, hooked.copy())
+        hooked = hooked[hooked]
+        if np.array_equal(hooked, labels):
+            return labels
+        labels = hooked
+
+
+def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    """Volume within a closed mesh [m^3]; negative if its triangles run clockwise from outside."""
+    corners = vertices[triangles] - vertices.mean(axis=0)
+    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
+
+
+def _compact(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Merge vertices at the same place, drop triangles that have a vertex twice and vertices that no triangle uses."""
+    merged, new_index = np.unique(vertices, axis=0, return_inverse=True)
+    triangles = new_index.reshape(-1)[triangles]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    used, triangles = np.unique(triangles, return_inverse=True)
+    return merged[used], triangles.reshape(-1, 3)
+
+
+def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    a, b, c = (vertices[column] for column in triangles.T)
+    areas: np.ndarray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
+def _edges(triangles: np.ndarray) -> np.ndarray:
+    """Directed edges (3 t, 2): edge i of every triangle, then edge i + 1."""
+    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+
+
+def _edge_counts(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How often each undirected edge is run through upwards, and downwards."""
+    edges = _edges(triangles)
+    _, index = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    upwards = edges[:, 0] < edges[:, 1]
+    index = index.reshape(-1)
+    count = int(index.max()) + 1
+    return np.bincount(index[upwards], minlength=count), np.bincount(index[~upwards], minlength=count)
+
+
+def _facing_outwards(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, bool, list[str]]:
+    """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings."""
+    forward, backward = _edge_counts(triangles)
+    warnings = []
+    if not np.array_equal(forward, backward):
+        boundary = int(((forward + backward) == 1).sum())
+        if boundary:
+            fault = f"its surface is open ({boundary} edges belong to one triangle): it is judged as a thin wall"
+            return triangles, False, [fault]
+        consistent = _turned_alike(vertices, triangles) if ((forward + backward) == 2).all() else None
+        if consistent is None:
+            return triangles, False, ["its triangles can't be turned to face outwards: it is judged as a thin wall"]
+        turned = int((consistent != triangles).any(axis=1).sum())
+        warnings.append(f"{turned} of its triangles faced inwards and were turned")
+        triangles = consistent
+    enclosed = volume(vertices, triangles)
+    if abs(enclosed) <= _FLAT * np.linalg.norm(np.ptp(vertices, axis=0)) ** 3:
+        return triangles, False, [*warnings, "it is closed around no volume: it is judged as a thin wall"]
+    if enclosed < 0.0:
+        if not warnings:
+            warnings.append("its triangles ran clockwise from outside and were turned")
+        triangles = triangles[:, ::-1]
+    return np.ascontiguousarray(triangles), True, warnings
+
+
+def _turned_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
+    """Triangles turned so that neighbours agree, piece by piece; None if the surface has only one side.
+
+    Every edge must belong to two triangles. Every piece of the result encloses a positive volume, so that a hollow in
+    another piece counts as filled: the safe side, where nobody can tell any more.
+    """
+    edges, count = _edges(triangles), len(triangles)
+    order = np.lexsort(np.sort(edges, axis=1).T)
+    pairs = order.reshape(-1, 2)
+    same_way = edges[pairs[:, 0], 0] == edges[pairs[:, 1], 0]
+    neighbours: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
+    for (first, second), disagree in zip((pairs % count).tolist(), same_way.tolist(), strict=True):
+        neighbours[first].append((second, disagree))
+        neighbours[second].append((first, disagree))
+    flipped: list[bool | None] = [None] * count
+    turned = triangles.copy()
+    for root in range(count):
+        if flipped[root] is not None:
+            continue
+        piece = _flip_from(root, neighbours, flipped)
+        if piece is None:
+            return None
+        wrong = [triangle for triangle in piece if flipped[triangle]]
+        turned[wrong] = turned[wrong][:, ::-1]
+        if volume(vertices, turned[piece]) < 0.0:
+            turned[piece] = turned[piece][:, ::-1]
+    return turned
+
+
+def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: list[bool | None]) -> list[int] | None:
+    """Decide for the piece of a triangle which of its triangles to flip; the piece, or None on a contradiction."""
+    flipped[root] = False
+    piece, waiting = [root], deque([root])
+    while waiting:
+        here = waiting.popleft()
+        for there, disagree in neighbours[here]:
+            wanted = flipped[here] != disagree
+            if flipped[there] is None:
+                flipped[there] = wanted
+                piece.append(there)
+                waiting.append(there)
+            elif flipped[there] != wanted:
+                return None
+    return piece
+
+
+def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
+    """The hull of a solid, outward mesh if the mesh is that hull: one piece, no edge dented, the hull's volume."""
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    forward, backward = _edge_counts(triangles)
+    if not ((forward == 1) & (backward == 1)).all():
+        return None
+    if len(np.unique(pieces(len(vertices), triangles))) > 1 or _deepest_dent(vertices, triangles) > _CONVEX * size:
+        return None
+    points = coal.StdVec_Vec3s()
+    for vertex in vertices:
+        points.append(vertex)
+    hull = coal.Convex.convexHull(points, True, "Qt")
+    if abs(hull.computeVolume() - volume(vertices, triangles)) > 1e-6 * hull.computeVolume():
+        return None
+    hull.computeLocalAABB()
+    return hull
+
+
+def _deepest_dent(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    """Largest height of a triangle's far vertex over its neighbour's plane [m]: positive at a dented edge."""
+    edges, count = _edges(triangles), len(triangles)
+    opposite = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
+    pairs = np.lexsort(np.sort(edges, axis=1).T).reshape(-1, 2)
+    a, b, c = (vertices[column] for column in triangles.T)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    first, second = pairs.T
+    heights = np.einsum("ij,ij->i", normals[first % count], vertices[opposite[second]] - vertices[edges[first, 0]])
+    return float(heights.max())

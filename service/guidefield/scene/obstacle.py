@@ -1,0 +1,245 @@
+"""One obstacle: its message turned into a Coal shape, a triangulation, and its share of the field's charges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import SceneInvalid
+from guidefield.geometry import surfaces
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Float32Array
+from guidefield.scene.flat import axes_across, crossing_edges, flat_polygon, flatness_fault
+from guidefield.scene.mesh import MeshSurface, bvh, mesh_surface
+
+HALF_SPACE_PATCH = 4.0
+"""Side of the square that stands for a half-space in drawings [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Charges:
+    """What an obstacle contributes to the field; rows, in the world [m].
+
+    Attributes:
+        triangles: Charged triangles, shape (n, 3, 3).
+        spheres: Centre and radius, shape (n, 4).
+        capsules: Both ends of the axis and the radius, shape (n, 7).
+        planes: Unit normal and offset, shape (n, 4).
+    """
+
+    triangles: np.ndarray = field(default_factory=lambda: np.empty((0, 3, 3)))
+    spheres: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    capsules: np.ndarray = field(default_factory=lambda: np.empty((0, 7)))
+    planes: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """An obstacle at rest.
+
+    Attributes:
+        name: Its name in the scene.
+        message: Its declaration.
+        shape: Coal geometry in its own frame.
+        placement: ``T_world_shape``, a pinocchio.SE3.
+        solid: Whether it has an inside; else it is a thin surface.
+        convex: Whether Coal judges it as one convex body: distances are signed then.
+        vertices: Vertices of a triangulation, shape (v, 3) [m, world], for drawing; of a half-space, of a patch of it.
+        triangles: Shape (t, 3), counter-clockwise from outside.
+        charges: Its share of the field, for a charge of 1 per area.
+        charge: Charge per area.
+        warnings: What was odd about it but harmless.
+    """
+
+    name: str
+    message: messages.Obstacle
+    shape: Any
+    placement: Any
+    solid: bool
+    convex: bool
+    vertices: np.ndarray
+    triangles: np.ndarray
+    charges: Charges
+    charge: float
+    warnings: tuple[str, ...] = ()
+
+
+def build(message: messages.Obstacle, index: int) -> Obstacle:
+    """Build an obstacle from its message.
+
+    Args:
+        message: Its declaration.
+        index: Where it stands in the scene, for error messages.
+
+    Raises:
+        SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
+    """
+    try:
+        if message.trajectory is not None:
+            raise _UnusableError("it moves; this version serves obstacles at rest only", ".trajectory")
+        obstacle = BUILDERS[type(message)](message)
+    except _UnusableError as error:
+        raise SceneInvalid(
+            f"obstacle {message.name!r}: {error.fault}",
+            obstacle=message.name,
+            path=f"$.obstacles[{index}]{error.field}",
+        ) from None
+    for array in (obstacle.vertices, obstacle.triangles, *vars(obstacle.charges).values()):
+        array.setflags(write=False)
+    return obstacle
+
+
+class _UnusableError(Exception):
+    """What is wrong with an obstacle, and the field at fault."""
+
+    def __init__(self, fault: str, field: str) -> None:
+        super().__init__(fault)
+        self.fault = fault
+        self.field = field
+
+
+def _box(message: messages.Box) -> Obstacle:
+    return _faceted(message, coal.Box(*message.size), surfaces.box(message.size))
+
+
+def _cylinder(message: messages.Cylinder) -> Obstacle:
+    shape = coal.Cylinder(message.radius, message.length)
+    return _faceted(message, shape, surfaces.cylinder(message.radius, message.length))
+
+
+def _sphere(message: messages.Sphere) -> Obstacle:
+    placement = pin.SE3(np.eye(3), np.array(message.position))
+    charges = Charges(spheres=np.array([[*message.position, message.radius]]))
+    return _convex(message, coal.Sphere(message.radius), placement, surfaces.sphere(message.radius), charges)
+
+
+def _capsule(message: messages.Capsule) -> Obstacle:
+    placement = _placement(message)
+    half_axis = placement.rotation[:, 2] * (0.5 * message.length)
+    ends = [*(placement.translation - half_axis), *(placement.translation + half_axis)]
+    return _convex(
+        message,
+        coal.Capsule(message.radius, message.length),
+        placement,
+        surfaces.capsule(message.radius, message.length),
+        Charges(capsules=np.array([[*ends, message.radius]])),
+    )
+
+
+def _half_space(message: messages.HalfSpace) -> Obstacle:
+    length = float(np.linalg.norm(message.normal))
+    normal, offset = np.array(message.normal) / length, message.offset / length
+    patch = axes_across(normal) * (0.5 * HALF_SPACE_PATCH)
+    corners = offset * normal + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ patch
+    return _convex(
+        message,
+        coal.Halfspace(normal, offset),
+        pin.SE3.Identity(),
+        (corners, np.array([[0, 1, 2], [0, 2, 3]])),
+        Charges(planes=np.array([[*normal, offset]])),
+    )
+
+
+def _mesh(message: messages.Mesh) -> Obstacle:
+    surface = mesh_surface(_points(message.vertices), np.array(message.triangles))
+    if surface is None:
+        raise _UnusableError("the mesh has no triangle with an area", ".triangles")
+    return _surface(message, surface, _placement(message))
+
+
+def _polygon(message: messages.Polygon) -> Obstacle:
+    flat = flat_polygon(np.array(message.vertices, float))
+    fault = flatness_fault(flat)
+    crossing = crossing_edges(flat) if fault is None else None
+    if crossing is not None:
+        fault = f"its edges {crossing[0]} and {crossing[1]} meet: it isn't simple"
+    if fault is not None:
+        raise _UnusableError(fault, ".vertices")
+    try:
+        triangles = surfaces.triangulate_polygon(flat.vertices).triangles
+    except ValueError as error:
+        raise _UnusableError(str(error), ".vertices") from None
+    return _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
+
+
+def _point_cloud(message: messages.PointCloud) -> Obstacle:
+    count = len(_points(message.points))
+    raise _UnusableError(f"it is a point cloud (of {count} points); this version doesn't serve point clouds", "")
+
+
+BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
+    messages.Box: _box,
+    messages.Sphere: _sphere,
+    messages.Cylinder: _cylinder,
+    messages.Capsule: _capsule,
+    messages.Mesh: _mesh,
+    messages.Polygon: _polygon,
+    messages.HalfSpace: _half_space,
+    messages.PointCloud: _point_cloud,
+}
+"""Builder by kind of message; they raise `_UnusableError`."""
+
+
+def _faceted(message: messages.Box | messages.Cylinder, shape: Any, surface: tuple[np.ndarray, np.ndarray]) -> Obstacle:
+    """A convex body whose field is that of the triangles it is drawn with."""
+    placement = _placement(message)
+    vertices = _moved(placement, surface[0])
+    return _convex(message, shape, placement, surface, Charges(triangles=vertices[surface[1]]))
+
+
+def _convex(
+    message: messages.Obstacle, shape: Any, placement: Any, surface: tuple[np.ndarray, np.ndarray], charges: Charges
+) -> Obstacle:
+    vertices, triangles = surface
+    shape.computeLocalAABB()
+    return Obstacle(
+        name=message.name,
+        message=message,
+        shape=shape,
+        placement=placement,
+        solid=True,
+        convex=True,
+        vertices=_moved(placement, vertices),
+        triangles=np.array(triangles),
+        charges=charges,
+        charge=message.charge,
+    )
+
+
+def _surface(message: messages.Mesh | messages.Polygon, surface: MeshSurface, placement: Any) -> Obstacle:
+    vertices = _moved(placement, surface.vertices)
+    return Obstacle(
+        name=message.name,
+        message=message,
+        shape=bvh(surface.vertices, surface.triangles) if surface.hull is None else surface.hull,
+        placement=placement,
+        solid=surface.solid,
+        convex=surface.hull is not None,
+        vertices=vertices,
+        triangles=np.array(surface.triangles),
+        charges=Charges(triangles=vertices[surface.triangles]),
+        charge=message.charge,
+        warnings=tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings),
+    )
+
+
+def _placement(message: messages.Box | messages.Cylinder | messages.Capsule | messages.Mesh) -> Any:
+    x, y, z, w = message.quaternion_xyzw
+    rotation = pin.Quaternion(w, x, y, z).normalized().matrix()
+    return pin.SE3(rotation, np.array(message.position))
+
+
+def _moved(placement: Any, points: np.ndarray) -> np.ndarray:
+    moved: np.ndarray = points @ placement.rotation.T + placement.translation
+    return moved
+
+
+def _points(points: messages.Points) -> np.ndarray:
+    if isinstance(points, Float32Array):
+        return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
+    return np.array(points, float)

@@ -1,0 +1,75 @@
+"""The scene: obstacles as Coal shapes and as charges of the field, and the guide planes; built once, then read only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.geometry.charged import field_tables
+from guidefield.kernels.field import FieldTables
+from guidefield.messages import scene as messages
+from guidefield.scene import guide_plane, obstacle
+from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.obstacle import Obstacle
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene, ready to plan in.
+
+    Attributes:
+        message: Its declaration.
+        name: Its name.
+        obstacles: In the message's order.
+        guide_planes: In the order in which they lead through the scene.
+        tables: The field of all obstacles together.
+        warnings: What was odd about obstacles but harmless; each names its obstacle.
+    """
+
+    message: messages.Scene
+    name: str
+    obstacles: tuple[Obstacle, ...]
+    guide_planes: tuple[GuidePlane, ...]
+    tables: FieldTables
+    warnings: tuple[str, ...]
+
+    def obstacle(self, name: str) -> Obstacle | None:
+        """The obstacle of that name, or None."""
+        return next((obstacle for obstacle in self.obstacles if obstacle.name == name), None)
+
+
+def build(message: messages.Scene) -> Scene:
+    """Build a scene from its message.
+
+    Args:
+        message: Obstacles and guide planes as declared.
+
+    Raises:
+        SceneInvalid: if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
+            `guide_plane`) and the `path` in the scene.
+    """
+    obstacles = tuple(obstacle.build(one, index) for index, one in enumerate(message.obstacles))
+    guide_planes = tuple(guide_plane.build(plane, index) for index, plane in enumerate(message.guide_planes))
+    return Scene(
+        message=message,
+        name=message.name,
+        obstacles=obstacles,
+        guide_planes=guide_planes,
+        tables=_tables(obstacles),
+        warnings=tuple(warning for one in obstacles for warning in one.warnings),
+    )
+
+
+def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
+    return field_tables(
+        np.concatenate([np.empty((0, 3, 3)), *(one.charges.triangles for one in obstacles)]),
+        np.concatenate([np.empty(0), *(np.full(len(one.charges.triangles), one.charge) for one in obstacles)]),
+        *(_charged_rows(obstacles, kind, width) for kind, width in (("spheres", 4), ("capsules", 7), ("planes", 4))),
+    )
+
+
+def _charged_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.ndarray:
+    """Rows of one kind of closed form from all obstacles, each with its charge behind."""
+    rows = [np.insert(getattr(one.charges, kind), width, one.charge, axis=1) for one in obstacles]
+    return np.concatenate([np.empty((0, width + 1)), *rows])

@@ -1,0 +1,1 @@
+"""What outlives a request on disk: runs with their recordings, and scenes that clients stored."""

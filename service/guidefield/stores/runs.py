@@ -1,0 +1,293 @@
+"""Runs on disk: request, reply and recording of each, the oldest dropped when there are too many.
+
+A run's folder appears by one rename, with its request already inside, and is renamed away before it is deleted:
+whoever lists the runs sees whole ones only, also after a kill at any moment.
+"""
+
+from __future__ import annotations
+
+import shutil
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.messages import codec
+from guidefield.messages.replies import ErrorReply, PlanReply, RunReply, RunSummary
+from guidefield.messages.requests import PlanRequest
+from guidefield.stores.files import checked_name, flush_folder, read_if_any, write_atomically
+
+RUNNING = "RUNNING"
+"""Status of a run that has neither a reply nor an error yet."""
+
+_REQUEST, _REPLY, _ERROR, _RECORDING = "request.json", "reply.json", "error.json", "recording.rrd"
+
+
+@dataclass(frozen=True)
+class Retention:
+    """How much is kept before the oldest runs are dropped."""
+
+    runs: int = 1_000
+    bytes: int = 20 * 2**30
+
+
+class Runs(Protocol):
+    """What an engine asks of a store of runs; a run is named by its id."""
+
+    def begin(self, run_id: str, request: PlanRequest) -> None:
+        """Keep the request of a run that begins."""
+
+    def recording_path(self, run_id: str) -> Path | None:
+        """Where its recording is to be written, at once and whole, if it is kept."""
+
+    def finish(self, run_id: str, reply: PlanReply) -> None:
+        """Keep the reply."""
+
+    def fail(self, run_id: str, error: ErrorReply) -> None:
+        """Keep the error that ended a run without a reply."""
+
+    def discard(self, run_id: str) -> None:
+        """Forget a run whose request was refused."""
+
+    def summaries(self) -> list[RunSummary]:
+        """The runs that are kept, newest first."""
+
+    def read(self, run_id: str) -> RunReply:
+        """One run; UnknownObject if there is none of that name."""
+
+    def recording(self, run_id: str) -> bytes:
+        """The recording of one run; UnknownObject if there is none."""
+
+    def delete(self, run_id: str) -> None:
+        """Forget one run; UnknownObject if there is none of that name."""
+
+
+class NullRunStore:
+    """Keeps no run."""
+
+    def begin(self, run_id: str, request: PlanRequest) -> None:
+        """Keep nothing."""
+
+    def recording_path(self, run_id: str) -> Path | None:
+        """There is no place for a recording."""
+
+    def finish(self, run_id: str, reply: PlanReply) -> None:
+        """Keep nothing."""
+
+    def fail(self, run_id: str, error: ErrorReply) -> None:
+        """Keep nothing."""
+
+    def discard(self, run_id: str) -> None:
+        """Forget nothing: nothing was kept."""
+
+    def summaries(self) -> list[RunSummary]:
+        """List none."""
+        return []
+
+    def read(self, run_id: str) -> RunReply:
+        """Raise UnknownObject."""
+        raise _unknown(run_id)
+
+    def recording(self, run_id: str) -> bytes:
+        """Raise UnknownObject."""
+        raise _unknown(run_id)
+
+    def delete(self, run_id: str) -> None:
+        """Raise UnknownObject."""
+        raise _unknown(run_id)
+
+
+class RunStore:
+    """Runs in a folder: `<id>/request.json`, then `recording.rrd`, then `reply.json` or `error.json`.
+
+    Several processes may share the folder. Where the disk refuses, OSError comes through.
+
+    Args:
+        folder: Made if it isn't there.
+        retention: How much is kept.
+    """
+
+    def __init__(self, folder: Path, retention: Retention = Retention()) -> None:
+        self._folder = folder
+        self._retention = retention
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def begin(self, run_id: str, request: PlanRequest) -> None:
+        """Keep the request of a run that begins; the oldest runs make room for it.
+
+        Raises:
+            MalformedRequest: if there is a run of that name already.
+        """
+        final = self._folder / checked_name(run_id, "run_id")
+        self._make_room()
+        draft = self._folder / f".{uuid.uuid4().hex}.new"
+        draft.mkdir()
+        try:
+            write_atomically(draft / _REQUEST, codec.encode(request))
+            draft.rename(final)
+        except OSError:
+            shutil.rmtree(draft, ignore_errors=True)
+            if final.exists():
+                raise MalformedRequest(
+                    f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id
+                ) from None
+            raise
+        flush_folder(self._folder)
+
+    def recording_path(self, run_id: str) -> Path | None:
+        """Where its recording is to be written, at once and whole."""
+        return self._folder / run_id / _RECORDING
+
+    def finish(self, run_id: str, reply: PlanReply) -> None:
+        """Keep the reply; the recording is there already, so that an ended run has all it will have."""
+        write_atomically(self._folder / run_id / _REPLY, codec.encode(reply))
+
+    def fail(self, run_id: str, error: ErrorReply) -> None:
+        """Keep the error that ended a run; nothing is done where there is no such run, or it has its reply."""
+        folder = self._folder / checked_name(run_id, "run_id")
+        if folder.is_dir() and not (folder / _REPLY).exists():
+            for leftover in folder.glob(".*"):
+                leftover.unlink(missing_ok=True)
+            write_atomically(folder / _ERROR, codec.encode(error))
+
+    def discard(self, run_id: str) -> None:
+        """Forget a run whose request was refused."""
+        self._drop(self._folder / run_id)
+
+    def sweep(self, error: ErrorReply) -> None:
+        """Clear away what a killed process left behind, and end the runs that it was working on with `error`.
+
+        Only for who holds the folder alone: a living process' runs would be ended too.
+        """
+        for leftover in self._folder.glob(".*"):
+            shutil.rmtree(leftover, ignore_errors=True)
+        for folder in self._folders():
+            if not _has_ended(folder):
+                self.fail(folder.name, error)
+
+    def summaries(self) -> list[RunSummary]:
+        """The runs that are kept, newest first."""
+        found = (_summary(folder) for folder in self._folders())
+        return sorted((run for run in found if run is not None), key=lambda run: run.began, reverse=True)
+
+    def read(self, run_id: str) -> RunReply:
+        """One run.
+
+        Raises:
+            UnknownObject: if there is none of that name.
+        """
+        folder = self._existing(run_id)
+        request, reply, error = (read_if_any(folder / name) for name in (_REQUEST, _REPLY, _ERROR))
+        if request is None:
+            raise _unknown(run_id)
+        return RunReply(
+            run_id=run_id,
+            began=(folder / _REQUEST).stat().st_mtime,
+            request=msgspec.json.decode(request, type=PlanRequest),
+            reply=None if reply is None else msgspec.json.decode(reply, type=PlanReply),
+            error=None if error is None else msgspec.json.decode(error, type=ErrorReply),
+        )
+
+    def recording(self, run_id: str) -> bytes:
+        """The recording of one run.
+
+        Raises:
+            UnknownObject: if there is no such run, or it has no recording, or not yet.
+        """
+        recording = read_if_any(self._existing(run_id) / _RECORDING)
+        if recording is None:
+            raise UnknownObject(f"run {run_id!r} has no recording", run_id=run_id)
+        return recording
+
+    def delete(self, run_id: str) -> None:
+        """Forget one run.
+
+        Raises:
+            UnknownObject: if there is none of that name.
+        """
+        self._drop(self._existing(run_id))
+
+    def _existing(self, run_id: str) -> Path:
+        folder = self._folder / checked_name(run_id, "run_id")
+        if not folder.is_dir():
+            raise _unknown(run_id)
+        return folder
+
+    def _folders(self) -> Iterator[Path]:
+        return (entry for entry in self._folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+
+    def _drop(self, folder: Path) -> None:
+        grave = self._folder / f".{uuid.uuid4().hex}.old"
+        try:
+            folder.rename(grave)
+        except FileNotFoundError:  # another process dropped it first
+            return
+        shutil.rmtree(grave, ignore_errors=True)
+
+    def _make_room(self) -> None:
+        """Drop ended runs, the oldest first, until one more fits."""
+        ended = sorted(
+            (folder.stat().st_mtime, sum(file.stat().st_size for file in folder.iterdir()), folder)
+            for folder in self._folders()
+            if _has_ended(folder)
+        )
+        count, size = len(ended), sum(bytes_ for _, bytes_, _ in ended)
+        for _, bytes_, folder in ended:
+            if count < self._retention.runs and size < self._retention.bytes:
+                return
+            self._drop(folder)
+            count, size = count - 1, size - bytes_
+
+
+class _SceneHead(msgspec.Struct):
+    name: str
+
+
+class _RequestHead(msgspec.Struct):
+    """Just enough of a request for a list."""
+
+    robot: str | dict[str, msgspec.Raw]
+    scene: str | _SceneHead
+
+
+class _Status(msgspec.Struct):
+    name: str
+
+
+class _ReplyHead(msgspec.Struct):
+    """Just enough of a reply for a list."""
+
+    status: _Status
+
+
+def _summary(folder: Path) -> RunSummary | None:
+    request = read_if_any(folder / _REQUEST)
+    if request is None:  # dropped since it was listed
+        return None
+    head = msgspec.json.decode(request, type=_RequestHead)
+    return RunSummary(
+        run_id=folder.name,
+        status=_status(folder),
+        robot=head.robot if isinstance(head.robot, str) else "urdf",
+        scene=head.scene if isinstance(head.scene, str) else head.scene.name,
+        began=(folder / _REQUEST).stat().st_mtime,
+    )
+
+
+def _status(folder: Path) -> str:
+    reply, error = read_if_any(folder / _REPLY), read_if_any(folder / _ERROR)
+    if reply is not None:
+        return msgspec.json.decode(reply, type=_ReplyHead).status.name
+    return RUNNING if error is None else msgspec.json.decode(error, type=_Status).name
+
+
+def _has_ended(folder: Path) -> bool:
+    return (folder / _REPLY).exists() or (folder / _ERROR).exists()
+
+
+def _unknown(run_id: str) -> UnknownObject:
+    return UnknownObject(f"there is no run {run_id[:64]!r} here", run_id=run_id[:64])

@@ -1,0 +1,90 @@
+"""What runs in a worker process: an engine that answers queries, bytes in and bytes out."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from guidefield.engine import Engine, LocalFiles
+from guidefield.errors import GuidefieldError, InternalFailure
+from guidefield.messages import codec, keys
+from guidefield.messages.replies import error_reply
+from guidefield.messages.requests import PlanRequest
+from guidefield.stores.runs import RunStore
+from guidefield.stores.scenes import SceneStore
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A query for a worker.
+
+    Attributes:
+        query: As it came.
+        received: When, by `time.monotonic()`, which all processes of a machine share [s].
+        run_id: What to call the run, if the query asks for a plan and names none.
+    """
+
+    query: keys.Query
+    received: float
+    run_id: str | None = None
+
+
+@dataclass(frozen=True)
+class EngineSetup:
+    """Prepares the engine of a service, or of one of its workers.
+
+    Attributes:
+        instance: Name of the service.
+        data: Folder of its runs and scenes.
+        log_level: How much a worker logs, to stderr.
+    """
+
+    instance: str
+    data: Path
+    log_level: int = logging.INFO
+
+    def runs(self) -> RunStore:
+        """Where its runs are kept."""
+        return RunStore(self.data / "runs")
+
+    def engine(self) -> Engine:
+        """An engine on the data folder that refuses local files."""
+        return Engine(
+            self.instance,
+            runs=self.runs(),
+            scenes=SceneStore(self.data / "scenes"),
+            local_files=LocalFiles.REFUSED,
+        )
+
+    def __call__(self) -> EngineWorker:
+        """In a worker process: log, and warm an engine up."""
+        logging.basicConfig(level=self.log_level, format="%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s")
+        engine = self.engine()
+        engine.warm_up()
+        return EngineWorker(engine)
+
+
+@dataclass(frozen=True)
+class EngineWorker:
+    """Answers jobs with an engine."""
+
+    engine: Engine
+
+    def __call__(self, job: Job) -> tuple[bool, bytes]:
+        """Whether there is a reply, or else an error; and its bytes."""
+        try:
+            request = keys.request_of(job.query)
+            if isinstance(request, PlanRequest) and request.run_id is None:
+                request = msgspec.structs.replace(request, run_id=job.run_id)
+            return True, codec.encode(self.engine.answer(request, received=job.received), job.query.encoding)
+        except GuidefieldError as error:
+            return False, codec.encode(error_reply(error), job.query.encoding)
+        except Exception as error:
+            _log.exception("an answer could not be written")
+            failure = InternalFailure(f"a bug in guidefield stopped this answer: {type(error).__name__}: {error}")
+            return False, codec.encode(error_reply(failure), job.query.encoding)
