@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 import functools
 import hashlib
+import importlib
 import logging
 import time
 import uuid
@@ -129,6 +130,8 @@ class Engine:
 
     def warm_up(self) -> None:
         """Load what the first plan would wait for: packages and kernels."""
+        for room in ("handlers.plan", "recorder.recorder"):
+            importlib.import_module(f"guidefield.{room}")
         name = self._scenes.names()[0]
         self.answer(requests.Potential(scene=name, points=[(0.0, 0.0, 0.0)]))
 

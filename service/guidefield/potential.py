@@ -66,7 +66,7 @@ class RobotField:
         return -self.evaluate(q).gradient
 
     def link_wrenches(self, q: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Force and torque on each moving link, by the name of its joint's link: F = sum f_i, tau = sum (x_i - J) x f_i.
+        """Force and torque on each moving link, by name: F = sum f_i, tau = sum (x_i - J) x f_i.
 
         Torques are about the origin of the joint that moves the link, in the world's axes.
         """
@@ -85,7 +85,9 @@ def _charged_robot(group: PlanningGroup) -> ChargedRobot:
     """The robot's charges, carried to the frames of the group's joints."""
     charges = robot_charges(group.robot)
     indices = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
-    points, weights, joints, capsules, first = [], [], [], [], {}
+    points, weights, joints = [], [], []
+    capsules: list[tuple[int, np.ndarray]] = []
+    first: dict[int, tuple[int, int, int]] = {}
     count = 0
     for shape in group.geometry.geometryObjects:
         charged = charges.shapes[indices[shape.name]]

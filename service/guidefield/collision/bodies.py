@@ -14,6 +14,11 @@ from guidefield.robot.model import JointKind
 from guidefield.scene.obstacle import Obstacle
 
 
+def joint_placements(data: Any) -> np.ndarray:
+    """Placements (njoints, 4, 4) of all joints in the world at the configuration that Pinocchio's data is up to date with."""
+    return np.array([placement.homogeneous for placement in data.oMi])
+
+
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """What is known about bodies before any configuration is.
@@ -25,11 +30,11 @@ class Bodies:
         joints: Joint that carries each robot body, shape (r,); 0 is the world.
         centres: Centres of the balls about robot bodies, in the frame of that joint, shape (r, 3) [m].
         radii: Their radii, shape (r,) [m].
-        moved_by: Whether joint j moves a body, shape (r + o, nv).
+        moved_by: Whether joint j moves a robot body, shape (r, nv).
         turns: Whether joint j turns (revolute, continuous) rather than slides, shape (nv,).
-        box_rotations: Rotation from the world into each obstacle's box, shape (o, 3, 3).
-        box_centres: Its centre, shape (o, 3) [m, world].
-        box_halves: Its half extents, shape (o, 3) [m]; infinite for a half-space.
+        box_axes: Axes of the boxes about obstacles in the world, shape (3, 3 o), three columns each.
+        box_centres: Their centres along those axes, shape (3 o,) [m].
+        box_halves: Their half extents along those axes, shape (3 o,) [m]; infinite for a half-space.
     """
 
     joints: np.ndarray
@@ -37,14 +42,14 @@ class Bodies:
     radii: np.ndarray
     moved_by: np.ndarray
     turns: np.ndarray
-    box_rotations: np.ndarray
+    box_axes: np.ndarray
     box_centres: np.ndarray
     box_halves: np.ndarray
 
-    def centres_in_world(self, data: Any) -> np.ndarray:
-        """Centres (r, 3) [m, world] of the balls at the configuration that Pinocchio's data is up to date with."""
-        placements = np.array([placement.homogeneous for placement in data.oMi])[self.joints]
-        centres: np.ndarray = (placements[:, :3, :3] @ self.centres[:, :, None])[:, :, 0] + placements[:, :3, 3]
+    def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
+        """Centres (..., r, 3) [m, world] of the balls, from placements (..., njoints, 4, 4) of the joints in the world."""
+        carriers = joint_placements[..., self.joints, :3, :]
+        centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres
 
     def separations(self, centres: np.ndarray, pairs: np.ndarray, self_pairs: int) -> np.ndarray:
@@ -61,8 +66,8 @@ class Bodies:
         first, second = pairs.T
         a, b = first[:self_pairs], second[:self_pairs]
         own = np.linalg.norm(centres[a] - centres[b], axis=1) - self.radii[a] - self.radii[b]
-        arms = centres[:, None, :] - self.box_centres
-        outside = np.maximum(np.abs(np.einsum("oij,boj->boi", self.box_rotations, arms)) - self.box_halves, 0.0)
+        outside = np.maximum(np.abs(centres @ self.box_axes - self.box_centres) - self.box_halves, 0.0)
+        outside = outside.reshape(len(centres), -1, 3)
         gaps = np.sqrt(np.einsum("boi,boi->bo", outside, outside))
         bounds = np.where(gaps > 0.0, gaps - self.radii[:, None], -np.inf)
         return np.concatenate([own, bounds[first[self_pairs:], second[self_pairs:] - len(centres)]])
@@ -74,22 +79,22 @@ def bodies(group: PlanningGroup, obstacles: tuple[Obstacle, ...]) -> Bodies:
     balls = [bounding_ball(shape.geometry) for shape in shapes]
     boxes = [_box(obstacle) for obstacle in obstacles]
     joints = np.array([shape.parentJoint for shape in shapes], int)
-    moved_by = np.zeros((len(shapes) + len(obstacles), model.nv), bool)
+    moved_by = np.zeros((len(shapes), model.nv), bool)
     turns = np.zeros(model.nv, bool)
     for index in range(1, model.njoints):
         column = model.joints[index].idx_v
         joint = group.robot.joint(model.names[index])
         turns[column] = joint is not None and joint.kind is not JointKind.PRISMATIC
-        moved_by[: len(shapes), column] = [index in model.supports[carrier] for carrier in joints.tolist()]
+        moved_by[:, column] = [index in model.supports[carrier] for carrier in joints.tolist()]
     arrays = {
         "joints": joints,
         "centres": np.array([shape.placement.act(ball[0]) for shape, ball in zip(shapes, balls, strict=True)]),
         "radii": np.array([radius for _, radius in balls]),
         "moved_by": moved_by,
         "turns": turns,
-        "box_rotations": np.array([rotation for rotation, _, _ in boxes]).reshape(-1, 3, 3),
-        "box_centres": np.array([centre for _, centre, _ in boxes]).reshape(-1, 3),
-        "box_halves": np.array([halves for _, _, halves in boxes]).reshape(-1, 3),
+        "box_axes": np.hstack([np.empty((3, 0)), *(axes for axes, _, _ in boxes)]),
+        "box_centres": np.concatenate([np.empty(0), *(centre @ axes for axes, centre, _ in boxes)]),
+        "box_halves": np.concatenate([np.empty(0), *(halves for _, _, halves in boxes)]),
     }
     for array in arrays.values():
         array.setflags(write=False)
@@ -121,10 +126,10 @@ def bounding_ball(shape: Any) -> tuple[np.ndarray, float]:
 
 
 def _box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The box about an obstacle along its own axes: rotation into it, centre [m, world], half extents [m]."""
-    rotation = obstacle.placement.rotation.T
+    """The box about an obstacle along its own axes: axes as columns, centre [m, world], half extents [m]."""
+    axes = np.array(obstacle.placement.rotation)
     if isinstance(obstacle.shape, coal.Halfspace):
-        return rotation, np.zeros(3), np.full(3, np.inf)
+        return axes, np.zeros(3), np.full(3, np.inf)
     obstacle.shape.computeLocalAABB()
     low, high = obstacle.shape.aabb_local.min_, obstacle.shape.aabb_local.max_
-    return rotation, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low)
+    return axes, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low)

@@ -1,23 +1,20 @@
 """The certificate: Coal's judgement of a whole motion, between its samples too.
 
-A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points. From the box's
-middle m, with half widths e, a point of body b moves at most
-
-    sum over joints j that move b of  2 sin(e_j / 2) rho_bj        (a sliding joint: e_j),
-
-rho_bj being the largest distance of b from axis j *at m*: turn the joints one after the other from base to tip, and all
-joints beyond the one that turns still stand at m. Of two moving bodies only the joints that move one and not the other
-count. A follower has the half width of its driver times its multiplier. If Coal says that a pair keeps more than its
-bound at m, it is free all along the curve; else the curve is halved, for the pairs that are left, down to a floor.
+A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points. If Coal says that
+at the box's middle a pair keeps more than what it can lose within the box (`MotionBound`), it is free all along the curve;
+else the curve is halved, for the pairs that are left, down to a floor.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.bodies import joint_placements
 from guidefield.collision.world import PairNames, World
 from guidefield.errors import InvalidGroup
 from guidefield.robot.model import JointKind
@@ -25,8 +22,11 @@ from guidefield.robot.model import JointKind
 COAL_ACCURACY = 1e-6
 """Added to every margin: how far off Coal's answers may be [m]."""
 
-WIDEST = 0.2
+WIDEST = 0.3
 """Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
+
+BATCH = 16
+"""Stretches whose bounds are computed together."""
 
 SERVED_KINDS = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
@@ -61,22 +61,19 @@ class Verdict:
 class _Stretch:
     """A part of a piece, not judged yet: control points (k, nv), parameters on the piece, pairs left (None: all)."""
 
+    piece: int
     control: np.ndarray
     start: float
     end: float
     pairs: list[int] | None
 
     def halves(self, pairs: list[int] | None) -> tuple[_Stretch, _Stretch]:
-        """The two halves, for some pairs, by de Casteljau's scheme."""
-        row, left, right = self.control, [self.control[0]], [self.control[-1]]
-        while len(row) > 1:
-            row = 0.5 * (row[:-1] + row[1:])
-            left.append(row[0])
-            right.append(row[-1])
+        """The two halves, for some pairs."""
+        first, second = _halved(self.control[None])
         middle = 0.5 * (self.start + self.end)
         return (
-            _Stretch(np.array(left), self.start, middle, pairs),
-            _Stretch(np.array(right[::-1]), middle, self.end, pairs),
+            _Stretch(self.piece, first, self.start, middle, pairs),
+            _Stretch(self.piece, second, middle, self.end, pairs),
         )
 
 
@@ -104,8 +101,9 @@ def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor:
                 kind=joint.kind.value,
             )
     judge = _Judge(world, min_clearance, floor)
-    for index, control in enumerate(np.asarray(pieces, float)):
-        refusal = judge.refusal(control, index)
+    narrow = _narrow_stretches(np.asarray(pieces, float))
+    while batch := list(itertools.islice(narrow, BATCH)):
+        refusal = judge.refusal(batch)
         if refusal is not None:
             return refusal
     return Verdict(True, "free", None, None, None, None, None, judge.evaluations)
@@ -118,97 +116,93 @@ def motion_free(
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
 
 
+def _narrow_stretches(pieces: np.ndarray) -> Iterator[_Stretch]:
+    """The pieces in order, each halved throughout until no coordinate of a part spans more than `WIDEST`."""
+    for index, piece in enumerate(pieces):
+        parts = piece[None]
+        while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
+            parts = _halved(parts)
+        for number, part in enumerate(parts):
+            yield _Stretch(index, part, number / len(parts), (number + 1) / len(parts), None)
+
+
+def _halved(controls: np.ndarray) -> np.ndarray:
+    """Both halves of each Bezier curve, in order, by de Casteljau's scheme: (n, k, nv) to (2 n, k, nv)."""
+    order = controls.shape[1]
+    halves = np.empty((2 * len(controls), *controls.shape[1:]))
+    row = controls
+    for step in range(order):
+        halves[0::2, step] = row[:, 0]
+        halves[1::2, order - 1 - step] = row[:, -1]
+        row = 0.5 * (row[:, :-1] + row[:, 1:])
+    return halves
+
+
 class _Judge:
-    """One judgement's constants and counters."""
+    """One judgement: what is asked for, and how often Coal was asked."""
 
     def __init__(self, world: World, min_clearance: float, floor: float) -> None:
         self.world = world
         self.floor = floor
         self.evaluations = 0
-        self._sweep_matrix = np.abs(world.group.expand_velocity)
         self._kept = np.where(world.is_obstacle_pair, min_clearance, 0.0)
-        own, mixed = world.pairs[: world.n_self], world.pairs[world.n_self :]
-        moved_by = world.bodies.moved_by
-        self._own, self._bodies_of_obstacle_pairs = own, mixed[:, 0]
-        self._first_only = moved_by[own[:, 0]] & ~moved_by[own[:, 1]]
-        self._second_only = moved_by[own[:, 1]] & ~moved_by[own[:, 0]]
-        self._moved_robot = moved_by[: len(world.bodies.joints)]
-        self._radii = world.bodies.radii[:, None] * world.bodies.turns
         self._margins = np.zeros((world.geometry.ngeoms, world.geometry.ngeoms))
-        self._at = (world.pairs[:, 0], world.pairs[:, 1])
+        self._entries = (world.pairs[:, 0], world.pairs[:, 1])
 
-    def refusal(self, control: np.ndarray, piece: int) -> Verdict | None:
-        """Why a curve is refused, or None if it is free."""
-        waiting = [_Stretch(control, 0.0, 1.0, None)]
-        while waiting:
-            stretch = waiting.pop()
-            low, high = stretch.control.min(axis=0), stretch.control.max(axis=0)
-            if stretch.pairs is None and (high - low).max() > WIDEST:
-                waiting.extend(reversed(stretch.halves(None)))
-                continue
-            left, bounds = self._left(stretch, 0.5 * (low + high), 0.5 * (high - low))
+    def refusal(self, stretches: Sequence[_Stretch]) -> Verdict | None:
+        """Why the first of some stretches that isn't free is refused, or None: each in turn, halved where it must be."""
+        qs, centres, bounds = self._measure(stretches)
+        for stretch, *at_middle in zip(stretches, qs, centres, bounds, strict=True):
+            left = self._left(stretch, *at_middle)
             if not left:
                 continue
-            first, second = stretch.halves(left if len(left) < 0.5 * len(self._kept) else None)
-            found = self._touching(second.control[0], left)
-            if found is None:
-                lost = [pair for pair in left if bounds[pair] <= self.floor]
-                found = ("undecided", lost[0]) if lost else None
-            if found is not None:
-                return Verdict(
-                    free=False,
-                    reason=found[0],
-                    piece=piece,
-                    parameter=second.start,
-                    free_until=stretch.start,
-                    pair=self.world.pair_names(found[1]),
-                    configuration=second.control[0],
-                    evaluations=self.evaluations,
-                )
-            waiting += [second, first]
+            halves = stretch.halves(left if 2 * len(left) < len(self._kept) else None)
+            refusal = self._refusal_at(halves[1], stretch.start, left, at_middle[-1]) or self.refusal(halves)
+            if refusal is not None:
+                return refusal
         return None
 
-    def _left(self, stretch: _Stretch, middle: np.ndarray, half_widths: np.ndarray) -> tuple[list[int], np.ndarray]:
-        """Pairs of a stretch that are within their bounds at its box's middle; the bounds (n,) of all pairs [m]."""
+    def _measure(self, stretches: Sequence[_Stretch]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+        """At the middle of each stretch's box: configuration, centres (s, r, 3) of balls, bounds (s, n) within the box."""
         world, group = self.world, self.world.group
+        low = np.array([stretch.control.min(axis=0) for stretch in stretches])
+        high = np.array([stretch.control.max(axis=0) for stretch in stretches])
+        qs = [group.expand(group.from_chart(middle)) for middle in 0.5 * (low + high)]
+        jacobians = np.empty((len(qs), 6, world.model.nv))
+        placements = np.empty((len(qs), world.model.njoints, 4, 4))
+        for row, q in enumerate(qs):
+            jacobians[row] = pin.computeJointJacobians(world.model, world.data, q)
+            placements[row] = joint_placements(world.data)
+        centres = world.bodies.centres_in_world(placements)
+        return qs, centres, world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
+
+    def _left(self, stretch: _Stretch, q: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[int]:
+        """Pairs of a stretch that are within their bounds, and what they have to keep, at the middle of its box."""
+        world = self.world
         self.evaluations += 1
-        q = group.expand(group.from_chart(middle))
-        jacobian = pin.computeJointJacobians(world.model, world.data, q)
-        centres = world.bodies.centres_in_world(world.data)
-        bounds = self._motion_bounds(jacobian, centres, half_widths)
         margins = bounds + self._kept + COAL_ACCURACY
-        self._margins[self._at] = margins
-        world.margin_data.setSecurityMargins(world.geometry, self._margins, True, True)
+        self._set_margins(margins)
         if stretch.pairs is None:
             if not pin.computeCollisions(world.model, world.data, world.margin_broad_phase, q, True):
-                return [], bounds
+                return []
             apart = world.bodies.separations(centres, world.pairs, world.n_self)
             pairs = np.flatnonzero(apart <= margins).tolist()
         else:
-            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data)
+            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
             pairs = stretch.pairs
-        return [pair for pair in pairs if pin.computeCollision(world.geometry, world.margin_data, pair)], bounds
+        return [pair for pair in pairs if pin.computeCollision(world.geometry, world.margin_data, pair)]
 
-    def _motion_bounds(self, jacobian: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
-        """How much closer each pair can come within a box about a configuration, shape (n,) [m].
-
-        Args:
-            jacobian: Joint Jacobian in the world frame, shape (6, model.nv): at a unit speed of joint j a point c moves
-                at v_j + w_j x c, which is as fast as c is far from the axis.
-            centres: Centres of the balls about the robot's bodies, shape (r, 3).
-            half_widths: Of the box, shape (group.nv,).
-        """
-        bodies = self.world.bodies
-        spread = self._sweep_matrix @ half_widths
-        sweep = np.where(bodies.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
-        (vx, vy, vz), (wx, wy, wz) = jacobian[:3], jacobian[3:]
-        zero = np.zeros_like(vx)
-        twist = np.array([[zero, wz, -wy], [-wz, zero, wx], [wy, -wx, zero]]).reshape(3, -1)
-        velocities = (centres @ twist + jacobian[:3].ravel()).reshape(len(centres), 3, -1)
-        reach = np.sqrt(np.einsum("bij,bij->bj", velocities, velocities)) + self._radii
-        shares = reach * sweep * self._moved_robot
-        own = (shares[self._own[:, 0]] * self._first_only + shares[self._own[:, 1]] * self._second_only).sum(axis=1)
-        return np.concatenate([own, shares.sum(axis=1)[self._bodies_of_obstacle_pairs]])
+    def _refusal_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
+        """Why the curve is refused where its rest begins: it touches there, or the pairs left can't move any less."""
+        z = rest.control[0]
+        found = self._touching(z, left)
+        if found is None:
+            undecided = [pair for pair in left if bounds[pair] <= self.floor]
+            if not undecided:
+                return None
+            found = ("undecided", undecided[0])
+        names = self.world.pair_names(found[1])
+        return Verdict(False, found[0], rest.piece, rest.start, free_until, names, z, self.evaluations)
 
     def _touching(self, z: np.ndarray, pairs: list[int]) -> tuple[str, int] | None:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""
@@ -221,10 +215,14 @@ class _Judge:
                 return "contact", pair
         wanting = [pair for pair in pairs if self._kept[pair] > 0.0]
         if wanting:
-            self._margins[self._at] = self._kept
-            world.margin_data.setSecurityMargins(world.geometry, self._margins, True, True)
-            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data)
+            self._set_margins(self._kept)
+            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
         for pair in wanting:
             if pin.computeCollision(world.geometry, world.margin_data, pair):
                 return "too close", pair
         return None
+
+    def _set_margins(self, margins: np.ndarray) -> None:
+        """Have Coal count pairs as touching that are within margins (n,) [m]."""
+        self._margins[self._entries] = margins
+        self.world.margin_data.setSecurityMargins(self.world.geometry, self._margins, True, True)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.bodies import joint_placements
+
 if TYPE_CHECKING:
     from guidefield.collision.world import World
 
@@ -38,7 +40,8 @@ def clearance(world: World, q: np.ndarray) -> ClearanceAt:
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer.
     """
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
-    bounds = world.bodies.separations(world.bodies.centres_in_world(world.data), world.pairs, world.n_self)
+    centres = world.bodies.centres_in_world(joint_placements(world.data))
+    bounds = world.bodies.separations(centres, world.pairs, world.n_self)
     own = _closest(world, bounds[: world.n_self], 0)
     obstacle = _closest(world, bounds[world.n_self :], world.n_self)
     witness = None

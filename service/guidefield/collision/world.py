@@ -14,6 +14,7 @@ from guidefield.collision.bodies import Bodies, bodies
 from guidefield.collision.clearance import ClearanceAt, clearance
 from guidefield.collision.contact import Contact, contacts
 from guidefield.collision.enclosure import enclosed
+from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.errors import UnknownObject
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import Scene
@@ -44,6 +45,7 @@ class World:
         margin_data: Scratch of `geometry`, for contact within margins.
         broad_phase, margin_broad_phase: What finds close bodies first, for the one and the other.
         bodies: Balls and boxes about the bodies.
+        motion_bound: How much closer pairs can come when the robot moves.
         body_names: Link or obstacle by body.
         pairs: Bodies of each pair, shape (n, 2), the lower index first.
         n_self: How many pairs are the robot's own.
@@ -61,6 +63,7 @@ class World:
     broad_phase: Any
     margin_broad_phase: Any
     bodies: Bodies
+    motion_bound: MotionBound
     body_names: tuple[str, ...]
     pairs: np.ndarray
     n_self: int
@@ -96,6 +99,7 @@ class World:
         signed = ~surfaces[pairs].any(axis=1)
         for array in (pairs, is_obstacle_pair, signed):
             array.setflags(write=False)
+        measured = bodies(group, scene.obstacles)
         data, geometry_data, margin_data = group.model.createData(), geometry.createData(), geometry.createData()
         find = (
             pin.BroadPhaseManager_DynamicAABBTreeCollisionManager
@@ -112,7 +116,8 @@ class World:
             margin_data=margin_data,
             broad_phase=find(group.model, geometry, geometry_data),
             margin_broad_phase=find(group.model, geometry, margin_data),
-            bodies=bodies(group, scene.obstacles),
+            bodies=measured,
+            motion_bound=motion_bound(group, measured, pairs, len(own)),
             body_names=tuple(names),
             pairs=pairs,
             n_self=len(own),

@@ -91,5 +91,5 @@ class Asked:
     def _refuse(self, error: GuidefieldError) -> None:
         try:
             self.answer((False, codec.encode(error_reply(error), self._encoding)))
-        except Exception:  # the link is gone, or the details can't be written: silence is all that is left
+        except Exception:  # Zenoh refuses to send: there is nobody to tell
             _log.exception("an error could not be sent")

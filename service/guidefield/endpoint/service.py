@@ -54,7 +54,6 @@ class ServiceSettings:
     grace: float = 10.0
 
 
-
 def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
     """Serve until told to stop; then finish what is being worked on, refuse what waits, and leave.
 
@@ -70,7 +69,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     """
     checked_name(settings.instance, "instance")
     setup = EngineSetup(settings.instance, settings.data, _log.getEffectiveLevel())
-    config = _config(settings)
+    config = session_config(settings)
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))
         session = opened.enter_context(zenoh.open(config))
@@ -91,6 +90,19 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
         stop.wait()
         announce("stopping: what is being worked on is finished, what waits is refused")
+
+
+def session_config(settings: ServiceSettings) -> zenoh.Config:
+    """The file's configuration; loopback only and no scouting where it doesn't say otherwise."""
+    config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
+    if settings.listen is not None:
+        config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
+    elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
+        config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
+    for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
+        if config.get_json(key) == "null":
+            config.insert_json5(key, "false")
+    return config
 
 
 def _alive(instance: str) -> str:
@@ -114,16 +126,3 @@ def _alone_in(data: Path) -> Iterator[None]:
                 f"a service is alive on the data folder {str(data)!r}; choose another name or folder"
             ) from None
         yield
-
-
-def _config(settings: ServiceSettings) -> zenoh.Config:
-    """The file's configuration; loopback only and no scouting where it doesn't say otherwise."""
-    config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
-    if settings.listen is not None:
-        config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
-    elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
-        config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
-    for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
-        if config.get_json(key) == "null":
-            config.insert_json5(key, "false")
-    return config

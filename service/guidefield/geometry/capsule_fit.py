@@ -13,6 +13,9 @@ from guidefield.geometry.surfaces import Floats
 _SLACK = 1.0 + 1e-12
 """By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
 
+_RADII = 1.0 + 0.25 * np.linspace(0.0, 1.0, 11) ** 2
+"""Radii to try, as multiples of the least: a wider capsule may be shorter; 1.225 makes a cube's a ball."""
+
 _FIRST_TILT = 0.2
 _LAST_TILT = 0.01
 """Steps of the search for the best direction [rad]."""
@@ -51,7 +54,6 @@ class Capsule:
 def fit_capsule(points: Floats) -> Capsule:
     """A capsule that contains all points, of locally least volume over the directions of its axis.
 
-    Along a given direction the radius is the smallest that the points' projection allows, and the axis the shortest.
     The search starts from the best principal axis of the points. The same points give the same capsule.
 
     Args:
@@ -63,7 +65,8 @@ def fit_capsule(points: Floats) -> Capsule:
     cloud = np.unique(np.asarray(points, dtype=np.float64).reshape(-1, 3), axis=0)
     if len(cloud) == 0 or not np.isfinite(cloud).all():
         raise ValueError("a capsule needs at least one point, and all finite")
-    principal = np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=True)[2]
+    centred = cloud - cloud.mean(axis=0)
+    principal = np.linalg.svd(centred.T @ centred)[2]
     direction = min(principal, key=lambda axis: _along(cloud, axis).volume)
     return _tilted(cloud, direction)
 
@@ -85,20 +88,21 @@ def _tilted(cloud: Floats, direction: Floats) -> Capsule:
 
 
 def _along(cloud: Floats, direction: Floats) -> Capsule:
-    """The capsule of least radius, then least length, with its axis along a unit direction."""
+    """The capsule of least volume with its axis along a unit direction, through the middle of the enclosing circle."""
     frame = np.vstack([across(direction), direction])
     local = cloud @ frame.T
     centre, radius = _enclosing_circle(local[:, :2])
-    offsets = local[:, :2] - centre
+    radii = radius * _RADII
     # A point is inside if the axis comes to within `reach` of its height.
-    reach = np.sqrt(np.maximum(radius * radius - (offsets * offsets).sum(axis=1), 0.0))
-    low, high = float((local[:, 2] + reach).min()), float((local[:, 2] - reach).max())
-    if low > high:
-        low = high = 0.5 * (low + high)
-    ends = np.array([[*centre, low], [*centre, high]]) @ frame
-    farthest = Capsule(ends[0], ends[1], 0.0).distance(cloud).max()
+    squares = ((local[:, :2] - centre) ** 2).sum(axis=1)
+    reach = np.sqrt(np.maximum((radii * radii)[:, None] - squares, 0.0))
+    low, high = (local[:, 2] + reach).min(axis=1), (local[:, 2] - reach).max(axis=1)
+    best = int(np.argmin(radii**2 * (np.maximum(high - low, 0.0) + 4.0 / 3.0 * radii)))
+    heights = (low[best], high[best]) if low[best] < high[best] else [0.5 * (low[best] + high[best])] * 2
+    ends = np.array([[*centre, height] for height in heights]) @ frame
     ends.setflags(write=False)
-    return Capsule(ends[0], ends[1], float(farthest) * _SLACK)
+    farthest = float(Capsule(ends[0], ends[1], 0.0).distance(cloud).max())
+    return Capsule(ends[0], ends[1], farthest * _SLACK)
 
 
 def _enclosing_circle(points: Floats) -> tuple[Floats, float]:
@@ -138,8 +142,8 @@ def _circumcentre(a: Floats, b: Floats, c: Floats) -> Floats | None:
     """Centre of the circle through three points in the plane; None if they lie on a line."""
     u, v = b - a, c - a
     twice_area = float(u[0] * v[1] - u[1] * v[0])
-    if twice_area == 0.0:
-        return None
     uu, vv = float(u @ u), float(v @ v)
+    if twice_area * twice_area <= 1e-24 * uu * vv:
+        return None
     shift = np.array([v[1] * uu - u[1] * vv, u[0] * vv - v[0] * uu]) / (2.0 * twice_area)
     return a + shift

@@ -1,0 +1,1 @@
+"""One function per request: domain calls in order, no network, no files."""

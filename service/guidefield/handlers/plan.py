@@ -19,7 +19,7 @@ from guidefield.messages.values import Placement
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.quality import ClearanceProfile, clearance_profile
-from guidefield.planner.trace import Event, Observer, Silent
+from guidefield.planner.trace import Event, Silent
 from guidefield.potential import RobotField
 from guidefield.robot.configuration import LIMIT_TOLERANCE, LimitFault, clamp, configuration_from_wire, limit_faults
 from guidefield.robot.group import PlanningGroup, select
@@ -53,7 +53,7 @@ def answer_plan(
     run_id: str,
     received: float,
     load_seconds: float = 0.0,
-    record: Record = lambda group, scene, planes: None,
+    record: Record = lambda *_: None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> PlanReply:
     """Plan, and say what came of it.
@@ -69,8 +69,8 @@ def answer_plan(
         cancelled: Whether somebody asked to stop.
 
     Raises:
-        InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest: where
-            the question is ill-posed, or asks for what this version doesn't serve.
+        GuidefieldError: InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
+            MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
     """
     begin = time.monotonic()
     _require_served(request)
@@ -166,11 +166,15 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     goal = request.goal
     if isinstance(goal, requests.GuidePlaneGoal):
         if not planes:
-            why = "planner 'tree' uses none" if request.planner == "tree" else "neither the request nor the scene has one"
+            why = (
+                "planner 'tree' uses none" if request.planner == "tree" else "neither the request nor the scene has one"
+            )
             raise InvalidGoal(f"the goal is the last guide plane, but there is none: {why}")
         return LastPlaneGoal()
     if request.planner == "guided":
-        raise InvalidGoal("planner 'guided' takes only a goal of type 'guide_plane'; 'auto' goes on to configurations and poses")
+        raise InvalidGoal(
+            "planner 'guided' takes only a goal of type 'guide_plane'; 'auto' goes on to configurations and poses"
+        )
     if isinstance(goal, requests.PoseGoal):
         return TipGoal(PoseTarget.from_wire(goal))
     many = goal.positions if isinstance(goal, requests.JointSetGoal) else [goal.positions]
@@ -206,7 +210,8 @@ def _limit_message(end: str, faults: list[LimitFault]) -> tuple[str, dict[str, A
     fault = faults[0]
     more = f" (and {len(faults) - 1} more joints)" if len(faults) > 1 else ""
     return (
-        f"the {end} has joint {fault.joint} at {fault.value:.6g}, outside its limits [{fault.lower:.6g}, {fault.upper:.6g}]{more}",
+        f"the {end} has joint {fault.joint} at {fault.value:.6g}, outside its limits"
+        f" [{fault.lower:.6g}, {fault.upper:.6g}]{more}",
         {"stage": end, "joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]},
     )
 

@@ -42,7 +42,8 @@ def reply_to(
         path=made.path.tolist(),
         trajectory=_trajectory(made.trajectory, request.sample_rate),
         guide_planes=[
-            GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()]) for plane in problem.guide_planes
+            GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()])
+            for plane in problem.guide_planes
         ],
         stages=[
             replies.Stage(name=stage.name, outcome=stage.outcome, seconds=stage.seconds, plane=stage.plane)

@@ -41,9 +41,7 @@ class ChargedRobot(NamedTuple):
 
 
 @inlined
-def _add_force(
-    joint: int, x: float, y: float, z: float, fx: float, fy: float, fz: float, wrenches: Floats
-) -> None:
+def _add_force(joint: int, x: float, y: float, z: float, fx: float, fy: float, fz: float, wrenches: Floats) -> None:
     """Add a force at a world point to a joint's spatial force (force, moment about the world's origin)."""
     wrenches[joint, 0] += fx
     wrenches[joint, 1] += fy
@@ -165,8 +163,10 @@ def _project(
     )
 )  # fmt: skip
 def energy(
-    parents: Integers, kinds: Integers, axes: Floats, placements: Floats, idx_q: Integers, idx_v: Integers, nv: Integers,
-    points: Floats, weights: Floats, point_joints: Integers, capsules: Floats, capsule_joints: Integers, pairs: Integers,
+    parents: Integers, kinds: Integers, axes: Floats, placements: Floats,
+    idx_q: Integers, idx_v: Integers, nv: Integers,
+    points: Floats, weights: Floats, point_joints: Integers,
+    capsules: Floats, capsule_joints: Integers, pairs: Integers,
     field_triangles: Floats, field_spheres: Floats, field_capsules: Floats, field_planes: Floats,
     q: Floats,
     gradient_out: Floats, metric_out: Floats, wrenches_out: Floats,
@@ -196,9 +196,7 @@ def energy(
         if joint == 0:
             continue
         w = weights[i]
-        phi, gx, gy, gz, curvature, _ = field_at(
-            x, y, z, field_triangles, field_spheres, field_capsules, field_planes
-        )
+        phi, gx, gy, gz, curvature, _ = field_at(x, y, z, field_triangles, field_spheres, field_capsules, field_planes)
         potential += w * phi
         _add_force(joint, x, y, z, -w * gx, -w * gy, -w * gz, wrenches_out)
         _add_inertia(joint, x, y, z, w * curvature, inertias)

@@ -17,6 +17,9 @@ from guidefield.kernels.signatures import Six, Vector3, inlined
 CAPSULE_SHELL = 0.01
 """A point nearer to a capsule than this part of its radius, or inside it, has the field of this distance."""
 
+_ON_AXIS = 1e-24
+"""Square of the distance from a capsule's axis, over its size and the point's distance, that counts as none."""
+
 _GAP_MIN = 1e-30
 """Least distance to the surface of a sphere or plane [m]; keeps points on it finite."""
 
@@ -80,12 +83,14 @@ def _capsule(p: Vector3, p0: Vector3, p1: Vector3, radius: float) -> tuple[float
     excess = s - min(max(s, 0.0), length)
     wx, wy, wz = dx - s * u[0], dy - s * u[1], dz - s * u[2]
     square = wx * wx + wy * wy + wz * wz + excess * excess
-    on_axis = square == 0.0
+    # So near that rounding would choose the direction, which then need not be across the axis.
+    on_axis = square <= _ON_AXIS * (dx * dx + dy * dy + dz * dz + length * length)
     vx, vy, vz = _across(u)
     wx, wy, wz = vx if on_axis else wx, vy if on_axis else wy, vz if on_axis else wz
     distance = math.sqrt(vx * vx + vy * vy + vz * vz if on_axis else square)
     # Out to the shell, away from the nearest point of the axis.
-    scale = max(1.0, (1.0 + CAPSULE_SHELL) * radius / distance)
+    shell = (1.0 + CAPSULE_SHELL) * radius
+    scale = shell / distance if on_axis or distance < shell else 1.0
     s += (scale - 1.0) * excess
     wx, wy, wz = scale * wx, scale * wy, scale * wz
     square_across = wx * wx + wy * wy + wz * wz

@@ -77,7 +77,7 @@ def _quaternion_rotation(x: float, y: float, z: float, w: float, rotation_out: F
 
 @inlined
 def _compose(parent: Floats, fixed: Floats, rotation: Floats, translation: Floats, placement_out: Floats) -> None:
-    """placement = parent * fixed * (rotation, translation)."""
+    """Product of placements: parent * fixed * (rotation, translation)."""
     for r in range(3):
         r0 = parent[r, 0] * fixed[0, 0] + parent[r, 1] * fixed[1, 0] + parent[r, 2] * fixed[2, 0]
         r1 = parent[r, 0] * fixed[0, 1] + parent[r, 1] * fixed[1, 1] + parent[r, 2] * fixed[2, 1]
@@ -91,7 +91,13 @@ def _compose(parent: Floats, fixed: Floats, rotation: Floats, translation: Float
 
 @compiled(void(INDICES, INDICES, MATRIX, BLOCKS, INDICES, VECTOR, BLOCKS_OUT))
 def joint_placements(
-    parents: Integers, kinds: Integers, axes: Floats, placements: Floats, idx_q: Integers, q: Floats, placements_out: Floats
+    parents: Integers,
+    kinds: Integers,
+    axes: Floats,
+    placements: Floats,
+    idx_q: Integers,
+    q: Floats,
+    placements_out: Floats,
 ) -> None:
     """World placement of every joint's moved frame.
 

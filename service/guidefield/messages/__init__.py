@@ -1,0 +1,1 @@
+"""The vocabulary of the wire and of files: requests, replies, scenes, and their encoding."""

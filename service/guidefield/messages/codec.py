@@ -30,7 +30,7 @@ class _Tag(msgspec.Struct):
     type: str | None = None
 
 
-_ENCODERS = {Encoding.JSON: msgspec.json.Encoder(), Encoding.MSGPACK: msgspec.msgpack.Encoder()}
+_ENCODERS: dict[Encoding, Any] = {Encoding.JSON: msgspec.json.Encoder(), Encoding.MSGPACK: msgspec.msgpack.Encoder()}
 
 
 @functools.cache
@@ -57,7 +57,9 @@ def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
     """
     if len(data) > MAX_REQUEST_BYTES:
         raise RequestTooLarge(
-            f"the request has {len(data)} bytes, at most {MAX_REQUEST_BYTES} are read", bytes=len(data), limit=MAX_REQUEST_BYTES
+            f"the request has {len(data)} bytes, at most {MAX_REQUEST_BYTES} are read",
+            bytes=len(data),
+            limit=MAX_REQUEST_BYTES,
         )
     try:
         return _decoder(kind, encoding).decode(data)
@@ -85,19 +87,30 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
     if not isinstance(request, bytes | bytearray | memoryview | str):
         raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
     tag = decode(request, _Tag, Encoding.JSON)
-    return decode(request, requests.PlanRequest if tag.type is None else requests.TaggedRequest)
+    decoded: requests.Request = decode(request, requests.PlanRequest if tag.type is None else requests.TaggedRequest)
+    return decoded
 
 
 def encode(message: Reply | msgspec.Struct, encoding: Encoding = Encoding.JSON) -> bytes:
     """Encode a reply, or any message."""
-    return _ENCODERS[encoding].encode(message)
+    encoded: bytes = _ENCODERS[encoding].encode(message)
+    return encoded
 
 
 def json_schemas() -> dict[str, Any]:
     """JSON Schema of every message that travels."""
-    kinds = [requests.PlanRequest, *requests.TaggedRequest.__args__, *replies.AnyReply.__args__, replies.ErrorReply, Scene]
+    kinds = [
+        requests.PlanRequest,
+        *requests.TaggedRequest.__args__,
+        *replies.AnyReply.__args__,
+        replies.ErrorReply,
+        Scene,
+    ]
     schemas, components = msgspec.json.schema_components(kinds)
-    return {"messages": {kind.__name__: schema for kind, schema in zip(kinds, schemas, strict=True)}, "$defs": components}
+    return {
+        "messages": {kind.__name__: schema for kind, schema in zip(kinds, schemas, strict=True)},
+        "$defs": components,
+    }
 
 
 def _malformed(error: Exception, encoding: Encoding | None) -> MalformedRequest:

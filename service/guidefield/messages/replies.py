@@ -337,5 +337,6 @@ def as_plain_data(message: msgspec.Struct) -> Any:
 
 
 def error_reply(error: GuidefieldError) -> ErrorReply:
-    """An exception as the message that stands for it on the wire."""
-    return ErrorReply(code=int(error.code), name=error.code.name, message=error.message, details=error.details)
+    """An exception as the message that stands for it on the wire; details that aren't plain data become text."""
+    details = msgspec.to_builtins(error.details, enc_hook=str)
+    return ErrorReply(code=int(error.code), name=error.code.name, message=error.message, details=details)

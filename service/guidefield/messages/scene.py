@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -121,7 +122,9 @@ class Mesh(_Placed, tag="mesh", kw_only=True):
         for row, triangle in enumerate(self.triangles):
             for index in triangle:
                 if not 0 <= index < count:
-                    raise ValueError(f"`triangles[{row}]` names vertex {index}, but there are {count} vertices (0 to {count - 1})")
+                    raise ValueError(
+                        f"`triangles[{row}]` names vertex {index}, but there are {count} vertices (0 to {count - 1})"
+                    )
 
 
 class Polygon(_Obstacle, tag="polygon", kw_only=True):
@@ -195,7 +198,7 @@ def _check_points(field: str, points: Points) -> int:
     """Number of points; ValueError where there are too many, none, or one isn't finite."""
     if isinstance(points, Float32Array):
         count = len(points.float32) // 12
-        if not all(x == x and abs(x) != float("inf") for x in memoryview(points.float32).cast("f")):
+        if not all(math.isfinite(x) for x in memoryview(points.float32).cast("f")):
             raise ValueError(f"`{field}` must be finite numbers")
     else:
         count = len(points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.ra
         problem.counters.iterations += iterations
         if found is None:
             break
-        if all(_certified(problem, a, b).free for a, b in zip(found, found[1:], strict=False)):
+        if all(_certified(problem, a, b).free for a, b in pairwise(found)):
             for z in found[1:]:
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
             return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", np.array(found))

@@ -35,7 +35,8 @@ class OnPlane:
 
     def rows(self, q: np.ndarray) -> np.ndarray:
         """n^T J_p, shape (1, nv)."""
-        return (self.normal @ self.kinematics.tip_jacobian(q)[:3])[None, :]
+        row: np.ndarray = self.normal @ self.kinematics.tip_jacobian(q)[:3]
+        return row[None, :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,8 @@ class Sliding:
         """Height above the plane [m] and rotation vector from the orientation held [rad], shape (4,)."""
         placement: Any = self.kinematics.frame_placement(q, self.kinematics.group.tip_id)
         turned = pin.log3(placement.rotation @ self.rotation.T)
-        return np.r_[self.normal @ (placement.translation - self.point), turned]
+        height = self.normal @ (placement.translation - self.point)
+        return np.array([height, *turned])
 
     def rows(self, q: np.ndarray) -> np.ndarray:
         """n^T J_p over J_omega, shape (4, nv)."""
@@ -72,4 +74,5 @@ class Reorienting:
 
     def rows(self, q: np.ndarray) -> np.ndarray:
         """J_p, shape (3, nv)."""
-        return self.kinematics.tip_jacobian(q)[:3]
+        rows: np.ndarray = self.kinematics.tip_jacobian(q)[:3]
+        return rows

@@ -24,7 +24,9 @@ def check_start(problem: Problem) -> None:
     fault = end_fault(problem, problem.q_start)
     if fault is not None:
         message, details = fault
-        raise StageFailed(Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details)
+        raise StageFailed(
+            Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details
+        )
     _check_clearance(problem, problem.q_start, "start")
 
 
@@ -56,7 +58,9 @@ def tip_points(problem: Problem, target: PoseTarget) -> np.ndarray:
         accept=lambda q: end_fault(problem, q) is None and _keeps_clearance(problem, q),
     )
     if not result.solutions:
-        raise StageFailed(Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}", stage="goal")
+        raise StageFailed(
+            Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}", stage="goal"
+        )
     return np.array([problem.group.chart(q) for q in result.solutions])
 
 

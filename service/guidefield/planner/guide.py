@@ -107,7 +107,9 @@ def tip_radius(problem: Problem) -> float:
     charges = robot_charges(group.robot)
     indices = {shape.name: i for i, shape in enumerate(group.robot.geometry.geometryObjects)}
     joint = group.model.frames[group.tip_id].parentJoint
-    radii = [charges.shapes[indices[s.name]].capsule.radius for s in group.geometry.geometryObjects if s.parentJoint == joint]
+    radii = [
+        charges.shapes[indices[s.name]].capsule.radius for s in group.geometry.geometryObjects if s.parentJoint == joint
+    ]
     return min(radii, default=0.0)
 
 
@@ -133,7 +135,7 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
         if moved.step >= distance - ON_PLANE:  # arrived: minimise in the guide plane itself, inside its polygon
             walker.settle(plane.centroid, plane.normal, attempt.blocks, lambda p: plane.contains(p, 0.5 * inset))
             return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
-        walker.settle(walker.tip, direction, attempt.blocks, lambda p, most=farthest: plane.distance(p, inset) <= most)
+        walker.settle(walker.tip, direction, attempt.blocks, _Within(plane, inset, farthest))
         kept = distance - plane.distance(walker.tip, inset)
         creeping = creeping + 1 if kept < CREEPING * min(attempt.step, distance) else 0
         if creeping >= CREEPING_ROUNDS:
@@ -142,6 +144,18 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
                 f"stuck in a minimum of the potential {1000 * distance:.0f} mm before guide plane {plane.name!r}",
                 walker, plane, index, inset,
             )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Within:
+    """The guard: a point may not be farther from the inset polygon than this [m]."""
+
+    plane: GuidePlane
+    inset: float
+    farthest: float
+
+    def __call__(self, point: np.ndarray) -> bool:
+        return self.plane.distance(point, self.inset) <= self.farthest
 
 
 def _blocked(walker: Walker, plane: GuidePlane, index: int, inset: float, refusal: Verdict | None) -> Crossing:
@@ -164,7 +178,9 @@ def _blocked(walker: Walker, plane: GuidePlane, index: int, inset: float, refusa
 def _given_up(status: Status, message: str, walker: Walker, plane: GuidePlane, index: int, inset: float) -> Crossing:
     group = walker.problem.group
     z = group.chart(walker.q)
-    at_limit = [j.name for j in group.joints if min(z[j.idx_v] - group.lower[j.idx_v], group.upper[j.idx_v] - z[j.idx_v]) < 1e-6]
+    at_limit = [
+        j.name for j in group.joints if min(z[j.idx_v] - group.lower[j.idx_v], group.upper[j.idx_v] - z[j.idx_v]) < 1e-6
+    ]
     details = {
         "stage": "guide",
         "plane": index,

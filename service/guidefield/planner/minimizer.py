@@ -17,7 +17,7 @@ from guidefield.planner.problem import Problem
 from guidefield.robot.model import JointKind
 
 REGULARIZATION = 1e-2
-"""Share of the metric's mean diagonal added to it: full steps are nearly always accepted, symmetric links don't spin."""
+"""Share of the metric's mean diagonal added to it: full steps are mostly accepted, symmetric links don't spin."""
 LARGEST_TURN = np.deg2rad(15.0)
 """No joint turns more than this in one step [rad]."""
 LARGEST_SLIDE = 0.1

@@ -84,7 +84,9 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO) -> Plan:
         with stages.entered("ends", "start and goal") as stage:
             check_start(problem)
             goals = goal_points(problem)
-            stage.outcome = "the start is free" if goals is None else f"start free, {len(goals)} free configurations at the goal"
+            stage.outcome = (
+                "the start is free" if goals is None else f"start free, {len(goals)} free configurations at the goal"
+            )
         if planner is not Planner.TREE:
             _cross_planes(problem, found, stages, planner)
         if goals is not None:

@@ -46,7 +46,7 @@ class ClearanceProfile:
 
     @property
     def inner(self) -> float | None:
-        """Smallest distance to obstacles without the first and last `END_STRETCH` of the way; None if nothing is left."""
+        """Smallest distance to obstacles less `END_STRETCH` of the way at each end; None if nothing is left."""
         inside = (self.lengths >= END_STRETCH) & (self.lengths <= self.lengths[-1] - END_STRETCH)
         return float(self.obstacle_distance[inside].min()) if inside.any() else None
 

@@ -13,7 +13,7 @@ from guidefield.planner.problem import Problem
 from guidefield.planner.trace import StageEntered, StageLeft
 
 
-class StageFailed(Exception):  # noqa: N818 - not an error: how a stage says that it got no further
+class StageFailed(Exception):
     """A stage ended without success.
 
     Attributes:

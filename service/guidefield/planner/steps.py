@@ -109,11 +109,14 @@ class Walker:
             tried *= 0.5
         return Moved(None, 0.0, self.refusal)
 
-    def settle(self, point: np.ndarray, normal: np.ndarray, blocks: Blocks, guard: Callable[[np.ndarray], bool]) -> None:
+    def settle(
+        self, point: np.ndarray, normal: np.ndarray, blocks: Blocks, guard: Callable[[np.ndarray], bool]
+    ) -> None:
         """Slide and reorient on the plane through `point` until U falls no more.
 
         Args:
-            point, normal: The plane that the tip is on [m].
+            point: A point of the plane that the tip is on, shape (3,) [m].
+            normal: The plane's unit normal, shape (3,).
             blocks: At once, or in turn.
             guard: Whether the tip may be at a point, shape (3,).
         """
@@ -134,9 +137,7 @@ class Walker:
                 return
             before = after
 
-    def _descend(
-        self, constraint: TipConstraint, accept: Callable[[np.ndarray, np.ndarray], bool], kind: str
-    ) -> float:
+    def _descend(self, constraint: TipConstraint, accept: Callable[[np.ndarray, np.ndarray], bool], kind: str) -> float:
         descent = descend(self.problem, self.q, constraint, accept)
         for q in descent.path:
             self.take(q, kind, f"{kind} to U = {descent.potential:.4g}", descent.potential)

@@ -3,8 +3,8 @@
 First the optimal speed along the spline is found on a grid that contains the spline's knots, because its third
 derivative jumps there. Then the motion is *defined* as the cubic Hermite curve in time through the grid points. Its
 extrema are known exactly, so the limits are kept everywhere and not at samples only: the limits of the steps that came
-out too fast are tightened, and what excess remains is removed by stretching all time. The motion leaves the spline by 3
-microradians on a relaxed path, by 0.2 milliradians at sharp corners.
+out too fast are tightened, and what excess remains is removed by stretching all time. The motion leaves the spline by a
+few microradians on a relaxed path, by up to 0.3 milliradians near sharp corners.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels import path_parameterization
+from guidefield.kernels import hermite, path_parameterization
 from guidefield.planner.spline import CubicSpline
-from guidefield.planner.trajectory import Trajectory, piece_accelerations, piece_peaks
+from guidefield.planner.trajectory import Trajectory, piece_accelerations
 
 # The grid's steps count in r, with (dr/ds)² = 1 + (weight |q'| / its mean)². Two weights are tried on the first grid:
 # the spline's own parameter, and nearly the arc length. Waypoints unevenly spaced on a straight line cost up to twice
 # the time by the former; where a curve turns back on itself, or nearly, the latter's derivatives jump, which costs some
 # percent.
-_ARC_LENGTH_WEIGHTS = (0.0, 30.0)
+_ARC_LENGTH_WEIGHTS = (0.0, 300.0)
 # The first grid: this many steps in each piece of the spline, and at least so many in all of it.
 _STEPS_A_PIECE = 3
 _STEPS_AT_LEAST = 64
@@ -230,7 +230,8 @@ def _timed(path: _Path, tightened: _Limits, limits: _Limits) -> _Motion:
 
 
 def _judged(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray, limits: _Limits) -> _Motion:
-    speeds, accelerations = piece_peaks(times, positions, velocities)
+    speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
+    hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
     return _Motion(times, positions, velocities, speeds / limits.velocity, accelerations / limits.acceleration)
 
 

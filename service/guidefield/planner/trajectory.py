@@ -143,22 +143,3 @@ def piece_accelerations(
     mean = np.diff(positions, axis=0) / dt
     start, end = velocities[:-1], velocities[1:]
     return (6.0 * mean - 4.0 * start - 2.0 * end) / dt, (2.0 * start + 4.0 * end - 6.0 * mean) / dt
-
-
-def piece_peaks(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest |velocity| and |acceleration| on every Hermite piece, exact, each of shape (n - 1, nv).
-
-    The acceleration is linear, so largest at an end. The velocity is quadratic: largest at an end or, where the
-    acceleration changes sign from a to b over dt, at its zero, where it is v + a² dt / (2 (a - b)).
-
-    Args:
-        times: Shape (n,) [s].
-        positions: Shape (n, nv).
-        velocities: Shape (n, nv).
-    """
-    a, b = piece_accelerations(times, positions, velocities)
-    turns = a * b < 0.0
-    swing = np.divide(a**2 * np.diff(times)[:, None], 2.0 * (a - b), out=np.zeros_like(a), where=turns)
-    speeds = np.abs(velocities)
-    between = np.where(turns, np.abs(velocities[:-1] + swing), 0.0)
-    return np.maximum(np.maximum(speeds[:-1], speeds[1:]), between), np.maximum(np.abs(a), np.abs(b))

@@ -45,7 +45,8 @@ class Tree:
 
     def point(self, index: int) -> np.ndarray:
         """The chart point of a node, shape (nv,)."""
-        return self._points[index]
+        point: np.ndarray = self._points[index]
+        return point
 
     def branch(self, index: int) -> list[np.ndarray]:
         """Chart points from the root to a node."""
@@ -119,7 +120,7 @@ def _connect(tree: Tree, target: np.ndarray, period: np.ndarray, valid: Valid) -
 
 def _way(origin: np.ndarray, target: np.ndarray, period: np.ndarray) -> np.ndarray:
     """From one chart point to another, the short way round for angles that wrap."""
-    way = target - origin
+    way: np.ndarray = target - origin
     wraps = np.isfinite(period)
     way[wraps] -= period[wraps] * np.round(way[wraps] / period[wraps])
     return way

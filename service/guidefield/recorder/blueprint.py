@@ -2,65 +2,93 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
+from typing import Any
+
 import rerun as rr
 import rerun.blueprint as rrb
 
 from guidefield.recorder.camera import Eye
-from guidefield.recorder.chunks import PATH_TIME
+from guidefield.recorder.chunks import STEP
+from guidefield.recorder.robot_entities import GHOSTS, ghost_entity, ghost_grey
 
 HIDDEN = ("/robot/collision",)
 """Entities that are there but switched off."""
 
+FAINT = 28
+"""Opacity of ghosts where the robot itself is shown too, of 255."""
+
 BACKGROUND = (32, 36, 43)
 GRID_SPACING = 0.25
+"""Side of a square of the ground's grid [m]."""
+
+LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+
+SO_FAR = rrb.VisibleTimeRanges(
+    timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
+)
+"""All steps up to the one that is looked at."""
 
 
-def layout(eye: Eye) -> rrb.Blueprint:
+def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
     """The layout of a recording.
 
     Args:
         eye: From where to look at the scene.
+        timeline: The timeline to begin with.
+        present: Entities that the recording has: plots of others are left out.
     """
     return rrb.Blueprint(
-        rrb.Tabs(_overview(eye), _planner(eye), _joints(), _documents(), active_tab=0),
+        rrb.Tabs(_overview(eye, present), _planner(eye), _joints(), _documents(), active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=PATH_TIME, loop_mode="all", play_state="playing"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, loop_mode="all", play_state="playing"),
         auto_views=False,
         auto_layout=False,
     )
 
 
-def _overview(eye: Eye) -> rrb.Horizontal:
+def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
+    plots = [
+        (1.0, _plot("/plots/clearance", "Clearance [m]"), ["/plots/clearance/obstacles"]),
+        (
+            0.8,
+            _plot("/", "Potential of the robot [m]", ["/plots/potential", "/planner/potential"], legend=False),
+            ["/plots/potential", "/planner/potential"],
+        ),
+        (0.9, _plot("/plots/position", "Joint positions [rad, m]", legend=False), ["/plots/position"]),
+    ]
+    shown = [(share, view) for share, view, entities in plots if not present.isdisjoint(entities)]
     figures = rrb.Vertical(
         rrb.TextDocumentView(origin="/documents/summary", name="Summary"),
-        rrb.TimeSeriesView(origin="/plots/clearance", name="Clearance [m]", axis_y=rrb.ScalarAxis()),
-        rrb.TimeSeriesView(origin="/plots/potential", name="Potential"),
-        rrb.TimeSeriesView(origin="/plots/position", name="Joint positions [rad, m]"),
-        row_shares=[2.2, 1.0, 0.8, 1.0],
+        *(view for _, view in shown),
+        row_shares=[2.4, *(share for share, _ in shown)],
     )
-    motion = _scene("Motion", eye, ["/robot/**", "/obstacles/**", "/guide_planes/**", "/path/**", "/ghosts/**"])
-    return rrb.Horizontal(motion, figures, column_shares=[1.75, 1.0], name="Overview")
+    pictures = rrb.Tabs(
+        _scene("Motion", eye, ["/robot/**", "/obstacles/**", "/guide_planes/**", "/path/**", "/ghosts/**"], _faint_ghosts()),
+        _scene("Whole way", eye, ["/ghosts/**", "/obstacles/**", "/guide_planes/**", "/path/tip"], {}),
+        active_tab=0,
+    )
+    return rrb.Horizontal(pictures, figures, column_shares=[1.75, 1.0], name="Overview")
 
 
 def _planner(eye: Eye) -> rrb.Horizontal:
     words = rrb.Vertical(
-        rrb.TextLogView(origin="/planner/log", name="What the planner did"),
-        rrb.TimeSeriesView(origin="/planner/potential", name="Potential by step (choose the timeline 'step')"),
+        rrb.TextLogView(origin="/planner/log", name="What the planner did", columns=LOG_COLUMNS),
+        _plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False),
         row_shares=[2.0, 1.0],
     )
-    steps = _scene(
-        "Steps (choose the timeline 'step')", eye, ["/robot/**", "/obstacles/**", "/guide_planes/**", "/planner/tip", "/path/planned/**"]
-    )
+    shown = ["/robot/**", "/obstacles/**", "/guide_planes/**", "/planner/tip", "/path/planned/**"]
+    steps = _scene("Steps (choose the timeline 'step')", eye, shown, {"/planner/tip": SO_FAR})
     return rrb.Horizontal(steps, words, column_shares=[1.4, 1.0], name="Planner")
 
 
 def _joints() -> rrb.Grid:
     return rrb.Grid(
-        rrb.TimeSeriesView(origin="/plots/position", name="Positions [rad, m]"),
-        rrb.TimeSeriesView(origin="/plots/velocity", name="Velocities [rad/s, m/s]"),
-        rrb.TimeSeriesView(origin="/plots/use/velocity", name="Velocities as shares of their limits"),
-        rrb.TimeSeriesView(origin="/plots/use/acceleration", name="Accelerations as shares of their limits"),
+        _plot("/plots/position", "Positions [rad, m]"),
+        _plot("/plots/velocity", "Velocities [rad/s, m/s]"),
+        _plot("/plots/use/velocity", "Velocities as shares of their limits"),
+        _plot("/plots/use/acceleration", "Accelerations as shares of their limits"),
         grid_columns=2,
         name="Joints",
     )
@@ -74,12 +102,27 @@ def _documents() -> rrb.Horizontal:
     )
 
 
-def _scene(name: str, eye: Eye, contents: list[str]) -> rrb.Spatial3DView:
+def _faint_ghosts() -> dict[str, Any]:
+    greys = [ghost_grey(number, GHOSTS) for number in range(GHOSTS)]
+    return {
+        ghost_entity(number): rr.Mesh3D.from_fields(albedo_factor=(grey, grey, grey, FAINT)) for number, grey in enumerate(greys)
+    }
+
+
+def _plot(origin: str, name: str, contents: Sequence[str] = ("/**",), *, legend: bool = True) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=origin,
+        contents=[f"+ $origin{path}" for path in contents],
+        name=name, plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend)
+    )
+
+
+def _scene(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="/",
         name=name,
         contents=[f"+ {path}" for path in contents],
-        overrides={path: rrb.EntityBehavior(visible=False) for path in HIDDEN},
+        overrides={**{path: rrb.EntityBehavior(visible=False) for path in HIDDEN}, **overrides},
         background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
         line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING, color=(255, 255, 255, 25)),
         eye_controls=rrb.EyeControls3D(

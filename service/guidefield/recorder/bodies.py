@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import pinocchio as pin
@@ -21,6 +22,9 @@ KEPT = 8
 COLLISION_COLOR = (96, 165, 250, 110)
 """Colour of collision geometry (RGBA)."""
 
+FAULT_COLOR = (230, 57, 53, 255)
+"""Colour of what is in collision (RGBA)."""
+
 MEDIA_TYPE_GLB = "model/gltf-binary"
 
 
@@ -30,12 +34,14 @@ class RobotBodies:
 
     Attributes:
         chunks: Meshes of `/robot/visual/<body>` and `/robot/collision/<body>`, each in the frame of its link's entity.
+        judged: The bodies that are judged for collisions.
         links: Links that carry something.
         sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
         faults: What can't be drawn.
     """
 
     chunks: tuple[Chunk, ...]
+    judged: tuple[Body, ...]
     links: tuple[str, ...]
     sketch: tuple[tuple[str, Surface], ...]
     faults: tuple[str, ...]
@@ -58,10 +64,18 @@ def prepare(robot: RobotModel) -> RobotBodies:
     chunks += [_chunk("collision", body, COLLISION_COLOR) for body in judged]
     return RobotBodies(
         chunks=tuple(chunks),
+        judged=judged,
         links=tuple(dict.fromkeys(body.link for body in (*seen, *judged))),
         sketch=tuple((body.link, surface.sketch(body.surface)) for body in judged if isinstance(body.surface, Surface)),
         faults=faults,
     )
+
+
+def highlighted(drawn: RobotBodies, links: Collection[str]) -> Iterator[Chunk]:
+    """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`."""
+    for body in drawn.judged:
+        if body.link in links:
+            yield _chunk("at_fault", body, FAULT_COLOR)
 
 
 def _collision_bodies(robot: RobotModel) -> tuple[Body, ...]:

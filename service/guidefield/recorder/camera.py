@@ -19,7 +19,7 @@ PREFERRED_AZIMUTH = 2.2
 PREFERENCE = 0.15
 """Share of hidden points that the preferred direction makes up for."""
 
-DISTANCE = 1.75
+DISTANCE = 1.9
 """How far the eye is, as a multiple of the radius of what it looks at."""
 
 SMALLEST_RADIUS = 0.35

@@ -25,6 +25,8 @@ from guidefield.scene.scene import Scene
 PACKAGES = ("guidefield", "pin", "coal", "numpy", "numba", "rerun-sdk")
 """Whose versions are recorded."""
 
+SHORTENED = "*Rounded and shortened to be read; the message itself is this entity's component `json`.*"
+
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
 
@@ -38,7 +40,7 @@ WIDTH = 110
 def message_document(path: str, message: msgspec.Struct) -> Chunk:
     """A message to read, and beside it, in the component `json`, to the last digit for programs."""
     text = codec.encode(message).decode()
-    shown = f"```json\n{readable(as_plain_data(message))}\n```"
+    shown = f"{SHORTENED}\n\n```json\n{readable(as_plain_data(message))}\n```"
     return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(json=text))
 
 
@@ -73,7 +75,7 @@ def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, sce
 
 
 def readable(value: Any, indent: int = 0) -> str:
-    """Plain data as JSON for a person: short lists on one line, long lists and texts cut, with a count of what is left out."""
+    """Plain data as JSON for a person: six digits, short lists on one line, long ones cut with a count of what is left out."""
     inner = " " * (indent + 2)
     if isinstance(value, dict) and value:
         rows = [f"{inner}{json.dumps(key)}: {readable(one, indent + 2)}" for key, one in value.items()]
@@ -82,18 +84,21 @@ def readable(value: Any, indent: int = 0) -> str:
         return _readable_list(list(value), indent)
     if isinstance(value, str) and len(value) > LONGEST_TEXT:
         return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
+    if isinstance(value, float):
+        return f"{value:.6g}"
     return json.dumps(value, ensure_ascii=False)
 
 
 def _readable_list(values: list[Any], indent: int) -> str:
     inner = " " * (indent + 2)
-    if all(not isinstance(one, dict | list | tuple | str) for one in values) or len(values) <= 2:
+    if not any(isinstance(one, dict | list | tuple) for one in values) or len(values) <= 2:
         line = "[" + ", ".join(readable(one, indent + 2) for one in values) + "]"
         if len(line) <= WIDTH and "\n" not in line:
             return line
     if len(values) > LONGEST_LIST:
-        head = [readable(one, indent + 2) for one in values[: LONGEST_LIST // 2]]
-        rows = [*head, f"… {len(values) - LONGEST_LIST // 2 - 1} more …", readable(values[-1], indent + 2)]
+        first = LONGEST_LIST // 2
+        left_out = f"… {len(values) - first - 1} more …"
+        rows = [*(readable(one, indent + 2) for one in values[:first]), left_out, readable(values[-1], indent + 2)]
     else:
         rows = [readable(one, indent + 2) for one in values]
     return "[\n" + ",\n".join(inner + row for row in rows) + "\n" + " " * indent + "]"

@@ -31,8 +31,8 @@ def clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
     yield from _curves("/plots/clearance/obstacles", times, profile.obstacle_distance, ["to obstacles"], [OBSTACLE_COLOR])
     yield from _curves("/plots/clearance/self", times, profile.self_distance, ["to itself"], [SELF_COLOR])
     if required > 0.0:
-        asked = np.full(len(profile.times), required)
-        yield from _curves("/plots/clearance/required", times, asked, ["required"], [REQUIRED_COLOR])
+        ends = np.asarray(profile.times)[[0, -1]]
+        yield from _curves("/plots/clearance/required", path_times(ends), np.full(2, required), ["required"], [REQUIRED_COLOR])
     if profile.potential is not None:
         yield from _curves("/plots/potential", times, profile.potential, ["potential of the robot"], [POTENTIAL_COLOR])
 
@@ -56,22 +56,28 @@ def closest_pair(profile: ClearanceProfile) -> Chunk:
 
 
 def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
-    """Joint positions, velocities and accelerations, and the latter two as shares of their limits."""
+    """Joint positions and velocities, and velocities and accelerations as shares of their limits."""
     colors = palette(group.nv)
     positions = group.chart_path(list(motion.configurations))
     yield from _curves("/plots/position", path_times(motion.times), positions, group.position_names, colors)
     if trajectory is None or not trajectory.times:
         return
     moments, _, velocities, accelerations = curves(trajectory)
-    times = path_times(moments)
-    for kind, values, limits in (
-        ("velocity", velocities, group.velocity_limits),
-        ("acceleration", accelerations, group.acceleration_limits),
+    times, ends = path_times(moments), path_times(moments[[0, -1]])
+    yield from _curves("/plots/velocity", times, velocities, group.velocity_names, colors)
+    for kind, values in (
+        ("velocity", velocities / group.velocity_limits),
+        ("acceleration", accelerations / group.acceleration_limits),
     ):
-        yield from _curves(f"/plots/{kind}", times, values, group.velocity_names, colors)
-        yield from _curves(f"/plots/use/{kind}", times, values / limits, group.velocity_names, colors)
-        bounds = np.tile([-1.0, 1.0], (len(values), 1))
-        yield from _curves(f"/plots/use/{kind}/limits", times, bounds, ["limit", "limit"], [LIMIT_COLOR] * 2)
+        yield from _curves(f"/plots/use/{kind}", times, values, group.velocity_names, colors)
+        bounds = np.tile([-1.0, 1.0], (2, 1))
+        yield from _curves(f"/plots/use/{kind}/limits", ends, bounds, ["limit", "limit"], [LIMIT_COLOR] * 2)
+
+
+def step_positions(group: PlanningGroup, configurations: np.ndarray, *times: rr.TimeColumn) -> Chunk:
+    """Joint positions at the planner's steps, for configurations (n, nq); they continue `/plots/position` on other timelines."""
+    positions = group.chart_path(list(configurations))
+    return timed("/plots/position", times, rr.Scalars.columns(scalars=positions.ravel()).partition([group.nv] * len(positions)))
 
 
 def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:

@@ -17,7 +17,7 @@ from guidefield.recorder import bodies, documents, log, plots, robot_entities, s
 from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies import RobotBodies
 from guidefield.recorder.camera import Eye, choose_eye
-from guidefield.recorder.chunks import PLANNING_TIME, STEP, path_times
+from guidefield.recorder.chunks import PATH_TIME, PLANNING_TIME, STEP, path_times
 from guidefield.recorder.motion import Motion, Poses, poses, shown_motion
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group import PlanningGroup
@@ -65,7 +65,9 @@ class Recorder:
         eye = choose_eye(at.tip, at.placements[:, :, :3].reshape(-1, 3), self._scene.obstacles)
         drawn = bodies.prepare(self._group.robot)
         chunks = [*self._moving(reply, profile, motion, at, drawn), *self._lasting(reply, motion, eye, drawn), *self._planning(reply)]
-        write_recording(self._path, self._run_id, chunks, layout(eye))
+        timeline = STEP if steps and not motion.timed else PATH_TIME
+        present = frozenset(chunk.entity_path for chunk in chunks)
+        write_recording(self._path, self._run_id, chunks, layout(eye, timeline, present))
 
     def _moving(
         self, reply: PlanReply, profile: ClearanceProfile | None, motion: Motion, at: Poses, drawn: RobotBodies
@@ -83,6 +85,7 @@ class Recorder:
         at_fault = _colliding(reply)
         planes = reply.guide_planes or self._scene.message.guide_planes
         yield from drawn.chunks
+        yield from bodies.highlighted(drawn, at_fault)
         yield from robot_entities.ghosts(self._group, drawn, motion)
         yield from scene_entities.obstacles(self._scene.obstacles, eye.hiding, at_fault)
         yield from scene_entities.guide_planes(planes)
@@ -109,6 +112,7 @@ class Recorder:
         )
         frames = Poses(at.joints, at.placements[shown], at.tip[shown])
         yield from robot_entities.joint_motion(self._group, frames, *times)
+        yield plots.step_positions(self._group, np.array([steps[index].q for index in shown]), *times)
 
 
 def _colliding(reply: PlanReply) -> frozenset[str]:

@@ -17,8 +17,8 @@ from guidefield.robot.group import PlanningGroup
 GHOSTS = 7
 """Configurations shown along the motion, both ends included."""
 
-GHOST_ALPHA = 90
-"""Opacity of a ghost, of 255."""
+GHOST_STEP = 0.02
+"""How far some point of a part has to move before the part is drawn again [m]."""
 
 TRACE_COLOR = (255, 196, 61, 255)
 WAYPOINT_COLOR = (120, 220, 160, 255)
@@ -63,16 +63,33 @@ def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
 
 
 def ghosts(group: PlanningGroup, drawn: RobotBodies, motion: Motion) -> Iterator[Chunk]:
-    """Sketches of the robot evenly along its way in joint space, from white at the start to black at the end."""
+    """Sketches of the robot evenly along its way in joint space, bright at the start, dark at the end.
+
+    A part that has hardly moved since it was last drawn isn't drawn again: it would only flicker.
+    """
     chosen = spread_along(motion.configurations, GHOSTS)
-    links = [link for link, _ in drawn.sketch if group.model.frames[group.model.getFrameId(link)].parentJoint]
+    before: dict[int, np.ndarray] = {}
     for number, index in enumerate(chosen):
-        placements = link_placements(group, motion.configurations[index], links)
-        parts = [sketch.moved(placements[link]) for link, sketch in drawn.sketch if link in placements]
-        if not parts:
-            return
-        grey = round(235 - 215 * number / max(1, len(chosen) - 1))
-        yield still(entity("ghosts", f"{number}"), bodies.mesh(surface.joined(parts), (grey, grey, grey, GHOST_ALPHA)))
+        placements = link_placements(group, motion.configurations[index], drawn.links)
+        parts = []
+        for key, (link, sketch) in enumerate(drawn.sketch):
+            part = sketch.moved(placements[link])
+            if key not in before or np.abs(part.vertices - before[key]).max() > GHOST_STEP:
+                before[key] = part.vertices
+                parts.append(part)
+        grey = ghost_grey(number, len(chosen))
+        if parts:
+            yield still(ghost_entity(number), bodies.mesh(surface.joined(parts), (grey, grey, grey, 255)))
+
+
+def ghost_entity(number: int) -> str:
+    """The entity of the ghost of that number."""
+    return entity("ghosts", f"{number}")
+
+
+def ghost_grey(number: int, count: int) -> int:
+    """Grey level of a ghost, of 255: bright at the start, dark at the end."""
+    return round(240 - 215 * number / max(1, count - 1))
 
 
 def spread_along(configurations: np.ndarray, count: int) -> list[int]:

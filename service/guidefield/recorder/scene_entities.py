@@ -18,9 +18,8 @@ GOLDEN_ANGLE = 0.381966
 """Share of the colour circle between one obstacle's hue and the next: never close to those before it."""
 
 FLOOR_COLOR = (118, 122, 130, 255)
-FAULT_COLOR = (230, 57, 53, 255)
 PLANE_HUES = (0.52, 0.60)
-PANE_ALPHA = 60
+PANE_ALPHA = 40
 SEE_THROUGH_ALPHA = 70
 """Opacity of an obstacle that stands between the eye and the path, of 255."""
 
@@ -34,7 +33,7 @@ def obstacles(all_of_them: Sequence[Obstacle], see_through: Collection[str], at_
         at_fault: Names of those that are in collision: they are red.
     """
     for number, obstacle in enumerate(all_of_them):
-        red, green, blue, alpha = FAULT_COLOR if obstacle.name in at_fault else obstacle_color(obstacle, number)
+        red, green, blue, alpha = bodies.FAULT_COLOR if obstacle.name in at_fault else obstacle_color(obstacle, number)
         color = (red, green, blue, SEE_THROUGH_ALPHA if obstacle.name in see_through else alpha)
         drawn = surface.shaded(obstacle.vertices, obstacle.triangles)
         yield still(entity("obstacles", obstacle.name), bodies.mesh(drawn, color))
@@ -44,7 +43,7 @@ def obstacle_color(obstacle: Obstacle, number: int) -> tuple[int, int, int, int]
     """Colour of the scene's obstacle of that number (RGBA): muted, and unlike its neighbours'."""
     if isinstance(obstacle.message, messages.HalfSpace):
         return FLOOR_COLOR
-    lightness, saturation = (0.62, 0.42) if number % 2 else (0.70, 0.36)
+    lightness, saturation = (0.60, 0.30) if number % 2 else (0.70, 0.28)
     return _rgba((0.08 + GOLDEN_ANGLE * number) % 1.0, lightness, saturation, 255)
 
 
@@ -59,8 +58,9 @@ def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
         path = entity("guide_planes", plane.name)
         yield still(f"{path}/pane", bodies.mesh(surface.shaded(corners, fan), _rgba(hue, 0.55, 0.9, PANE_ALPHA)))
         yield still(f"{path}/outline", rr.LineStrips3D([outline], colors=[_rgba(hue, 0.6, 0.95, 255)], radii=[0.0025]))
+        corner = corners[number % len(corners)]  # not always the same one: planes often stand close behind one another
         label = rr.Points3D(
-            [corners.mean(axis=0)], labels=[plane.name], colors=[_rgba(hue, 0.6, 0.95, 255)], radii=[0.004], show_labels=True
+            [corner], labels=[plane.name], colors=[_rgba(hue, 0.78, 0.95, 255)], radii=[0.004], show_labels=True
         )
         yield still(f"{path}/name", label)
 

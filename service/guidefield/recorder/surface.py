@@ -16,6 +16,9 @@ from guidefield.robot.shapes import triangulation
 CREASE = np.radians(40.0)
 """Faces that meet at less than this angle are shaded as one smooth surface [rad]."""
 
+SKETCH_CREASE = np.radians(85.0)
+"""The same for sketches, which have few and coarse faces [rad]."""
+
 MERGED_DIGITS = 6
 """Decimals of a metre to which vertices are the same."""
 
@@ -52,19 +55,22 @@ class Surface:
         return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
 
 
-def shaded(vertices: np.ndarray, triangles: np.ndarray, color: np.ndarray | None = None) -> Surface:
+def shaded(
+    vertices: np.ndarray, triangles: np.ndarray, color: np.ndarray | None = None, crease: float = CREASE
+) -> Surface:
     """A surface that is smooth but for its creases.
 
     Args:
         vertices: Shape (v, 3) [m].
         triangles: Shape (t, 3).
         color: RGBA of all vertices, shape (4,); None leaves the colour open.
+        crease: Angle between faces from which their edge is sharp [rad].
     """
     places, merged = np.unique(np.round(vertices, MERGED_DIGITS), axis=0, return_inverse=True)
     corners = merged.reshape(-1)[np.asarray(triangles)]
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
     areas = 0.5 * np.cross(places[corners[:, 1]] - places[corners[:, 0]], places[corners[:, 2]] - places[corners[:, 0]])
-    shared = _smooth_corners(corners, areas)
+    shared = _smooth_corners(corners, areas, crease)
     count = int(shared.max(initial=-1)) + 1
     normals = np.column_stack([np.bincount(shared, np.repeat(component, 3), count) for component in areas.T])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -102,7 +108,7 @@ def sketch(surface: Surface) -> Surface:
     """The hull of few of a surface's points, evenly spread: enough to show a pose."""
     vertices = surface.vertices.astype(float)
     mesh = trimesh.Trimesh(_spread(vertices, SKETCH_VERTICES), process=False).convex_hull
-    return shaded(mesh.vertices, mesh.faces)
+    return shaded(mesh.vertices, mesh.faces, crease=SKETCH_CREASE)
 
 
 def read_mesh(path: Path, scale: np.ndarray, override: np.ndarray | None) -> Surface | bytes:
@@ -164,12 +170,13 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
     return points[chosen]
 
 
-def _smooth_corners(corners: np.ndarray, areas: np.ndarray) -> np.ndarray:
+def _smooth_corners(corners: np.ndarray, areas: np.ndarray, crease: float) -> np.ndarray:
     """Corners that share a vertex and a normal, as labels (3 t,) from 0: those joined across edges that aren't creases.
 
     Args:
         corners: Merged vertices of the triangles, shape (t, 3).
         areas: Their area vectors, shape (t, 3).
+        crease: Angle from which an edge is sharp [rad].
     """
     starts, ends = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     at_end = np.roll(np.arange(len(starts)).reshape(-1, 3), -1, axis=1).ravel()
@@ -179,7 +186,7 @@ def _smooth_corners(corners: np.ndarray, areas: np.ndarray) -> np.ndarray:
     one, other = order[:-1][same], order[1:][same]
     units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
     cosines = np.einsum("ij,ij->i", units[one // 3], units[other // 3])
-    one, other = one[cosines > np.cos(CREASE)], other[cosines > np.cos(CREASE)]
+    one, other = one[cosines > np.cos(crease)], other[cosines > np.cos(crease)]
     # Edge k of a triangle runs from its corner k to the next; the neighbour's edge runs the same way or the other.
     along = starts[one] == starts[other]
     pairs = np.vstack(

@@ -81,7 +81,10 @@ def _placement(origin: Any) -> Any:
     """``T_link_body`` of an <origin>, pinocchio.SE3."""
     if origin is None:
         return pin.SE3.Identity()
-    rotation = pin.rpy.rpyToMatrix(_numbers(origin.get("rpy", "0 0 0")))
+    if (quaternion := origin.get("quat_xyzw")) is not None:
+        rotation = pin.Quaternion(_numbers(quaternion)).normalized().matrix()
+    else:
+        rotation = pin.rpy.rpyToMatrix(_numbers(origin.get("rpy", "0 0 0")))
     return pin.SE3(rotation, _numbers(origin.get("xyz", "0 0 0")))
 
 

@@ -1,0 +1,1 @@
+"""Robots: loading, limits, groups, kinematics, charges."""

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from guidefield.errors import RobotInvalid
+from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot import card as cards
 from guidefield.robot.card import RobotCard
 from guidefield.robot.loading import load
 from guidefield.robot.meshes import CATALOG_PACKAGE, MeshResolver, catalog_share
 from guidefield.robot.model import RobotModel, RobotSource
+from guidefield.robot.summary import summarize
 
 MAX_CACHED = 32
 """Robots kept loaded."""
@@ -46,6 +48,10 @@ class Catalog:
         """Names that `load` knows."""
         return sorted(_entries())
 
+    def summaries(self) -> list[RobotSummary]:
+        """A line about each name, in their order; robots with a problem say it."""
+        return [summarize(e.name, e.source, e.folder, e.card) for _, e in sorted(_entries().items())]
+
     def load(self, reference: RobotReference) -> RobotModel:
         """The robot that a request means.
 
@@ -71,17 +77,14 @@ class Catalog:
         entry = _entries().get(name)
         if entry is None:
             raise RobotInvalid(
-                f"there is no robot {name!r}; `guidefield robots` lists those there are", robot=name, available=self.names()
+                f"there is no robot {name!r}; `guidefield robots` lists those there are",
+                robot=name,
+                available=self.names(),
             )
         path = entry.folder / entry.card.urdf
         srdf = (entry.folder / entry.card.srdf).read_text() if entry.card.srdf else None
         source = RobotSource(path.read_text(), path, entry.card.root_joint)
         return load(name, source, srdf, entry.card, MeshResolver.for_file(path))
-
-
-def entry_source(name: str) -> str:
-    """Where a name of the catalog comes from, in a word."""
-    return _entries()[name].source
 
 
 def _from_file(reference: UrdfFile) -> RobotModel:

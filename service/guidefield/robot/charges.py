@@ -14,6 +14,7 @@ import pinocchio as pin
 from guidefield.geometry import surfaces
 from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
+from guidefield.geometry.convex import convex_hull
 from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import triangulation
 
@@ -81,15 +82,25 @@ _SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
 
 
 def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> ChargedShape:
-    capsule = fit_capsule(vertices)
+    capsule = fit_capsule(_hull_vertices(vertices))
     # a thin edge must not slip between the points of a thin link
     points: SurfacePoints = surface_points(vertices, triangles, min(spacing, 2.0 * capsule.radius))
     return ChargedShape(points.points, points.weights, capsule)
 
 
+def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
+    """The vertices that decide what contains a shape; all of them where it is flat."""
+    try:
+        return convex_hull(vertices).vertices
+    except ValueError:
+        return vertices
+
+
 def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
     corners = vertices[triangles]
-    return float(0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum())
+    return float(
+        0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    )
 
 
 def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tuple[int, int], ...]:
@@ -101,7 +112,8 @@ def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tup
         i, j = int(pair.first), int(pair.second)
         radius = max(shapes[i].capsule.radius, shapes[j].capsule.radius)
         gaps = [
-            _gap(geometry_data.oMg[a], shapes[a].points, geometry_data.oMg[b], shapes[b].capsule) for a, b in ((i, j), (j, i))
+            _gap(geometry_data.oMg[a], shapes[a].points, geometry_data.oMg[b], shapes[b].capsule)
+            for a, b in ((i, j), (j, i))
         ]
         if min(gaps) >= ALWAYS_CLOSE * radius:
             kept.append((i, j))

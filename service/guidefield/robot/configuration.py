@@ -120,7 +120,8 @@ def _from_wire(joint: Joint, value: JointValue, error: type[GuidefieldError]) ->
     if expected is None:
         if isinstance(value, list):
             raise error(
-                f"joint {joint.name!r} is {joint.kind.value}: its value is one number, not {len(value)}", joint=joint.name
+                f"joint {joint.name!r} is {joint.kind.value}: its value is one number, not {len(value)}",
+                joint=joint.name,
             )
         return np.array([np.cos(value), np.sin(value)] if joint.kind is JointKind.CONTINUOUS else [value])
     if not isinstance(value, list) or len(value) != expected:

@@ -23,8 +23,8 @@ class PlanningGroup:
     """A robot whose joints outside the group stand still.
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
-    planned one move with it. The *chart* ``z`` (nv,) is the configuration with unwrapped angles for continuous joints: in
-    it, straight lines and splines are drawn.
+    planned one move with it. The *chart* ``z`` (nv,) is the configuration with unwrapped angles for continuous joints:
+    in it, straight lines and splines are drawn.
 
     Attributes:
         robot: The whole robot.
@@ -139,7 +139,11 @@ class PlanningGroup:
         return self.from_chart(rng.uniform(lower, upper))
 
     def with_limits(
-        self, velocity: Mapping[str, float], acceleration: Mapping[str, float], velocity_scaling: float, acceleration_scaling: float
+        self,
+        velocity: Mapping[str, float],
+        acceleration: Mapping[str, float],
+        velocity_scaling: float,
+        acceleration_scaling: float,
     ) -> PlanningGroup:
         """The same group with other limits by joint name, then scaled."""
         joints = tuple(
@@ -147,7 +151,9 @@ class PlanningGroup:
                 joint,
                 velocity=np.full(joint.nv, velocity[joint.name]) if joint.name in velocity else joint.velocity,
                 velocity_source=LimitSource.REQUEST if joint.name in velocity else joint.velocity_source,
-                acceleration=np.full(joint.nv, acceleration[joint.name]) if joint.name in acceleration else joint.acceleration,
+                acceleration=np.full(joint.nv, acceleration[joint.name])
+                if joint.name in acceleration
+                else joint.acceleration,
                 acceleration_source=LimitSource.REQUEST if joint.name in acceleration else joint.acceleration_source,
             )
             for joint in self.joints
@@ -213,7 +219,14 @@ def select(
     for array in arrays.values():
         array.setflags(write=False)
     return PlanningGroup(
-        robot=robot, model=model, geometry=geometry, space=space, joints=joints, tip=tip, tip_id=int(model.getFrameId(tip)), **arrays
+        robot=robot,
+        model=model,
+        geometry=geometry,
+        space=space,
+        joints=joints,
+        tip=tip,
+        tip_id=int(model.getFrameId(tip)),
+        **arrays,
     )
 
 
@@ -244,7 +257,9 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
                 available=available,
             )
         if joint.mimic is not None:
-            raise InvalidGroup(f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name)
+            raise InvalidGroup(
+                f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name
+            )
         if joint.kind not in CHART_KINDS:
             raise InvalidGroup(
                 f"joint {name!r} is {joint.kind.value}; this version plans for {', '.join(CHART_KINDS)} joints",

@@ -21,13 +21,14 @@ STARTS = 64
 """Random configurations that are tried for one pose at least."""
 STARTS_PER_SOLUTION = 8
 """Random configurations that are tried for each solution asked, if those are more."""
-DRAW = 16
-"""Random configurations that are drawn at a time."""
+BATCH_PER_SOLUTION, SMALLEST_BATCH, LARGEST_BATCH = 2, 4, 32
+"""How many starts descend side by side: about half of them fail."""
 MAX_ITERATIONS = 60
 PATIENCE = 5
 """A start is given up if this many iterations in a row haven't halved the squared error."""
 LEVER = 0.3
 """A rotation error of one radian counts as much as a position error of this [m]."""
+WEIGHTS = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
 DAMPING = 0.05
 """Damping per squared error. Of 0.005 to 0.5, with levers of 0.15 to 1 m, these take the fewest iterations on Panda,
 UR5, xArm7 and Kinova."""
@@ -99,6 +100,7 @@ def solve(
     *,
     rng: np.random.Generator,
     accept: Callable[[np.ndarray], bool] | None = None,
+    fault: str = "in collision",
 ) -> IkResult:
     """Distinct configurations of a group that bring its tip to a pose.
 
@@ -113,7 +115,8 @@ def solve(
         starts: Configurations of the group to start from, each shape (nq,).
         count: How many solutions to look for.
         rng: Where random starts come from; the same state gives the same solutions.
-        accept: Whether a configuration is free of collision; None: all are taken.
+        accept: Whether a configuration may be a solution; None: all may.
+        fault: What is wrong with those that may not, for the reason.
 
     Returns:
         The solutions, and a reason where there are fewer than `count`.
@@ -124,27 +127,29 @@ def solve(
     found: list[np.ndarray] = []
     accepted: list[np.ndarray] = []
     drawn = max(STARTS, STARTS_PER_SOLUTION * count)
-    for start in chain(starts, search.random_starts(drawn, rng)):
-        q = search.descend(start)
-        if q is None or any(search.are_alike(q, other) for other in found):
-            continue
-        found.append(q)
-        if accept is None or accept(q):
-            accepted.append(q)
-            if len(accepted) == count:
-                return IkResult(tuple(accepted), "")
-    return IkResult(tuple(accepted), _reason(len(found), len(accepted), len(starts) + drawn, search.closest))
-
-
-def _reason(found: int, accepted: int, tried: int, closest: np.ndarray) -> str:
-    """Why there are not more, after all starts."""
+    size = min(max(BATCH_PER_SOLUTION * count, SMALLEST_BATCH), LARGEST_BATCH)
+    for batch in chain(_batches(starts, size), _batches(search.random_starts(drawn, rng), size)):
+        for q in search.descend(batch):
+            if any(search.are_alike(q, other) for other in found):
+                continue
+            found.append(q)
+            if accept is None or accept(q):
+                accepted.append(q)
+                if len(accepted) == count:
+                    return IkResult(tuple(accepted), "")
+    tried = f"{len(starts) + drawn} starts"
     if not found:
-        position, rotation = np.linalg.norm(closest[:3]), np.linalg.norm(closest[3:])
-        return f"no solution from {tried} starts; the closest is {position:.2g} m and {rotation:.2g} rad off"
+        position, rotation = np.linalg.norm(search.closest[:3]), np.linalg.norm(search.closest[3:])
+        return IkResult((), f"no solution from {tried}; the closest is {position:.2g} m and {rotation:.2g} rad off")
     if not accepted:
-        return f"{found} distinct solutions from {tried} starts, all in collision"
-    rejected = f", {found - accepted} more are in collision" if found > accepted else ""
-    return f"{accepted} distinct solutions from {tried} starts{rejected}"
+        return IkResult((), f"{len(found)} distinct solutions from {tried}, all {fault}")
+    rejected = len(found) - len(accepted)
+    others = f", {rejected} more are {fault}" if rejected else ""
+    return IkResult(tuple(accepted), f"{len(accepted)} distinct solutions from {tried}{others}")
+
+
+def _batches(starts: Sequence[np.ndarray], size: int) -> Iterator[Sequence[np.ndarray]]:
+    return (starts[first : first + size] for first in range(0, len(starts), size))
 
 
 class _Search:
@@ -153,13 +158,9 @@ class _Search:
     def __init__(self, group: PlanningGroup, target: PoseTarget) -> None:
         self._group, self._target = group, target
         self._model, self._data = group.model, group.model.createData()
-        self._has_followers = group.space is not group.model
         tolerances = np.concatenate([target.position_tolerance, target.orientation_tolerance])
         self._allowed = np.where(tolerances > EXACT, tolerances, 0.5 * EXACT)  # half: others may check in another way
         self._aimed = np.where(tolerances > EXACT, AIM * tolerances, 0.0)
-        self._has_tolerances = bool(self._aimed.any())
-        self._weights = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
-        self._error_rate = np.zeros((6, 6))
         bounded = [joint for joint in group.joints if joint.nq == 1]
         self._at_q = np.array([joint.idx_q for joint in bounded], int)
         self._at_v = np.array([joint.idx_v for joint in bounded], int)
@@ -169,34 +170,39 @@ class _Search:
         self._least = np.inf
         self.closest = np.full(6, np.inf)
 
-    def random_starts(self, count: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
-        """Random configurations; of each draw those nearest to the target first."""
-        for done in range(0, count, DRAW):
-            drawn = [self._group.random(rng) for _ in range(min(DRAW, count - done))]
-            errors = [self._weights * self._excess(self._error(self._offset(q))) for q in drawn]
-            yield from (drawn[i] for i in np.argsort([error.dot(error) for error in errors], kind="stable"))
+    def random_starts(self, count: int, rng: np.random.Generator) -> list[np.ndarray]:
+        """Random configurations, those nearest to the target first; angles without limits are from one turn."""
+        lower, upper = self._group.lower, self._group.upper
+        lower, upper = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
+        drawn = [self._group.from_chart(z) for z in rng.uniform(lower, upper, (count, self._group.nv))]
+        residuals = WEIGHTS * self._excess(self._linearized(np.array(drawn))[0])
+        return [drawn[i] for i in np.argsort(np.sum(residuals**2, axis=1), kind="stable")]
 
-    def descend(self, start: np.ndarray) -> np.ndarray | None:
-        """The configuration within the tolerances that a start leads to; None if it leads to none."""
-        q = self._clamped(start)
-        halved, patience = np.inf, PATIENCE
+    def descend(self, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The configurations within the tolerances that starts lead to, in their order; some lead to none."""
+        reached: dict[int, np.ndarray] = {}
+        running = np.arange(len(starts))
+        qs = self._clamped(np.array(starts))
+        halved, patience = np.full(len(starts), np.inf), np.full(len(starts), PATIENCE)
         for _ in range(MAX_ITERATIONS):
-            offset = self._offset(q)
-            error = self._error(offset)
-            if (np.abs(error) <= self._allowed).all():
-                return q
-            excess = self._excess(error)
-            residual = self._weights * excess
-            squared = float(residual.dot(residual))
-            if squared < self._least:
-                self._least, self.closest = squared, excess
-            if squared < 0.5 * halved:
-                halved, patience = squared, PATIENCE
-            elif (patience := patience - 1) == 0:
-                return None
-            step = self._step(q, offset, residual, squared)
-            q = self._clamped(pin.integrate(self._group.space, q, step))
-        return None
+            errors, jacobians = self._linearized(qs)
+            there = (np.abs(errors) <= self._allowed).all(axis=1)
+            reached.update(zip(running[there].tolist(), qs[there], strict=True))
+            excesses = self._excess(errors)
+            residuals = WEIGHTS * excesses
+            squared = np.sum(residuals**2, axis=1)
+            self._remember(squared, excesses)
+            progress = squared < 0.5 * halved
+            halved, patience = np.where(progress, squared, halved), np.where(progress, PATIENCE, patience - 1)
+            going = ~there & (patience > 0)
+            if not going.any():
+                break
+            running, qs, halved, patience = running[going], qs[going], halved[going], patience[going]
+            steps = self._steps(qs, residuals[going], jacobians[going], squared[going])
+            qs = self._clamped(
+                np.array([pin.integrate(self._group.space, q, v) for q, v in zip(qs, steps, strict=True)])
+            )
+        return [reached[index] for index in sorted(reached)]
 
     def are_alike(self, q0: np.ndarray, q1: np.ndarray) -> bool:
         """Whether two configurations count as one solution."""
@@ -204,71 +210,62 @@ class _Search:
 
     def shortfall(self) -> float:
         """A lower bound of the distance that the tip stays away from the target's tolerances; maybe negative [m]."""
-        model, joints = self._model, self._chain()
-        reach = float(np.linalg.norm(model.frames[self._group.tip_id].placement.translation))
-        for index in joints:
-            if index != joints[0]:
-                reach += float(np.linalg.norm(model.jointPlacements[index].translation))
-            reach += self._travel(index)
-        here = self._target.placement.actInv(model.jointPlacements[joints[0]].translation)
-        beyond = np.maximum(np.abs(here) - self._target.position_tolerance, 0.0)
+        model, tip = self._model, self._model.frames[self._group.tip_id]
+        first, *others = list(model.supports[tip.parentJoint])[1:]
+        lengths = [tip.placement.translation, *(model.jointPlacements[index].translation for index in others)]
+        reach = sum(float(np.linalg.norm(length)) for length in lengths) + sum(map(self._travel, (first, *others)))
+        base = self._target.placement.actInv(model.jointPlacements[first].translation)
+        beyond = np.maximum(np.abs(base) - self._target.position_tolerance, 0.0)
         return float(np.linalg.norm(beyond)) - reach - EXACT
 
-    def _chain(self) -> list[int]:
-        """Indices of the joints between the world and the tip."""
-        return list(self._model.supports[self._model.frames[self._group.tip_id].parentJoint])[1:]
-
     def _travel(self, index: int) -> float:
-        """How far a joint can move its own origin [m]."""
-        joint = next((j for j in self._group.joints if j.name == self._model.names[index]), None)
-        if joint is not None and joint.kind in (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL):
+        """How far a joint of the model can move its own origin [m]."""
+        joint = next((joint for joint in self._group.joints if joint.name == self._model.names[index]), None)
+        kind = None if joint is None else joint.kind  # None: it follows another
+        if kind in (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL):
             return 0.0
-        if joint is not None and joint.kind is JointKind.PRISMATIC:
+        if joint is not None and kind is JointKind.PRISMATIC:
             return float(max(-joint.lower[0], joint.upper[0]))
-        rotates = self._model.joints[index].shortname().startswith("JointModelR")  # a joint that follows another
-        return 0.0 if rotates else np.inf
+        return np.inf
 
-    def _offset(self, q: np.ndarray) -> Any:
-        """``T_target_tip`` (pinocchio.SE3) at a configuration."""
-        pin.forwardKinematics(self._model, self._data, self._group.expand(q))
-        return self._target.placement.actInv(pin.updateFramePlacement(self._model, self._data, self._group.tip_id))
+    def _linearized(self, qs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Errors (n, 6) at configurations (n, nq), and derivatives (n, 6, nv) of the weighted errors by the tangent."""
+        errors, rates = np.empty((len(qs), 6)), np.zeros((len(qs), 6, 6))
+        jacobians = np.empty((len(qs), 6, self._model.nv))
+        model, data, tip = self._model, self._data, self._group.tip_id
+        for q, error, rate, jacobian in zip(map(self._group.expand, qs), errors, rates, jacobians, strict=True):
+            jacobian[:] = pin.computeFrameJacobian(model, data, q, tip, pin.ReferenceFrame.LOCAL)
+            pin.forwardKinematics(model, data, q)  # the Jacobian alone leaves the placements as they were
+            offset = self._target.placement.actInv(pin.updateFramePlacement(model, data, tip))
+            rotation = offset.rotation
+            error[:3], error[3:] = offset.translation, pin.log3(rotation)
+            rate[:3, :3], rate[3:, 3:] = rotation, pin.Jlog3(rotation)
+        if self._group.space is not self._model:
+            jacobians = jacobians @ self._group.expand_velocity
+        return errors, WEIGHTS[:, None] * (rates @ jacobians)
 
-    def _error(self, offset: Any) -> np.ndarray:
-        return np.concatenate([offset.translation, pin.log3(offset.rotation)])
+    def _steps(self, qs: np.ndarray, residuals: np.ndarray, jacobians: np.ndarray, squared: np.ndarray) -> np.ndarray:
+        """Tangents (n, nv) of one damped step each; joints that rest on a limit and are pushed outward stay."""
+        slopes, values = (residuals[:, None] @ jacobians)[:, 0, self._at_v], qs[:, self._at_q]
+        free = np.ones((len(qs), self._group.nv))
+        free[:, self._at_v] = ((values > self._lower) | (slopes < 0.0)) & ((values < self._upper) | (slopes > 0.0))
+        J = jacobians * free[:, None] * (residuals != 0.0)[:, :, None]
+        normal = J @ J.transpose(0, 2, 1)
+        normal[:, range(6), range(6)] += (DAMPING * squared + DAMPING_FLOOR)[:, None]
+        steps: np.ndarray = -(np.linalg.solve(normal, residuals[:, :, None]).transpose(0, 2, 1) @ J)[:, 0]
+        return steps
 
-    def _excess(self, error: np.ndarray) -> np.ndarray:
-        """What of the error exceeds the aimed part of the tolerances, shape (6,) [m, rad]."""
-        excess: np.ndarray = error - np.minimum(np.maximum(error, -self._aimed), self._aimed)
+    def _excess(self, errors: np.ndarray) -> np.ndarray:
+        """What of errors (n, 6) exceeds the aimed part of the tolerances [m, rad]."""
+        excess: np.ndarray = errors - np.minimum(np.maximum(errors, -self._aimed), self._aimed)
         return excess
 
-    def _step(self, q: np.ndarray, offset: Any, residual: np.ndarray, squared: float) -> np.ndarray:
-        """Tangent (nv,) of one damped step; joints that rest on a limit and are pushed outward stay."""
-        J = self._jacobian(q, offset)
-        if self._has_tolerances:
-            J[residual == 0.0] = 0.0
-        values, slope = q[self._at_q], residual.dot(J)[self._at_v]
-        stuck = ((values <= self._lower) & (slope > 0.0)) | ((values >= self._upper) & (slope < 0.0))
-        if np.count_nonzero(stuck):
-            J[:, self._at_v[stuck]] = 0.0
-        normal = J.dot(J.T)
-        normal.flat[::7] += DAMPING * squared + DAMPING_FLOOR
-        step: np.ndarray = -np.linalg.solve(normal, residual).dot(J)
-        return step
+    def _remember(self, squared: np.ndarray, excesses: np.ndarray) -> None:
+        best = int(np.argmin(squared))
+        if squared[best] < self._least:
+            self._least, self.closest = float(squared[best]), excesses[best]
 
-    def _jacobian(self, q: np.ndarray, offset: Any) -> np.ndarray:
-        """Derivative (6, nv) of the weighted error by the group's tangent."""
-        J = pin.computeFrameJacobian(
-            self._model, self._data, self._group.expand(q), self._group.tip_id, pin.ReferenceFrame.LOCAL
-        )
-        if self._has_followers:
-            J = J @ self._group.expand_velocity
-        self._error_rate[:3, :3] = offset.rotation
-        self._error_rate[3:, 3:] = LEVER * pin.Jlog3(offset.rotation)
-        derivative: np.ndarray = self._error_rate.dot(J)
-        return derivative
-
-    def _clamped(self, q: np.ndarray) -> np.ndarray:
-        """The configuration with every bounded value within its limits."""
-        clamped = q.copy()
-        clamped[self._at_q] = np.minimum(np.maximum(q[self._at_q], self._lower), self._upper)
-        return clamped
+    def _clamped(self, qs: np.ndarray) -> np.ndarray:
+        """Configurations (n, nq) with every bounded value within its limits, in place."""
+        qs[:, self._at_q] = np.minimum(np.maximum(qs[:, self._at_q], self._lower), self._upper)
+        return qs

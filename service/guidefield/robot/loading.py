@@ -58,7 +58,9 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     model, geometry = _parse(name, source)
     check_geometry_complete(facts, geometry, model)
     if not geometry.ngeoms:
-        raise RobotInvalid(f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name)
+        raise RobotInvalid(
+            f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
+        )
     choices = shapes.settle(model, geometry)
     joints = tuple(_joint(model, index, facts, card) for index in range(1, model.njoints))
     groups = resolve_groups(model, described, joints)
@@ -71,7 +73,7 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
         geometry=geometry,
         joints=joints,
         links=tuple(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY),
-        tip=_tip(model, described, card),
+        tip=default_tip(model, described, card),
         groups=groups if card.group is None else {"default": tuple(card.group), **groups},
         rest=rest,
         geometry_choices=choices,
@@ -147,8 +149,8 @@ def _velocity_limit(kind: JointKind, urdf: np.ndarray, card: float | None) -> tu
     return np.array(by_kind.get(kind, [rotation] * len(urdf))), LimitSource.DEFAULT
 
 
-def _tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
-    """The card's tip, else the SRDF's first end effector, else the frame that most joints move."""
+def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
+    """Frame that goals are about: the card's, else the SRDF's first end effector, else the one that most joints move."""
     if card.tip is not None:
         return card.tip
     for parent_link, _ in described.end_effectors:
@@ -175,7 +177,9 @@ def _rest(name: str, model: Any, joints: tuple[Joint, ...], described: srdf.Srdf
         if joint.mimic is not None and joint.nq == 1:
             driver = next((other for other in joints if other.name == joint.mimic.driver), None)
             if driver is None:
-                raise RobotInvalid(f"robot {name!r}: joint {joint.name!r} mimics {joint.mimic.driver!r}, which doesn't move")
+                raise RobotInvalid(
+                    f"robot {name!r}: joint {joint.name!r} mimics {joint.mimic.driver!r}, which doesn't move"
+                )
             if driver.nq == 1:
                 q[joint.idx_q] = joint.mimic.multiplier * q[driver.idx_q] + joint.mimic.offset
     return q

@@ -103,7 +103,7 @@ class GeometryChoice:
 
 @dataclass(frozen=True)
 class RobotSource:
-    """Where a robot came from: its text (once loaded, with its meshes as absolute paths) and its file, if it had one."""
+    """Where a robot came from: its text (once loaded, with meshes as absolute paths) and its file, if it had one."""
 
     urdf_text: str
     urdf_path: Path | None

@@ -19,8 +19,8 @@ def settle(
 ) -> tuple[PairLeftOut, ...]:
     """Choose the collision pairs of a geometry model in place, and list the pairs of links left out.
 
-    Pairs that the SRDF disables are left out. Without any, pairs are left out that are adjacent (joined by one joint) or
-    that touch at rest and in nearly every one of `SAMPLES` random configurations.
+    Pairs that the SRDF disables are left out. Without any, pairs are left out that are adjacent (joined by one joint)
+    or that touch in nearly every one of `SAMPLES` random configurations.
 
     Args:
         model: Pinocchio model.
@@ -45,7 +45,7 @@ def settle(
     geometry.removeAllCollisionPairs()
     for first, second in kept:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
-    return tuple(PairLeftOut(tuple(sorted(pair)), left_out[pair]) for pair in sorted(gone, key=sorted))  # type: ignore[arg-type]
+    return tuple(PairLeftOut(tuple(sorted(pair)), left_out[pair]) for pair in sorted(gone, key=sorted))
 
 
 def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> dict[frozenset[str], str]:

@@ -6,7 +6,6 @@ from typing import Any
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from guidefield.robot.model import GeometryChoice
 

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from guidefield.kernels.tree_kinematics import CONTINUOUS, FLOATING, PLANAR, PRISMATIC, REVOLUTE, SPHERICAL, JointTable
 
-AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 CODES = {
     "JointModelPlanar": PLANAR,
     "JointModelSpherical": SPHERICAL,
@@ -17,9 +16,9 @@ CODES = {
     "JointModelRevoluteUnaligned": REVOLUTE,
     "JointModelRevoluteUnboundedUnaligned": CONTINUOUS,
     "JointModelPrismaticUnaligned": PRISMATIC,
-    **{f"JointModelR{axis}": REVOLUTE for axis in AXES},
-    **{f"JointModelRUB{axis}": CONTINUOUS for axis in AXES},
-    **{f"JointModelP{axis}": PRISMATIC for axis in AXES},
+    **{f"JointModelR{axis}": REVOLUTE for axis in "XYZ"},
+    **{f"JointModelRUB{axis}": CONTINUOUS for axis in "XYZ"},
+    **{f"JointModelP{axis}": PRISMATIC for axis in "XYZ"},
 }
 
 
@@ -33,9 +32,18 @@ def joint_table(model: Any) -> JointTable:
         short = joint.shortname()
         parents[index], kinds[index] = model.parents[index], CODES[short]
         idx_q[index], idx_v[index], nv[index] = joint.idx_q, joint.idx_v, joint.nv
-        axes[index] = joint.extract().axis if short.endswith("Unaligned") else AXES.get(short[-1], (0.0, 0.0, 0.0))
+        axes[index] = _axis(joint) if joint.nv == 1 else 0.0
         placement: pin.SE3 = model.jointPlacements[index]
         placements[index] = np.c_[placement.rotation, placement.translation]
     for array in (parents, kinds, axes, placements, idx_q, idx_v, nv):
         array.setflags(write=False)
     return JointTable(parents, kinds, axes, placements, idx_q, idx_v, nv)
+
+
+def _axis(joint: Any) -> np.ndarray:
+    """Axis of a joint with one degree of freedom, shape (3,): the part of its motion subspace that isn't zero."""
+    data = joint.createData()
+    joint.calc(data, np.zeros(joint.idx_q + joint.nq))
+    subspace = np.asarray(data.S, float).ravel()
+    axis: np.ndarray = subspace[:3] if np.any(subspace[:3]) else subspace[3:]
+    return axis

@@ -13,9 +13,6 @@ from guidefield.scene.flat import PLANARITY, FlatPolygon, flat_polygon, flatness
 _SLACK = 1e-8
 """Rounding that `contains` forgives, as a fraction of the size: a closest point is contained."""
 
-_BISECTIONS = 60
-"""Halvings of the interval that holds the inradius: to the last bit."""
-
 
 @dataclass(frozen=True, eq=False)
 class GuidePlane:
@@ -110,7 +107,7 @@ def build(message: messages.GuidePlane, index: int) -> GuidePlane:
         vertices=flat.vertices,
         normal=flat.normal,
         centroid=centroid,
-        inradius=_inradius(flat.corners, inward, offsets),
+        inradius=_inradius(inward, offsets),
         flat=flat,
         inward=inward,
         offsets=offsets,
@@ -140,16 +137,43 @@ def _area_centroid(corners: np.ndarray) -> np.ndarray:
     return centroid
 
 
-def _inradius(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> float:
-    """Largest inset that leaves something over: by bisection, each trial a clipping."""
-    low, high = 0.0, float(np.ptp(corners, axis=0).max())
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if len(_clipped(corners, inward, offsets + middle)):
-            low = middle
-        else:
-            high = middle
-    return low
+def _inradius(inward: np.ndarray, offsets: np.ndarray) -> float:
+    """Largest inset that leaves something over: edges move inwards, the first to vanish is dropped, until all is gone.
+
+    Each edge's length is linear in the inset between two such events, so each event is exact.
+    """
+    # Edges in line with the next have no corner of their own.
+    bent = _cross(np.roll(inward, 1, axis=0), inward) > PLANARITY
+    normals, offsets = inward[bent], offsets[bent]
+    while True:
+        lengths, next_lengths = (_edge_lengths(normals, offsets + inset) for inset in (0.0, 1.0))
+        shrinking = np.maximum(lengths - next_lengths, 1e-300)
+        vanishing = lengths / shrinking
+        first = int(np.argmin(vanishing))
+        gap = _cross(normals[first - 1], normals[(first + 1) % len(normals)])
+        if len(normals) <= 3 or gap <= 1e-12:
+            return float(vanishing[first])
+        normals, offsets = np.delete(normals, first, axis=0), np.delete(offsets, first)
+
+
+def _edge_lengths(inward: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Lengths (k,) of the edges on lines ``inward . x = offset`` in order; negative where neighbours meet beyond."""
+    before, offsets_before = np.roll(inward, 1, axis=0), np.roll(offsets, 1)
+    turn = _cross(before, inward)
+    corners = np.column_stack(
+        [
+            offsets_before * inward[:, 1] - offsets * before[:, 1],
+            before[:, 0] * offsets - inward[:, 0] * offsets_before,
+        ]
+    )
+    corners /= turn[:, None]
+    edges = np.roll(corners, -1, axis=0) - corners
+    return _cross(edges, inward)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    crossed: np.ndarray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return crossed
 
 
 def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:

@@ -20,11 +20,7 @@ from guidefield.messages import codec
 from guidefield.messages.replies import ErrorReply, PlanReply, RunReply, RunSummary
 from guidefield.messages.requests import PlanRequest
 from guidefield.stores.files import checked_name, flush_folder, read_if_any, write_atomically
-
-RUNNING = "RUNNING"
-"""Status of a run that has neither a reply nor an error yet."""
-
-_REQUEST, _REPLY, _ERROR, _RECORDING = "request.json", "reply.json", "error.json", "recording.rrd"
+from guidefield.stores.run_folder import ERROR, RECORDING, REPLY, REQUEST, has_ended, summary
 
 
 @dataclass(frozen=True)
@@ -127,7 +123,7 @@ class RunStore:
         draft = self._folder / f".{uuid.uuid4().hex}.new"
         draft.mkdir()
         try:
-            write_atomically(draft / _REQUEST, codec.encode(request))
+            write_atomically(draft / REQUEST, codec.encode(request))
             draft.rename(final)
         except OSError:
             shutil.rmtree(draft, ignore_errors=True)
@@ -140,19 +136,19 @@ class RunStore:
 
     def recording_path(self, run_id: str) -> Path | None:
         """Where its recording is to be written, at once and whole."""
-        return self._folder / run_id / _RECORDING
+        return self._folder / run_id / RECORDING
 
     def finish(self, run_id: str, reply: PlanReply) -> None:
         """Keep the reply; the recording is there already, so that an ended run has all it will have."""
-        write_atomically(self._folder / run_id / _REPLY, codec.encode(reply))
+        write_atomically(self._folder / run_id / REPLY, codec.encode(reply))
 
     def fail(self, run_id: str, error: ErrorReply) -> None:
         """Keep the error that ended a run; nothing is done where there is no such run, or it has its reply."""
         folder = self._folder / checked_name(run_id, "run_id")
-        if folder.is_dir() and not (folder / _REPLY).exists():
+        if folder.is_dir() and not (folder / REPLY).exists():
             for leftover in folder.glob(".*"):
                 leftover.unlink(missing_ok=True)
-            write_atomically(folder / _ERROR, codec.encode(error))
+            write_atomically(folder / ERROR, codec.encode(error))
 
     def discard(self, run_id: str) -> None:
         """Forget a run whose request was refused."""
@@ -166,12 +162,12 @@ class RunStore:
         for leftover in self._folder.glob(".*"):
             shutil.rmtree(leftover, ignore_errors=True)
         for folder in self._folders():
-            if not _has_ended(folder):
+            if not has_ended(folder):
                 self.fail(folder.name, error)
 
     def summaries(self) -> list[RunSummary]:
         """The runs that are kept, newest first."""
-        found = (_summary(folder) for folder in self._folders())
+        found = (summary(folder) for folder in self._folders())
         return sorted((run for run in found if run is not None), key=lambda run: run.began, reverse=True)
 
     def read(self, run_id: str) -> RunReply:
@@ -181,12 +177,15 @@ class RunStore:
             UnknownObject: if there is none of that name.
         """
         folder = self._existing(run_id)
-        request, reply, error = (read_if_any(folder / name) for name in (_REQUEST, _REPLY, _ERROR))
-        if request is None:
-            raise _unknown(run_id)
+        try:
+            began = (folder / REQUEST).stat().st_mtime
+            request = (folder / REQUEST).read_bytes()
+        except FileNotFoundError:
+            raise _unknown(run_id) from None
+        reply, error = read_if_any(folder / REPLY), read_if_any(folder / ERROR)
         return RunReply(
             run_id=run_id,
-            began=(folder / _REQUEST).stat().st_mtime,
+            began=began,
             request=msgspec.json.decode(request, type=PlanRequest),
             reply=None if reply is None else msgspec.json.decode(reply, type=PlanReply),
             error=None if error is None else msgspec.json.decode(error, type=ErrorReply),
@@ -198,7 +197,7 @@ class RunStore:
         Raises:
             UnknownObject: if there is no such run, or it has no recording, or not yet.
         """
-        recording = read_if_any(self._existing(run_id) / _RECORDING)
+        recording = read_if_any(self._existing(run_id) / RECORDING)
         if recording is None:
             raise UnknownObject(f"run {run_id!r} has no recording", run_id=run_id)
         return recording
@@ -230,63 +229,30 @@ class RunStore:
 
     def _make_room(self) -> None:
         """Drop ended runs, the oldest first, until one more fits."""
-        ended = sorted(
-            (folder.stat().st_mtime, sum(file.stat().st_size for file in folder.iterdir()), folder)
-            for folder in self._folders()
-            if _has_ended(folder)
-        )
-        count, size = len(ended), sum(bytes_ for _, bytes_, _ in ended)
-        for _, bytes_, folder in ended:
+        kept = (_extent(folder) for folder in self._folders() if has_ended(folder))
+        ended = sorted((extent for extent in kept if extent is not None), key=lambda extent: extent.ended)
+        count, size = len(ended), sum(extent.bytes for extent in ended)
+        for extent in ended:
             if count < self._retention.runs and size < self._retention.bytes:
                 return
-            self._drop(folder)
-            count, size = count - 1, size - bytes_
+            self._drop(extent.folder)
+            count, size = count - 1, size - extent.bytes
 
 
-class _SceneHead(msgspec.Struct):
-    name: str
+@dataclass(frozen=True)
+class _Extent:
+    """When an ended run ended, and how much room it takes."""
+
+    folder: Path
+    ended: float
+    bytes: int
 
 
-class _RequestHead(msgspec.Struct):
-    """Just enough of a request for a list."""
-
-    robot: str | dict[str, msgspec.Raw]
-    scene: str | _SceneHead
-
-
-class _Status(msgspec.Struct):
-    name: str
-
-
-class _ReplyHead(msgspec.Struct):
-    """Just enough of a reply for a list."""
-
-    status: _Status
-
-
-def _summary(folder: Path) -> RunSummary | None:
-    request = read_if_any(folder / _REQUEST)
-    if request is None:  # dropped since it was listed
+def _extent(folder: Path) -> _Extent | None:
+    try:
+        return _Extent(folder, folder.stat().st_mtime, sum(file.stat().st_size for file in folder.iterdir()))
+    except FileNotFoundError:  # dropped meanwhile, by another process
         return None
-    head = msgspec.json.decode(request, type=_RequestHead)
-    return RunSummary(
-        run_id=folder.name,
-        status=_status(folder),
-        robot=head.robot if isinstance(head.robot, str) else "urdf",
-        scene=head.scene if isinstance(head.scene, str) else head.scene.name,
-        began=(folder / _REQUEST).stat().st_mtime,
-    )
-
-
-def _status(folder: Path) -> str:
-    reply, error = read_if_any(folder / _REPLY), read_if_any(folder / _ERROR)
-    if reply is not None:
-        return msgspec.json.decode(reply, type=_ReplyHead).status.name
-    return RUNNING if error is None else msgspec.json.decode(error, type=_Status).name
-
-
-def _has_ended(folder: Path) -> bool:
-    return (folder / _REPLY).exists() or (folder / _ERROR).exists()
 
 
 def _unknown(run_id: str) -> UnknownObject:

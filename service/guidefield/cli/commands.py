@@ -1,0 +1,165 @@
+"""The commands of `guidefield`, and the one place that turns an outcome into an exit code.
+
+Exit codes: 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for what the service would
+answer with an error.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import msgspec
+import typer
+from rich.console import Console
+
+from guidefield.cli import demonstration, serving
+from guidefield.cli.tables import plan_table, robots_table
+from guidefield.client import Client
+from guidefield.endpoint.service import DEFAULT_LISTEN, InstanceLives, ServiceSettings
+from guidefield.engine import answer
+from guidefield.errors import GuidefieldError, MalformedRequest, Status
+from guidefield.messages import codec, requests
+from guidefield.messages.replies import PlanReply, RobotsReply
+from guidefield.messages.values import Reply
+from guidefield.stores.files import default_data_folder
+
+app = typer.Typer(
+    help="Motion planning and kinematics for any URDF robot, certified, over Zenoh, with a recording of every run.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+out = Console()
+err = Console(stderr=True)
+
+RequestFile = Annotated[Path, typer.Argument(help="JSON file with a request; - reads standard input.", allow_dash=True)]
+ReplyFile = Annotated[Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.")]
+
+
+def main() -> None:
+    """Run the command line; errors of the service's own kind become one line and exit code 2."""
+    try:
+        app()
+    except (GuidefieldError, InstanceLives) as error:
+        err.print(f"[red]{_name(error)}[/red]: {error}", highlight=False, soft_wrap=True)
+        sys.exit(2)
+
+
+@app.command()
+def plan(
+    request: RequestFile,
+    output: ReplyFile = None,
+    record: Annotated[Path | None, typer.Option(help="Write a recording of the run here (.rrd).")] = None,
+) -> None:
+    """Plan in this process, without a service; any other request is answered too."""
+    asked = _read(request)
+    serving.tell_if_kernels_compile(err.print)
+    _report(answer(asked, record_to=record), output)
+
+
+@app.command()
+def query(
+    request: RequestFile,
+    connect: Annotated[str, typer.Option(help="Where the service listens.")] = DEFAULT_LISTEN,
+    name: Annotated[str, typer.Option(help="Name of the service.")] = "local",
+    output: ReplyFile = None,
+    record: Annotated[Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).")] = None,
+) -> None:
+    """Ask a service for a plan or for kinematics."""
+    asked = _read(request)
+    with Client.connect(connect, instance=name) as client:
+        if isinstance(asked, requests.PlanRequest):
+            reply: Reply = client.plan(asked)
+        elif isinstance(asked, requests.KinematicsRequest):
+            reply = client.kinematics(asked)
+        else:
+            raise MalformedRequest(f"a request file holds a plan or a kinematics request, not {type(asked).__name__}")
+        if record is not None and isinstance(reply, PlanReply):
+            record.write_bytes(client.recording(reply.run_id))
+    _report(reply, output)
+
+
+@app.command()
+def serve(
+    listen: Annotated[
+        list[str] | None, typer.Option(help=f"Zenoh endpoint, may be repeated; else {DEFAULT_LISTEN}.")
+    ] = None,
+    name: Annotated[str, typer.Option(help="Name of this service; part of its keys.")] = "local",
+    workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = os.cpu_count() or 1,
+    queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
+    config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of runs and scenes; else in the data folder of the user.")] = None,
+) -> None:
+    """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
+    settings = ServiceSettings(
+        data=default_data_folder(name) if data is None else data,
+        instance=name,
+        listen=tuple(listen) if listen else None,
+        config=config,
+        workers=workers,
+        queue_limit=queue,
+    )
+    serving.serve_until_signal(settings, typer.echo)
+
+
+@app.command()
+def robots(json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """List the robots that can be named in a request."""
+    reply = answer(requests.ReadRobots())
+    assert isinstance(reply, RobotsReply), "what is asked for is what is answered"
+    if json:
+        typer.echo(_as_json(reply))
+    else:
+        out.print(robots_table(reply))
+
+
+@app.command()
+def demo(
+    folder: Annotated[Path, typer.Option(help="Where the recordings go.")] = Path("runs"),
+) -> None:
+    """Start a service, have it plan twice for a Panda at a bookshelf, and say what came of it."""
+    raise typer.Exit(demonstration.run(folder, out))
+
+
+@app.command()
+def show(
+    recording: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A run's .rrd file.")],
+    web: Annotated[bool, typer.Option(help="In a web browser instead of a window.")] = False,
+) -> None:
+    """Open a recording in the Rerun viewer, on this machine only."""
+    viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", *(["--web-viewer"] if web else []), str(recording)]
+    raise typer.Exit(subprocess.call(viewer))  # noqa: S603 - our own interpreter and a file that exists
+
+
+def _read(path: Path) -> requests.Request:
+    if str(path) == "-":
+        return codec.decode_request(sys.stdin.buffer.read())
+    try:
+        return codec.decode_request(path.read_bytes())
+    except OSError as error:
+        raise MalformedRequest(f"the request can't be read: {error}", path=str(path)) from None
+
+
+def _report(reply: Reply, output: Path | None) -> NoReturn:
+    """Show a reply to a person, write it for a machine, and end with the exit code that it stands for."""
+    if output is not None:
+        output.write_text(_as_json(reply) + "\n")
+    if not isinstance(reply, PlanReply):
+        if output is None:
+            typer.echo(_as_json(reply))
+        raise typer.Exit(0)
+    out.print(plan_table(reply))
+    raise typer.Exit(0 if reply.status.code == Status.SUCCESS else 1)
+
+
+def _as_json(reply: Reply) -> str:
+    return msgspec.json.format(codec.encode(reply), indent=1).decode()
+
+
+def _name(error: Exception) -> str:
+    return error.code.name if isinstance(error, GuidefieldError) else type(error).__name__

@@ -1,0 +1,84 @@
+"""A service in this process until a signal ends it, or in a child process for as long as a block runs."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+from guidefield.endpoint.service import ServiceSettings, serve
+
+LOG_FORMAT = "%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s"
+
+
+def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
+    """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once."""
+    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    stop = threading.Event()
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        stop.set()
+        signal.signal(number, signal.SIG_DFL)
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
+    serve(settings, stop, announce)
+
+
+@contextlib.contextmanager
+def service_in_child(announce: Callable[[str], None], *, workers: int = 1) -> Iterator[str]:
+    """A service of its own, in a child process on a free loopback port, with a data folder that goes with it.
+
+    Args:
+        announce: Is told what the service tells while it starts.
+        workers: Its worker processes.
+
+    Yields:
+        The endpoint to connect to.
+
+    Raises:
+        RuntimeError: if it doesn't start.
+    """
+    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    serve_there = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--workers", str(workers)]
+    with (
+        tempfile.TemporaryDirectory(prefix="guidefield-") as data,
+        subprocess.Popen([*serve_there, "--data", data], stdout=subprocess.PIPE, text=True) as child,  # noqa: S603
+    ):
+        assert child.stdout is not None, "it is piped"
+        try:
+            _await_ready(child.stdout, announce)
+            yield endpoint
+        finally:
+            child.terminate()
+            child.wait()
+
+
+def tell_if_kernels_compile(announce: Callable[[str], None]) -> None:
+    """Say why the first run takes long, if this is the first: its machine code is not there yet."""
+    from guidefield.kernels.cache import select_cache_folder
+
+    if not any(select_cache_folder().rglob("*.nbi")):
+        announce("compiling the kernels, once for this machine: a minute or two …")
+
+
+def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
+    for line in lines:
+        announce(line.strip())
+        if line.startswith("ready"):
+            return
+    raise RuntimeError("the service ended before it was ready; its log is above")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

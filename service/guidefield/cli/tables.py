@@ -1,0 +1,139 @@
+"""Replies as tables that a person can read."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from guidefield.errors import Status
+from guidefield.messages.replies import PlanReply, RobotsReply, RobotSummary, Stage, Timing
+
+
+def plan_table(reply: PlanReply, title: str = "plan", recording: str | None = None) -> RenderableType:
+    """What became of a plan: outcome, motion, clearance and where, certificate, time by stage, and the recording.
+
+    Args:
+        reply: The reply.
+        title: What the table is headed with.
+        recording: File that the recording is in, if it isn't where the reply says.
+    """
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in _rows(reply, recording or reply.recording):
+        table.add_row(name, value)
+    return table
+
+
+def robots_table(reply: RobotsReply) -> RenderableType:
+    """The robots that can be named, and below them those that can't be used, with the reason."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("name", "joints", "groups", "tip", "from"):
+        table.add_column(heading, overflow="fold")
+    for robot in reply.robots:
+        if robot.problem is None:
+            table.add_row(robot.name, _joints(robot), ", ".join(robot.groups), robot.tip or "", robot.source)
+    problems = [Text(f"{robot.name}: {robot.problem}") for robot in reply.robots if robot.problem is not None]
+    if not problems:
+        return table
+    return Group(table, Text("These can't be used:", style="bold"), *problems)
+
+
+def _rows(reply: PlanReply, recording: str | None) -> list[tuple[str, RenderableType]]:
+    style = "bold green" if reply.status.code == Status.SUCCESS else "bold red"
+    rows: list[tuple[str, RenderableType]] = [
+        ("status", Text.assemble((reply.status.name, style), f"  {reply.status.message}")),
+        ("run", Text(f"{reply.run_id}  (planner {reply.planner}, seed {reply.seed})")),
+        ("path", Text(_path(reply))),
+    ]
+    if reply.guide_planes:
+        rows.append(("guide planes", Text(" → ".join(plane.name for plane in reply.guide_planes))))
+    if reply.clearance is not None:
+        rows.append(("clearance", Text(_clearance(reply))))
+    if reply.self_clearance is not None and reply.self_clearance.minimum is not None:
+        rows.append(
+            ("to itself", Text(f"{_millimetres(reply.self_clearance.minimum)}{_pair(reply.self_clearance.pair)}"))
+        )
+    certificate = reply.certificate
+    verdict = ("collision-free", "green") if certificate.collision_free else ("not certified", "yellow")
+    rows.append(
+        (
+            "certificate",
+            Text.assemble(
+                verdict, f", {certificate.covers}: {certificate.method}, {certificate.evaluations} evaluations"
+            ),
+        )
+    )
+    rows.extend(("stage", Text(_stage(reply, stage))) for stage in reply.stages)
+    rows.append(("time", Text(_timing(reply.timing))))
+    rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
+    if recording is not None:
+        rows.append(("recording", Text(recording)))
+        if recording.endswith(".rrd"):
+            rows.append(("to open it", Text(f"guidefield show {recording}")))
+    return rows
+
+
+def _path(reply: PlanReply) -> str:
+    parts = [f"{len(reply.path)} waypoints"]
+    if reply.metrics is not None:
+        parts.append(f"{reply.metrics.joint_path_length:.2f} rad of joint motion")
+        parts.append(f"{reply.metrics.tip_path_length:.2f} m of the tip")
+        parts.append(f"{reply.metrics.duration:.2f} s long")
+    return ", ".join(parts)
+
+
+def _clearance(reply: PlanReply) -> str:
+    clearance = reply.clearance
+    if clearance is None or clearance.minimum is None:
+        return "no obstacle"
+    text = f"{_millimetres(clearance.minimum)}{_pair(clearance.pair)}"
+    if clearance.time is not None:
+        text += f", at {clearance.time:.2f} s"
+    if clearance.inner is not None:
+        text += f"; away from the ends {_millimetres(clearance.inner)}"
+    if clearance.mean is not None:
+        text += f"; on average {_millimetres(clearance.mean)}"
+    return text
+
+
+def _stage(reply: PlanReply, stage: Stage) -> str:
+    about = ""
+    if stage.plane is not None and stage.plane < len(reply.guide_planes):
+        about = f" {reply.guide_planes[stage.plane].name}"
+    return f"{stage.name}{about}: {stage.outcome}, {_milliseconds(stage.seconds)}"
+
+
+def _timing(timing: Timing) -> str:
+    spent = [
+        ("queue", timing.queue),
+        ("load", timing.load),
+        ("guide", timing.guide),
+        ("connect", timing.connect),
+        ("relax", timing.relax),
+        ("parameterize", timing.parameterize),
+        ("certify", timing.certify),
+    ]
+    parts = ", ".join(f"{name} {_milliseconds(seconds)}" for name, seconds in spent if seconds >= 5e-5)
+    return f"{_milliseconds(timing.total)} in all" + (f" ({parts})" if parts else "")
+
+
+def _joints(robot: RobotSummary) -> str:
+    kinds = ", ".join(f"{count} {kind}" for kind, count in Counter(robot.joint_kinds).items())
+    return kinds or ("" if robot.dof is None else str(robot.dof))
+
+
+def _pair(pair: list[str] | None) -> str:
+    return f" between {pair[0]} and {pair[1]}" if pair else ""
+
+
+def _millimetres(metres: float) -> str:
+    return f"{1e3 * metres:.1f} mm"
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.1f} ms"

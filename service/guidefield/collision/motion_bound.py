@@ -1,0 +1,86 @@
+"""How much closer two bodies can come when joints move within a box: rigorous, from one configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.bodies import Bodies
+from guidefield.robot.group import PlanningGroup
+
+
+@dataclass(frozen=True, eq=False)
+class MotionBound:
+    """The bound of the certificate, with everything in it that no configuration changes.
+
+    For every configuration q with |q_j - m_j| <= e_j, a point of body b is at most
+
+        sum over joints j that move b of  2 sin(e_j / 2) rho_bj        (a sliding joint: e_j)
+
+    from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after the
+    other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j as at m.
+    Of two moving bodies only joints that move one and not the other count: the others move both as one. A follower's e is
+    its driver's times the size of its multiplier.
+
+    Attributes:
+        half_widths: Matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move.
+        turns: Whether a joint turns rather than slides, shape (nv of the model,).
+        radii: Radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m].
+        moved_by: Whether a joint moves a robot body, shape (r, nv of the model).
+        own: The robot's own pairs, shape (n_self, 2).
+        first_only, second_only: Joints that move the one body of those pairs and not the other, shape (n_self, nv).
+        before_obstacles: The robot's body of each pair with an obstacle, shape (n - n_self,).
+    """
+
+    half_widths: np.ndarray
+    turns: np.ndarray
+    radii: np.ndarray
+    moved_by: np.ndarray
+    own: np.ndarray
+    first_only: np.ndarray
+    second_only: np.ndarray
+    before_obstacles: np.ndarray
+
+    def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+        """How much closer each pair can come within boxes about configurations, shape (s, n) [m].
+
+        Args:
+            jacobians: Joint Jacobians there in the world frame, shape (s, 6, nv of the model): at a unit speed of joint j a
+                point c moves at v_j + w_j x c, which is as fast as c is far from the axis.
+            centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
+            half_widths: Of the boxes in the group's chart, shape (s, group.nv) [rad or m].
+        """
+        count, bodies, joints = len(centres), centres.shape[1], len(self.turns)
+        spread = half_widths @ self.half_widths.T
+        sweep = np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
+        v, w = jacobians[:, :3], jacobians[:, 3:]
+        turning = np.zeros((count, 3, 3, joints))
+        turning[:, 1, 0], turning[:, 2, 0] = -w[:, 2], w[:, 1]
+        turning[:, 0, 1], turning[:, 2, 1] = w[:, 2], -w[:, 0]
+        turning[:, 0, 2], turning[:, 1, 2] = -w[:, 1], w[:, 0]
+        speeds = centres @ turning.reshape(count, 3, 3 * joints) + v.reshape(count, 1, 3 * joints)
+        speeds = speeds.reshape(count, bodies, 3, joints)
+        reach = np.sqrt(np.einsum("sbij,sbij->sbj", speeds, speeds)) + self.radii
+        shares = reach * sweep[:, None] * self.moved_by
+        own = (shares[:, self.own[:, 0]] * self.first_only + shares[:, self.own[:, 1]] * self.second_only).sum(axis=2)
+        return np.concatenate([own, shares.sum(axis=2)[:, self.before_obstacles]], axis=1)
+
+
+def motion_bound(group: PlanningGroup, bodies: Bodies, pairs: np.ndarray, n_self: int) -> MotionBound:
+    """The bound for pairs of bodies (n, 2), of which the first `n_self` are the robot's own."""
+    own, mixed = pairs[:n_self], pairs[n_self:]
+    first, second = bodies.moved_by[own[:, 0]], bodies.moved_by[own[:, 1]]
+    arrays = {
+        "half_widths": np.abs(group.expand_velocity),
+        "turns": bodies.turns.copy(),
+        "radii": bodies.radii[:, None] * bodies.turns,
+        "moved_by": bodies.moved_by.copy(),
+        "own": own.copy(),
+        "first_only": first & ~second,
+        "second_only": second & ~first,
+        "before_obstacles": mixed[:, 0].copy(),
+    }
+    for array in arrays.values():
+        array.setflags(write=False)
+    return MotionBound(**arrays)

@@ -1,0 +1,68 @@
+"""A tree of boxes, so that a kernel finds what is near a point without looking at everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guidefield.kernels.triangle_distance import LEAF
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_BITS = 21
+"""Bits of one coordinate of a Morton code: three fit into 63."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxTree:
+    """A complete binary tree as an array: the children of node i are 2 i + 1 and 2 i + 2; leaves hold `LEAF` boxes each.
+
+    Attributes:
+        nodes: Lower and upper corner of every node, shape (2 leaves - 1, 6) [m]; from plus to minus infinity where empty.
+        leaves: Number of leaves, a power of two.
+        order: The order in which the leaves hold the boxes, shape (n,).
+    """
+
+    nodes: Floats
+    leaves: int
+    order: Integers
+
+
+def box_tree(low: Floats, high: Floats) -> BoxTree:
+    """Build a tree over boxes, neighbours in space together (sorted along a Morton curve through their centres).
+
+    Args:
+        low: Lower corners, shape (n, 3) [m], n >= 1, finite.
+        high: Upper corners, shape (n, 3) [m].
+    """
+    order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
+    leaves = 1
+    while leaves * LEAF < len(order):
+        leaves *= 2
+    boxes = np.tile(np.array([np.inf, -np.inf]).repeat(3), (leaves * LEAF, 1))
+    boxes[: len(order)] = np.hstack([low, high])[order]
+    level = _united(boxes.reshape(leaves, LEAF, 6))
+    levels = [level]
+    while len(level) > 1:
+        level = _united(level.reshape(-1, 2, 6))
+        levels.append(level)
+    return BoxTree(np.ascontiguousarray(np.concatenate(levels[::-1])), leaves, order)
+
+
+def _united(boxes: Floats) -> Floats:
+    """Boxes (m, 6) about groups of boxes (m, k, 6)."""
+    return np.hstack([boxes[:, :, :3].min(axis=1), boxes[:, :, 3:].max(axis=1)])
+
+
+def _morton(points: Floats) -> Integers:
+    """Positions (n,) of points (n, 3) on a Morton curve: the bits of their coordinates interleaved."""
+    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
+    cells = ((points - points.min(axis=0)) / size * (2**_BITS - 1)).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for bit in range(_BITS):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return code

@@ -1,0 +1,195 @@
+"""The kinematics requests: where frames are, what reaches a pose, how near obstacles are, and their field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.world import World
+from guidefield.errors import InvalidConfiguration
+from guidefield.kernels.field import potential_at_points
+from guidefield.messages import requests, scene as scene_messages
+from guidefield.messages.replies import (
+    ClearanceReply,
+    ForwardKinematicsReply,
+    InverseKinematicsReply,
+    LinkWrench,
+    PointPotentialReply,
+    RobotPotentialReply,
+)
+from guidefield.messages.values import Placement, Vector3
+from guidefield.potential import RobotField
+from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.inverse_kinematics import PoseTarget, solve
+from guidefield.robot.model import RobotModel
+from guidefield.scene import scene as scenes
+from guidefield.scene.scene import Scene
+
+
+def forward_kinematics(
+    request: requests.ForwardKinematics, robot: RobotModel, _scene: Scene | None = None
+) -> ForwardKinematicsReply:
+    """Placements of frames in the world.
+
+    Raises:
+        UnknownFrame: if the robot lacks a frame.
+        InvalidConfiguration: if a configuration doesn't fit the robot.
+    """
+    frames = [robot.frame_id(name) for name in request.frames]
+    T_world_root, data = _se3(request.robot_placement), robot.model.createData()
+    placements = []
+    for positions in request.configurations:
+        pin.forwardKinematics(robot.model, data, configuration_from_wire(robot, positions))
+        local = [pin.updateFramePlacement(robot.model, data, frame) for frame in frames]
+        placements.append([_placement(T_world_root * T_root_frame) for T_root_frame in local])
+    return ForwardKinematicsReply(placements=placements)
+
+
+def inverse_kinematics(
+    request: requests.InverseKinematics, robot: RobotModel, scene: Scene | None = None
+) -> InverseKinematicsReply:
+    """Distinct configurations of the planned joints that bring the tip to each pose.
+
+    Joints outside the group have the values of the first start configuration, else those of the rest configuration.
+
+    Raises:
+        InvalidGroup: if the group cannot be planned for.
+        UnknownFrame: if the robot lacks the tip.
+        InvalidConfiguration: if a start configuration doesn't fit the robot, or differs from the first in a joint
+            outside the group.
+    """
+    starts = [configuration_from_wire(robot, positions) for positions in request.start_configurations]
+    reference = starts[0] if starts else robot.rest
+    group = select(robot, request.group, request.tip, reference, _se3(request.robot_placement))
+    for index, start in enumerate(starts):
+        _require_same_outside(group, start, f"start_configurations[{index}]")
+    world = World.build(group, scene or _empty_scene()) if request.collision_free else None
+    configurations, reasons = [], []
+    for index, pose in enumerate(request.poses):
+        result = solve(
+            group,
+            PoseTarget.from_wire(pose),
+            [_of_group(group, start) for start in starts],
+            request.solutions,
+            rng=np.random.default_rng([request.seed, index]),
+            accept=None if world is None else lambda q: not world.in_collision(q) and world.enclosed(q) is None,
+        )
+        configurations.append([configuration_to_wire(group.joints, q) for q in result.solutions])
+        reasons.append(result.reason)
+    return InverseKinematicsReply(configurations=configurations, reasons=reasons)
+
+
+def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> ClearanceReply:
+    """Exact distances of the moving links to the obstacles, and of the robot to itself.
+
+    Raises:
+        InvalidConfiguration: if a configuration doesn't fit the robot.
+        InvalidGroup: if the robot has a joint of a kind that isn't planned for.
+    """
+    group = _whole_group(robot, request.robot_placement)
+    world = World.build(group, scene)
+    found = [
+        world.clearance(_of_group(group, configuration_from_wire(robot, positions)))
+        for positions in request.configurations
+    ]
+    return ClearanceReply(
+        minimum=[_finite(one.obstacle_distance) for one in found],
+        pair=[None if one.obstacle_pair is None else list(one.obstacle_pair) for one in found],
+        witness_points=[None if one.witness is None else [_vector(point) for point in one.witness] for one in found],
+        self_minimum=[_finite(one.self_distance) for one in found],
+    )
+
+
+def potential(
+    request: requests.Potential, robot: RobotModel | None, scene: Scene
+) -> PointPotentialReply | RobotPotentialReply:
+    """The scene's field on unit charges at points, or on the robot at configurations.
+
+    Raises:
+        InvalidConfiguration: if a configuration doesn't fit the robot.
+        InvalidGroup: if the robot has a joint of a kind that isn't planned for.
+    """
+    if robot is None:
+        points = np.array(request.points, float).reshape(-1, 3)
+        values, gradients, windings = potential_at_points(scene.tables, points)
+        return PointPotentialReply(
+            potential=values.tolist(), gradient=[_vector(gradient) for gradient in gradients], winding=windings.tolist()
+        )
+    group = _whole_group(robot, request.robot_placement)
+    field = RobotField(group, scene)
+    energies: list[float] = []
+    forces: list[list[float]] = []
+    links: dict[str, LinkWrench] = {}
+    for positions in request.configurations or ():
+        q = _of_group(group, configuration_from_wire(robot, positions))
+        energy = field.evaluate(q)
+        energies.append(energy.potential)
+        forces.append((-energy.gradient).tolist())
+        for link, (force, torque) in field.link_wrenches(q).items():
+            wrench = links.setdefault(link, LinkWrench(force=[], torque=[]))
+            wrench.force.append(_vector(force))
+            wrench.torque.append(_vector(torque))
+    return RobotPotentialReply(
+        potential=energies, generalized_force=forces, velocity_names=group.velocity_names, links=links
+    )
+
+
+def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
+    """All joints of a robot that don't follow another."""
+    joints = [joint.name for joint in robot.joints if joint.mimic is None]
+    return select(robot, joints, None, robot.rest, _se3(placement))
+
+
+def _of_group(group: PlanningGroup, q_whole: np.ndarray) -> np.ndarray:
+    """The planned joints' part of a configuration of the whole robot."""
+    q = np.empty(group.nq)
+    for joint, whole in zip(group.joints, _in_robot(group), strict=True):
+        q[joint.idx_q : joint.idx_q + joint.nq] = q_whole[whole]
+    return q
+
+
+def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str) -> None:
+    """Refuse a configuration that differs from the group's reference in a joint that stands still."""
+    planned = {joint.name for joint in group.joints}
+    for joint in group.robot.joints:
+        at = slice(joint.idx_q, joint.idx_q + joint.nq)
+        fixed = joint.name not in planned and joint.mimic is None
+        if fixed and not np.allclose(q_whole[at], group.q_reference[at], rtol=0.0, atol=1e-9):
+            raise InvalidConfiguration(
+                f"`{field}.{joint.name}` is outside the group and must be as in the first start configuration",
+                joint=joint.name,
+                path=f"$.{field}",
+            )
+
+
+def _in_robot(group: PlanningGroup) -> list[slice]:
+    """Where the values of the group's joints stand in a configuration of the whole robot."""
+    whole = {joint.name: slice(joint.idx_q, joint.idx_q + joint.nq) for joint in group.robot.joints}
+    return [whole[joint.name] for joint in group.joints]
+
+
+def _empty_scene() -> Scene:
+    return scenes.build(scene_messages.Scene(name="empty"))
+
+
+def _se3(placement: Placement) -> Any:
+    """The same as pinocchio.SE3."""
+    quaternion = pin.Quaternion(np.array(placement.quaternion_xyzw, float)).normalized()
+    return pin.SE3(quaternion.matrix(), np.array(placement.position, float))
+
+
+def _placement(placement: Any) -> Placement:
+    values = pin.SE3ToXYZQUAT(placement).tolist()
+    return Placement(position=tuple(values[:3]), quaternion_xyzw=tuple(values[3:]))
+
+
+def _vector(values: np.ndarray) -> Vector3:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _finite(distance: float) -> float | None:
+    return float(distance) if np.isfinite(distance) else None

@@ -1,0 +1,32 @@
+"""Waypoints of a path spread evenly along it, some of them kept where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndarray, np.ndarray]:
+    """A path cut into segments of about equal length.
+
+    Each stretch between two kept waypoints is cut evenly, into at least one segment.
+
+    Args:
+        path: Chart points, shape (n, nv), n >= 2.
+        kept: Indices of waypoints that stay, ascending, the first and the last among them, shape (m,).
+        segments: About how many segments there are to be.
+
+    Returns:
+        Chart points (k, nv), the kept ones bit for bit what they were; their indices, shape (m,).
+    """
+    lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
+    at = lengths[kept]
+    shares = np.diff(at) / max(lengths[-1], 1e-300)
+    counts = np.maximum(1, np.round(shares * segments)).astype(int)
+    indices = np.r_[0, np.cumsum(counts)]
+    places = np.concatenate(
+        [np.linspace(start, end, count, endpoint=False) for start, end, count in zip(at, at[1:], counts, strict=False)]
+        + [at[-1:]]
+    )
+    points = np.column_stack([np.interp(places, lengths, column) for column in path.T])
+    points[indices] = path[kept]
+    return points, indices

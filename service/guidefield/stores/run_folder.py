@@ -1,0 +1,64 @@
+"""The folder of one run: the files in it, and what they say at a glance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from guidefield.messages.replies import RunSummary
+from guidefield.stores.files import read_if_any
+
+REQUEST, REPLY, ERROR, RECORDING = "request.json", "reply.json", "error.json", "recording.rrd"
+
+RUNNING = "RUNNING"
+"""Status of a run that has neither a reply nor an error yet."""
+
+
+class _SceneHead(msgspec.Struct):
+    name: str
+
+
+class _RequestHead(msgspec.Struct):
+    """Just enough of a request for a list."""
+
+    robot: str | dict[str, msgspec.Raw]
+    scene: str | _SceneHead
+
+
+class _Status(msgspec.Struct):
+    name: str
+
+
+class _ReplyHead(msgspec.Struct):
+    """Just enough of a reply for a list."""
+
+    status: _Status
+
+
+def summary(folder: Path) -> RunSummary | None:
+    """One line about a run; None if it was dropped meanwhile."""
+    try:
+        head = msgspec.json.decode((folder / REQUEST).read_bytes(), type=_RequestHead)
+        began = (folder / REQUEST).stat().st_mtime
+    except FileNotFoundError:  # dropped meanwhile, by another process
+        return None
+    return RunSummary(
+        run_id=folder.name,
+        status=_status(folder),
+        robot=head.robot if isinstance(head.robot, str) else "urdf",
+        scene=head.scene if isinstance(head.scene, str) else head.scene.name,
+        began=began,
+    )
+
+
+def _status(folder: Path) -> str:
+    reply, error = read_if_any(folder / REPLY), read_if_any(folder / ERROR)
+    if reply is not None:
+        return msgspec.json.decode(reply, type=_ReplyHead).status.name
+    return RUNNING if error is None else msgspec.json.decode(error, type=_Status).name
+
+
+def has_ended(folder: Path) -> bool:
+    """Whether the run has a reply, or an error in its place."""
+    return (folder / REPLY).exists() or (folder / ERROR).exists()

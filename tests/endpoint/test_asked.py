@@ -1,0 +1,133 @@
+"""A query is answered once and only once, whatever happens to it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from concurrent.futures import Future
+from typing import Any, Self
+
+import msgspec
+import pytest
+
+from guidefield.endpoint.asked import Asked
+from guidefield.errors import MalformedRequest, ServerBusy, WorkerCrashed
+from guidefield.messages.codec import Encoding
+
+
+class _Payload:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def to_bytes(self) -> bytes:
+        return self._data
+
+
+class _Query:
+    """Stands in for Zenoh's query: keeps what it is answered with."""
+
+    def __init__(
+        self, key: str, payload: bytes | None = None, encoding: str | None = None, parameters: str = ""
+    ) -> None:
+        self.key_expr = key
+        self.payload = None if payload is None else _Payload(payload)
+        self.encoding = encoding
+        self.parameters = [tuple(pair.split("=")) for pair in parameters.split(";") if pair]
+        self.replies: list[tuple[str, bytes, str]] = []
+        self.errors: list[tuple[bytes, str]] = []
+        self.dropped = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_about: object) -> None:
+        self.dropped += 1
+
+    def reply(self, key: str, payload: bytes, *, encoding: str) -> None:
+        self.replies.append((key, payload, encoding))
+
+    def reply_err(self, payload: bytes, *, encoding: str) -> None:
+        self.errors.append((payload, encoding))
+
+
+def _asked(query: _Query, counted: list[str] | None = None) -> Asked:
+    return Asked(query, "local", (counted if counted is not None else []).append)  # type: ignore[arg-type]
+
+
+def test_a_query_is_read_as_it_came() -> None:
+    read = _asked(_Query("guidefield/local/scenes/a", b"{}", "application/msgpack", "delete=")).read()
+    assert (read.key, read.parameters, read.payload) == (("scenes", "a"), {"delete": ""}, b"{}")
+    assert read.encoding is Encoding.MSGPACK
+
+
+@pytest.mark.parametrize(
+    "name", [None, "", "zenoh/bytes", "zenoh/string", "application/json", "application/json;utf-8", "text/json"]
+)
+def test_json_is_what_is_meant_unless_something_else_is_said(name: str | None) -> None:
+    assert _asked(_Query("guidefield/local/info", b"{}", name)).read().encoding is Encoding.JSON
+
+
+@pytest.mark.parametrize(
+    ("query", "says"),
+    [
+        (_Query("guidefield/local/info", encoding="image/png"), "image/png"),
+        (_Query("guidefield/local/*"), "wildcards"),
+        (_Query("guidefield/**"), "wildcards"),
+        (_Query("guidefield/local/scenes/a$*"), "wildcards"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(query: _Query, says: str) -> None:
+    with pytest.raises(MalformedRequest, match=says):
+        _asked(query).read()
+
+
+def test_the_reply_has_a_concrete_key_and_the_encoding_of_the_query() -> None:
+    query = _Query("guidefield/*/info", encoding="application/msgpack")
+    asked = _asked(query)
+    asked.read()
+    asked.answer((True, b"x"))
+    assert query.replies == [("guidefield/local/info", b"x", "application/msgpack")]
+    assert query.dropped == 1
+
+
+def test_only_the_first_answer_is_sent() -> None:
+    query, counted = _Query("guidefield/local/info"), []  # type: ignore[var-annotated]
+    asked = _asked(query, counted)
+    threads = [threading.Thread(target=asked.answer, args=((True, b"x"),)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    asked.answer((False, b"y"))
+    assert len(query.replies) + len(query.errors) == 1
+    assert counted == ["answered"]
+
+
+@pytest.mark.parametrize(
+    ("raised", "name", "code"),
+    [
+        (ServerBusy("full", queue=3), "SERVER_BUSY", -106),
+        (ZeroDivisionError("a bug"), "FAILURE", 99999),
+        (MalformedRequest("a detail that is no JSON", value=object()), "MALFORMED_REQUEST", -107),
+    ],
+)
+def test_an_error_is_an_answer(raised: Exception, name: str, code: int) -> None:
+    query = _Query("guidefield/local/info")
+    with _asked(query).answering_failures():
+        raise raised
+    ((payload, encoding),) = query.errors
+    error = json.loads(payload)
+    assert (error["name"], error["code"], encoding) == (name, code, "application/json")
+
+
+def test_a_future_settles_its_query() -> None:
+    for outcome, replies, errors in (((True, b"r"), 1, 0), ((False, b"e"), 0, 1), (WorkerCrashed("died"), 0, 1)):
+        query = _Query("guidefield/local/plan", b"{}", "application/msgpack")
+        asked = _asked(query)
+        asked.read()
+        future: Future[Any] = Future()
+        future.add_done_callback(asked.settle)
+        future.set_exception(outcome) if isinstance(outcome, Exception) else future.set_result(outcome)
+        assert (len(query.replies), len(query.errors)) == (replies, errors)
+        if isinstance(outcome, WorkerCrashed):
+            assert msgspec.msgpack.decode(query.errors[0][0])["name"] == "CRASH"

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.capsule_fit import Capsule, _enclosing_circle, fit_capsule
+from tests.kernels.evaluation import vectors
+from tests.oracles import distance_to_segment
+
+laws = settings(deadline=None, max_examples=25)
+
+
+def outside(capsule: Capsule, points: np.ndarray) -> float:
+    return max(distance_to_segment(point, capsule.p0, capsule.p1) for point in points) - capsule.radius
+
+
+@laws
+@given(st.lists(vectors(10.0), min_size=1, max_size=40).map(np.array), st.floats(-5.0, 5.0))
+def test_capsule_contains_its_points(points: np.ndarray, exponent: float) -> None:
+    scaled = 10.0**exponent * points
+    capsule = fit_capsule(scaled)
+    assert outside(capsule, scaled) <= 0.0
+    assert capsule.distance(scaled).max() <= 0.0
+    # Not more than the ball about the middle of the box about the points, which is a capsule too.
+    middle = 0.5 * (scaled.min(axis=0) + scaled.max(axis=0))
+    ball = np.linalg.norm(scaled - middle, axis=1).max()
+    # A quarter more, because the search is local.
+    assert capsule.volume <= 1.25 * 4.0 / 3.0 * math.pi * ball**3 + 1e-300
+
+
+@laws
+@given(vectors(1.0), vectors(1.0).filter(lambda v: np.linalg.norm(v) > 0.3), st.floats(0.02, 0.2))
+def test_a_capsule_is_found_again(start: np.ndarray, axis: np.ndarray, radius: float) -> None:
+    length = float(np.linalg.norm(axis))
+    frame = np.linalg.qr(np.column_stack([axis, np.eye(3)[np.abs(axis).argmin()]]), mode="complete")[0]
+    along = frame[:, 0] * np.sign(frame[:, 0] @ axis)
+    turn = np.column_stack([frame[:, 1], np.cross(along, frame[:, 1]), along])
+    points = surfaces.capsule(radius, length).vertices @ turn.T + start
+    capsule = fit_capsule(points)
+    exact = math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+    assert outside(capsule, points) <= 0.0
+    # Where it is short, a slanted one can beat it: its points are few.
+    assert capsule.volume <= 1.001 * exact
+    assert capsule.volume >= 0.9 * exact
+
+
+def test_a_box_gets_a_capsule_along_its_longest_edge() -> None:
+    box = surfaces.box((0.1, 0.2, 1.0))
+    capsule = fit_capsule(box.vertices)
+    assert outside(capsule, box.vertices) <= 0.0
+    circumscribed = 0.5 * math.hypot(0.1, 0.2)
+    assert capsule.volume <= math.pi * circumscribed**2 * (1.0 + 4.0 / 3.0 * circumscribed) * (1.0 + 1e-9)
+    along = (capsule.p1 - capsule.p0) / np.linalg.norm(capsule.p1 - capsule.p0)
+    assert abs(along[2]) > 0.95
+
+
+def test_a_cube_gets_about_its_ball() -> None:
+    capsule = fit_capsule(surfaces.box((1.0, 1.0, 1.0)).vertices)
+    assert capsule.volume < 1.02 * 4.0 / 3.0 * math.pi * 0.75**1.5
+
+
+@pytest.mark.parametrize("points", [[[1.0, 2.0, 3.0]], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 1, 1], [3, 3, 3]]])
+def test_points_and_lines_get_thin_capsules(points: list[list[float]]) -> None:
+    capsule = fit_capsule(np.array(points, dtype=float))
+    assert outside(capsule, np.array(points)) <= 0.0
+    assert capsule.radius < 1e-14
+
+
+def test_the_same_points_in_another_order_give_the_same_capsule() -> None:
+    points = np.random.default_rng(5).normal(size=(30, 3))
+    first, second = fit_capsule(points), fit_capsule(points[::-1])
+    assert (first.p0 == second.p0).all()
+    assert (first.p1 == second.p1).all()
+    assert first.radius == second.radius
+
+
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.array([[0.0, np.inf, 0.0]])])
+def test_what_has_no_capsule_is_refused(points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="point"):
+        fit_capsule(points)
+
+
+@laws
+@given(st.lists(vectors(10.0).map(lambda v: v[:2]), min_size=1, max_size=12).map(np.array))
+def test_enclosing_circle_is_the_smallest(points: np.ndarray) -> None:
+    centre, radius = _enclosing_circle(points)
+    assert (np.linalg.norm(points - centre, axis=1) <= radius * (1.0 + 1e-12)).all()
+    # The farthest points hold it: no step of the centre gets nearer to all of them.
+    for angle in np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False):
+        moved = centre + 1e-4 * radius * np.array([np.cos(angle), np.sin(angle)])
+        assert np.linalg.norm(points - moved, axis=1).max() >= radius * (1.0 - 1e-9)

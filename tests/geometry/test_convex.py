@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.convex import convex_hull
+from tests.geometry.measures import is_closed, volume
+from tests.oracles import EPS
+
+clouds = st.tuples(st.integers(0, 2**32 - 1), st.integers(4, 60), st.floats(-7.0, 0.0), st.floats(-3.0, 3.0))
+"""Seed, number of points, exponent of the thickness, exponent of the size."""
+
+
+def cloud(seed: int, count: int, thin: float, size: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return 10.0**size * (
+        rng.uniform(-1.0, 1.0, (count, 3)) * [1.0, 10.0 ** (0.5 * thin), 10.0**thin] @ turn + rng.normal(size=3)
+    )
+
+
+@settings(deadline=None, max_examples=80)
+@given(clouds)
+def test_hull_contains_the_points_and_is_convex(drawn: tuple[int, int, float, float]) -> None:
+    points = cloud(*drawn)
+    hull = convex_hull(points)
+    assert is_closed(hull)
+    assert volume(hull) > 0.0
+    assert {tuple(vertex) for vertex in hull.vertices} <= {tuple(point) for point in points}
+    # Not the height over a thin triangle's plane, which rounding tilts, but the volume of the point over it.
+    a, b, c = hull.corners.transpose(1, 0, 2)
+    volumes = np.einsum("tj,tpj->tp", np.cross(b - a, c - a), points[None] - a[:, None])
+    assert volumes.max() <= 1e-6 * volume(hull) + 64 * EPS * np.abs(points).max() ** 3
+
+
+def test_known_hulls() -> None:
+    box = surfaces.box((1.0, 2.0, 3.0))
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 5)] * 3), axis=-1).reshape(-1, 3) * [1.0, 2.0, 3.0]
+    for points in (box.vertices, grid, np.repeat(box.vertices, 3, axis=0)):
+        hull = convex_hull(points)
+        assert (len(hull.vertices), len(hull.triangles)) == (8, 12)
+        assert volume(hull) == pytest.approx(6.0)
+    prism = surfaces.cylinder(1.0, 1e-9)
+    assert volume(convex_hull(prism.vertices)) == pytest.approx(volume(prism))
+    ball = surfaces.sphere(1.0)
+    hull = convex_hull(ball.vertices)
+    assert len(hull.vertices) == len(ball.vertices)
+    assert volume(hull) == pytest.approx(volume(ball))
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 3)),
+        np.zeros((9, 3)),
+        np.eye(3),
+        np.array([[x, y, 0.3] for x in (0, 1, 2) for y in (0, 1, 2)]),
+        np.outer(np.arange(9.0), [1.0, 2.0, 3.0]),
+        np.array([[np.nan, 0.0, 0.0]] * 5),
+        np.zeros((4, 2)),
+    ],
+    ids=["none", "one", "three", "plane", "line", "nan", "flat array"],
+)
+def test_points_without_a_body_are_refused(points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="points"):
+        convex_hull(points)

@@ -1,0 +1,156 @@
+"""A service as its users meet it: a process started from the command line, and a client that knows only the wire."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+STARTED_WITHIN = 300.0
+"""The first start ever compiles the kernels [s]."""
+ANSWERED_WITHIN = 120.0
+"""Longer than any answer takes on a busy machine [s]."""
+
+
+@dataclass(frozen=True)
+class Service:
+    """A running service."""
+
+    process: subprocess.Popen[str]
+    endpoint: str
+    data: Path
+
+    def workers(self) -> list[int]:
+        """Process ids of its workers."""
+        return [pid for pid in _children(self.process.pid) if b"spawn_main" in _command_line(pid)]
+
+
+@contextlib.contextmanager
+def running_service(data: Path, *options: str) -> Iterator[Service]:
+    """A service on a free loopback port; ends with the block, if it hasn't ended."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    command = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--data", str(data), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            ready = next((line for line in process.stdout if line.startswith("ready")), None)
+            assert ready, "the service ended before it was ready"
+            yield Service(process, endpoint, data)
+        finally:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(60.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer, as Zenoh brought it."""
+
+    is_reply: bool
+    key: str
+    encoding: str
+    payload: bytes
+
+    def json(self) -> Any:
+        return json.loads(self.payload)
+
+
+class PlainClient:
+    """Asks with Zenoh and JSON alone; sees every answer that comes."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+
+    def answers(self, key: str, payload: bytes | None = None, encoding: str = "application/json") -> list[Answer]:
+        found = []
+        for reply in self._session.get(
+            key, payload=payload, encoding=encoding, timeout=ANSWERED_WITHIN, consolidation=zenoh.ConsolidationMode.NONE
+        ):
+            sample = reply.ok if reply.ok is not None else reply.err
+            found.append(
+                Answer(
+                    is_reply=reply.ok is not None,
+                    key="" if reply.ok is None else str(reply.ok.key_expr),
+                    encoding=str(sample.encoding),
+                    payload=sample.payload.to_bytes(),
+                )
+            )
+        return found
+
+    def answer(self, key: str, payload: bytes | None = None, encoding: str = "application/json") -> Answer:
+        (only,) = self.answers(key, payload, encoding)
+        return only
+
+    def ask(self, key: str, request: Any = None) -> Any:
+        """The reply to a request that is answered well."""
+        answer = self.answer(key, None if request is None else json.dumps(request).encode())
+        assert answer.is_reply, answer.payload
+        assert answer.encoding == "application/json"
+        return answer.json()
+
+    def refusal(self, key: str, payload: bytes | None = None, encoding: str = "application/json") -> dict[str, Any]:
+        """The error to a request that is answered with one."""
+        answer = self.answer(key, payload, encoding)
+        assert not answer.is_reply, answer.payload
+        error: dict[str, Any] = answer.json()
+        assert set(error) >= {"code", "name", "message", "details"}
+        return error
+
+
+@contextlib.contextmanager
+def plain_client(endpoint: str) -> Iterator[PlainClient]:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as session:
+        yield PlainClient(session)
+
+
+def await_death(pid: int, within: float = 30.0) -> None:
+    """Wait until a process is gone."""
+    deadline = time.monotonic() + within
+    while Path(f"/proc/{pid}").exists() and _state(pid) != "Z":
+        assert time.monotonic() < deadline, f"process {pid} lives on"
+        time.sleep(0.05)
+
+
+def _state(pid: int) -> str:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    return "Z"
+
+
+def _children(pid: int) -> list[int]:
+    return [
+        int(child)
+        for task in os.listdir(f"/proc/{pid}/task")
+        for child in Path(f"/proc/{pid}/task/{task}/children").read_text().split()
+    ]
+
+
+def _command_line(pid: int) -> bytes:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""

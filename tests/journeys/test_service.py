@@ -1,0 +1,388 @@
+"""The service over a real session on loopback: every key, every kind of bad input, and what ends badly."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import guidefield
+from guidefield import Box, Client, NoService, Scene
+from tests.journeys.service import PlainClient, Service, await_death, free_port, plain_client, running_service
+
+HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
+BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
+POTENTIAL = {"type": "potential", "scene": BALL, "points": [[0, 0, 1]]}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def wire(service: Service) -> Iterator[PlainClient]:
+    with plain_client(service.endpoint) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def client(service: Service) -> Iterator[Client]:
+    with Client.connect(service.endpoint) as client:
+        yield client
+
+
+# ---- every key, by a client that knows only the wire
+
+
+def test_info(wire: PlainClient) -> None:
+    info = wire.ask("guidefield/local/info")
+    assert info["version"] == guidefield.__version__
+    assert info["workers"] == 1
+    assert set(info["schemas"]["messages"]) >= {"PlanRequest", "PlanReply", "Scene"}
+
+
+def test_robots(wire: PlainClient) -> None:
+    names = {robot["name"] for robot in wire.ask("guidefield/local/robots")["robots"]}
+    assert {"panda", "ur5", "xarm7", "kinova"} <= names
+    panda = wire.ask("guidefield/local/robots/panda")
+    assert [joint["name"] for joint in panda["joints"]][:7] == [f"panda_joint{n}" for n in range(1, 8)]
+
+
+def test_scenes_are_listed_stored_read_and_deleted(wire: PlainClient) -> None:
+    assert "bookshelf" in wire.ask("guidefield/local/scenes")["scenes"]
+    assert wire.ask("guidefield/local/scenes/bookshelf")["scene"]["name"] == "bookshelf"
+    assert "stored" in wire.ask("guidefield/local/scenes/ball", BALL)["done"]
+    assert wire.ask("guidefield/local/scenes/ball")["scene"]["obstacles"][0]["radius"] == 0.1
+    by_name = wire.ask("guidefield/local/kinematics", {**POTENTIAL, "scene": "ball"})
+    assert by_name == wire.ask("guidefield/local/kinematics", POTENTIAL)
+    wire.ask("guidefield/local/scenes/ball?delete")
+    assert wire.refusal("guidefield/local/scenes/ball")["name"] == "SCENE_INVALID"
+
+
+def test_kinematics(wire: PlainClient) -> None:
+    reply = wire.ask(
+        "guidefield/local/kinematics",
+        {
+            "type": "forward_kinematics",
+            "robot": "panda",
+            "frames": ["panda_link0", "panda_hand_tcp"],
+            "configurations": [HOME],
+            "robot_placement": {"position": [0, 0, 1]},
+        },
+    )
+    base, tip = reply["placements"][0]
+    assert base["position"] == [0, 0, 1]
+    # The Panda's data sheet: 0.3069 m before the base, 0.5903 m above it, less the 0.1034 m from flange to fingertips.
+    assert tip["position"] == pytest.approx([0.3069, 0.0, 1.0 + 0.5903 - 0.1034], abs=2e-3)
+    clearance = wire.ask(
+        "guidefield/local/kinematics",
+        {"type": "clearance", "robot": "panda", "scene": BALL, "configurations": [HOME, {}]},
+    )
+    assert len(clearance["minimum"]) == 2
+
+
+def test_every_encoding_is_answered_in_itself(wire: PlainClient) -> None:
+    plain = wire.ask("guidefield/local/kinematics", POTENTIAL)
+    packed = wire.answer("guidefield/local/kinematics", msgspec.msgpack.encode(POTENTIAL), "application/msgpack")
+    assert packed.encoding == "application/msgpack"
+    assert msgspec.msgpack.decode(packed.payload) == plain
+    error = wire.answer("guidefield/local/kinematics", b"\xc1", "application/msgpack")
+    assert msgspec.msgpack.decode(error.payload)["name"] == "MALFORMED_REQUEST"
+
+
+def test_points_travel_packed(wire: PlainClient) -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (50, 3)).astype("<f4")
+    cloud = {"type": "point_cloud", "name": "c", "radius": 0.01}
+    asked = {"type": "potential", "points": [[0.0, 0.0, 3.0]]}
+    packed = {"name": "s", "obstacles": [{**cloud, "points": {"float32": points.tobytes()}}]}
+    listed = {"name": "s", "obstacles": [{**cloud, "points": points.tolist()}]}
+    by_bytes = wire.answer(
+        "guidefield/local/kinematics", msgspec.msgpack.encode({**asked, "scene": packed}), "application/msgpack"
+    )
+    by_lists = wire.ask("guidefield/local/kinematics", {**asked, "scene": listed})
+    assert msgspec.msgpack.decode(by_bytes.payload)["potential"] == pytest.approx(by_lists["potential"], rel=1e-6)
+
+
+# ---- exactly one answer, always
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "guidefield/local",
+        "guidefield/local/nothing",
+        "guidefield/local/plan/more",
+        "guidefield/local/robots/a/b",
+        "guidefield/local/runs/r1/progress",
+        "guidefield/local/scenes/*",
+        "guidefield/local/**",
+        "guidefield/**",
+        "guidefield/local/robots?delete",
+        "guidefield/local/runs/nowhere",
+        "guidefield/local/runs/nowhere/recording",
+        "guidefield/local/robots/r2d2",
+        "guidefield/local/scenes/.lock",
+    ],
+)
+def test_a_key_that_is_not_served_has_one_answer_that_says_so(key: str, wire: PlainClient) -> None:
+    assert wire.refusal(key)["message"]
+
+
+def test_a_wildcard_for_the_instance_is_answered_under_its_name(wire: PlainClient) -> None:
+    assert wire.answer("guidefield/*/info").key == "guidefield/local/info"
+
+
+def test_many_at_once_have_one_answer_each(wire: PlainClient) -> None:
+    def asked(number: int) -> bool:
+        points = [[0.0, 0.0, 1.0 + number]]
+        reply = wire.ask("guidefield/local/kinematics", {**POTENTIAL, "points": points})
+        distance = 1.0 + number
+        return bool(np.isclose(reply["potential"][0], 4 * np.pi * 0.01 / (distance * (distance**2 - 0.01)), rtol=1e-9))
+
+    with concurrent.futures.ThreadPoolExecutor(16) as threads:
+        assert all(threads.map(asked, range(100)))
+
+
+# ---- bad input: one clear error each, the service alive after it
+
+PLAN = {"robot": "panda", "scene": "bookshelf", "start": HOME, "goal": {"type": "joints", "positions": {}}}
+
+
+def _plan(**changes: Any) -> bytes:
+    return json.dumps({**PLAN, **changes}).encode()
+
+
+def _kinematics(**changes: Any) -> bytes:
+    request = {"type": "clearance", "robot": "panda", "scene": "bookshelf", "configurations": [HOME]}
+    return json.dumps({**request, **changes}).encode()
+
+
+def _scene(*obstacles: dict[str, Any], planes: tuple[list[list[float]], ...] = ()) -> dict[str, Any]:
+    planes_ = [{"name": f"GP{n}", "vertices": vertices} for n, vertices in enumerate(planes)]
+    return {"name": "bad", "obstacles": list(obstacles), "guide_planes": planes_}
+
+
+def _urdf(joint: str = "", link: str = "") -> dict[str, str]:
+    text = f"""<robot name="r"><link name="a"><collision><geometry><box size="1 1 1"/></geometry></collision></link>
+        <link name="b">{link or '<collision><geometry><box size="1 1 1"/></geometry></collision>'}</link>
+        <joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+        {joint or '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'}</joint></robot>"""
+    return {"type": "urdf", "text": text}
+
+
+MESH = {"type": "mesh", "name": "m", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 7]]}
+BENT = [[0, 0, 0], [1, 0, 0], [1, 1, 0.5], [0, 1, 0]]
+CONCAVE = [[0, 0, 0], [2, 0, 0], [0.5, 0.5, 0], [0, 2, 0]]
+
+BAD_INPUT = {
+    "not JSON": ("plan", b"robot: panda", "MALFORMED_REQUEST", "not application/json"),
+    "empty": ("plan", b"", "MALFORMED_REQUEST", "truncated"),
+    "unknown field": ("plan", _plan(sped=1), "MALFORMED_REQUEST", "unknown field `sped`"),
+    "NaN": ("plan", _plan(min_clearance=float("nan")), "MALFORMED_REQUEST", "not application/json"),
+    "out of range": ("plan", _plan(allowed_planning_time=-1), "MALFORMED_REQUEST", "allowed_planning_time"),
+    "bad run id": ("plan", _plan(run_id="../r"), "MALFORMED_REQUEST", "run_id"),
+    "no goal": ("plan", json.dumps({"robot": "panda", "scene": "s"}).encode(), "MALFORMED_REQUEST", "`goal`"),
+    "a file": ("plan", _plan(robot={"type": "urdf_file", "path": "/etc/passwd"}), "ROBOT_INVALID", "local file"),
+    "unknown robot": ("plan", _plan(robot="r2d2"), "ROBOT_INVALID", "r2d2"),
+    "unknown scene": ("plan", _plan(scene="nowhere"), "SCENE_INVALID", "nowhere"),
+    "unknown joint": ("plan", _plan(start={"elbow": 1.0}), "INVALID_ROBOT_STATE", "elbow"),
+    "wrong length": ("plan", _plan(start={"panda_joint1": [1.0, 2.0]}), "INVALID_ROBOT_STATE", "panda_joint1"),
+    "unknown group": ("plan", _plan(group="legs"), "INVALID_GROUP_NAME", "legs"),
+    "unknown tip": ("plan", _plan(tip="nose"), "INVALID_LINK_NAME", "nose"),
+    "unknown frame": (
+        "kinematics",
+        json.dumps({"type": "forward_kinematics", "robot": "panda", "frames": ["nose"], "configurations": []}).encode(),
+        "INVALID_LINK_NAME",
+        "nose",
+    ),
+    "unknown kind": ("kinematics", _kinematics(type="dynamics"), "MALFORMED_REQUEST", "dynamics"),
+    "mesh index": ("kinematics", _kinematics(scene=_scene(MESH)), "MALFORMED_REQUEST", "vertex 7"),
+    "zero box": (
+        "kinematics",
+        _kinematics(scene=_scene({"type": "box", "name": "b", "size": [1, 0, 1]})),
+        "MALFORMED_REQUEST",
+        "size",
+    ),
+    "bent plane": ("kinematics", _kinematics(scene=_scene(planes=(BENT,))), "SCENE_INVALID", "GP0"),
+    "concave plane": ("kinematics", _kinematics(scene=_scene(planes=(CONCAVE,))), "SCENE_INVALID", "GP0"),
+    "two corners": ("kinematics", _kinematics(scene=_scene(planes=(BENT[:2],))), "MALFORMED_REQUEST", "3 corners"),
+    "no URDF": ("plan", _plan(robot={"type": "urdf", "text": "<robot"}, start={}), "ROBOT_INVALID", ""),
+    "zero axis": (
+        "plan",
+        _plan(robot=_urdf('<axis xyz="0 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'), start={}),
+        "ROBOT_INVALID",
+        "axis",
+    ),
+    "lower over upper": (
+        "plan",
+        _plan(robot=_urdf('<axis xyz="0 0 1"/><limit lower="1" upper="-1" effort="1" velocity="1"/>'), start={}),
+        "ROBOT_INVALID",
+        "j",
+    ),
+    "a mesh elsewhere": (
+        "plan",
+        _plan(
+            robot=_urdf(link='<collision><geometry><mesh filename="file:///etc/passwd"/></geometry></collision>'),
+            start={},
+        ),
+        "ROBOT_INVALID",
+        "passwd",
+    ),
+    "a missing mesh": (
+        "plan",
+        _plan(
+            robot=_urdf(link='<collision><geometry><mesh filename="package://p/m.stl"/></geometry></collision>'),
+            start={},
+        ),
+        "ROBOT_INVALID",
+        "m.stl",
+    ),
+    "a scene under another name": ("scenes/a", json.dumps(_scene()).encode(), "MALFORMED_REQUEST", "'bad'"),
+    "a packaged scene": ("scenes/bookshelf", b'{"name": "bookshelf"}', "SCENE_INVALID", "comes with the package"),
+    "a scene that cannot be built": ("scenes/bad", json.dumps(_scene(planes=(BENT,))).encode(), "SCENE_INVALID", "GP0"),
+    "a picture": ("plan", b"\x89PNG", "MALFORMED_REQUEST", "image/png"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_is_named_and_the_service_lives(case: str, wire: PlainClient) -> None:
+    key, payload, name, says = BAD_INPUT[case]
+    error = wire.refusal(f"guidefield/local/{key}", payload, "image/png" if case == "a picture" else "application/json")
+    assert error["name"] == name, error
+    assert says in error["message"], error
+    assert wire.ask("guidefield/local/kinematics", POTENTIAL)["winding"] == [0.0]
+
+
+def test_nothing_of_it_crashed_a_worker(wire: PlainClient) -> None:
+    assert wire.ask("guidefield/local/info")["counters"]["crashes"] == 0
+
+
+# ---- the Python client
+
+
+def test_the_client_has_typed_replies(client: Client) -> None:
+    assert client.info().workers == 1
+    assert client.robot("panda").tip == "panda_hand_tcp"
+    assert "bookshelf" in client.scenes()
+    scene = Scene("stored by the client".replace(" ", "-"), obstacles=[Box(name="b", size=(0.1, 0.1, 0.1))])
+    client.store_scene(scene)
+    assert client.scene(scene.name) == scene
+    client.delete_scene(scene.name)
+    reply = client.kinematics(guidefield.Potential(scene=scene, points=[(1.0, 0.0, 0.0)]))
+    assert reply == guidefield.answer(guidefield.Potential(scene=scene, points=[(1.0, 0.0, 0.0)]))
+
+
+def test_the_client_raises_what_the_service_means(client: Client) -> None:
+    with pytest.raises(guidefield.RobotInvalid, match="r2d2") as unknown:
+        client.robot("r2d2")
+    assert "panda" in unknown.value.details["available"]
+    with pytest.raises(guidefield.SceneInvalid):
+        client.scene("nowhere")
+    with pytest.raises(guidefield.UnknownObject):
+        client.recording("nowhere")
+    with pytest.raises(guidefield.UnknownObject):
+        client.delete_run("nowhere")
+    with pytest.raises(guidefield.MalformedRequest):
+        client.robot("a//b")
+    with pytest.raises(guidefield.MalformedRequest, match="PlanRequest"):
+        client.plan({"type": "info"})
+
+
+def test_nobody_there_is_said(service: Service) -> None:
+    with pytest.raises(NoService, match="nobody listens"):
+        Client.connect(f"tcp/127.0.0.1:{free_port()}", wait=0.2)
+    with pytest.raises(NoService, match="no service named 'elsewhere'"):
+        Client.connect(service.endpoint, instance="elsewhere", wait=0.2)
+    with pytest.raises(ValueError, match="tcp/127"):
+        Client.connect("127.0.0.1")
+
+
+# ---- what ends badly
+
+
+def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wire: PlainClient) -> None:
+    rng = np.random.default_rng(0)
+    poses = [{"position": rng.uniform(-9, 9, 3).tolist(), "quaternion_xyzw": [1, 0, 0, 0]} for _ in range(5_000)]
+    long = {"type": "inverse_kinematics", "robot": "panda", "poses": poses}
+    before = wire.ask("guidefield/local/info")["counters"]["crashes"]
+    with concurrent.futures.ThreadPoolExecutor(1) as thread:
+        doomed = thread.submit(wire.refusal, "guidefield/local/kinematics", json.dumps(long).encode())
+        time.sleep(1.0)
+        (worker,) = service.workers()
+        os.kill(worker, signal.SIGKILL)
+        assert doomed.result()["name"] == "CRASH"
+    assert wire.ask("guidefield/local/kinematics", POTENTIAL)["winding"] == [0.0]
+    assert wire.ask("guidefield/local/info")["counters"]["crashes"] == before + 1
+    assert service.workers() != [worker]
+
+
+def test_a_second_service_of_the_name_is_refused(service: Service, tmp_path: Path) -> None:
+    same_folder = ["--data", str(service.data)]
+    connected = tmp_path / "zenoh.json5"
+    connected.write_text(json.dumps({"connect": {"endpoints": [service.endpoint]}}))
+    same_network = ["--data", str(tmp_path / "data"), "--config", str(connected)]
+    for options in (same_folder, same_network):
+        second = subprocess.run(
+            [sys.executable, "-m", "guidefield", "serve", "--listen", f"tcp/127.0.0.1:{free_port()}", *options],
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert second.returncode == 2
+        assert "alive" in second.stderr
+
+
+def test_a_full_queue_and_a_time_that_is_up_are_answered(tmp_path: Path) -> None:
+    poses = [{"position": [9, 9, n], "quaternion_xyzw": [1, 0, 0, 0]} for n in range(3_000)]
+    busy = json.dumps({"type": "inverse_kinematics", "robot": "panda", "poses": poses}).encode()
+    with (
+        running_service(tmp_path, "--workers", "1", "--queue", "1") as service,
+        plain_client(service.endpoint) as wire,
+        concurrent.futures.ThreadPoolExecutor(2) as threads,
+    ):
+        threads.submit(wire.answers, "guidefield/local/kinematics", busy)
+        time.sleep(1.0)
+        waiting = threads.submit(
+            wire.ask, "guidefield/local/plan", {**PLAN, "run_id": "late", "allowed_planning_time": 0.5}
+        )
+        time.sleep(0.2)
+        assert wire.refusal("guidefield/local/kinematics", json.dumps(POTENTIAL).encode())["name"] == "SERVER_BUSY"
+        late = waiting.result()
+        assert (late["status"]["name"], late["run_id"]) == ("TIMED_OUT", "late")
+        assert late["certificate"]["collision_free"] is False
+        # The end: what is being worked on may finish, but not for ever; everybody gets an answer, nothing hangs.
+        service.process.send_signal(signal.SIGTERM)
+        assert service.process.wait(60.0) == 0
+
+
+def test_a_kill_of_the_front_takes_its_workers_along(tmp_path: Path) -> None:
+    with running_service(tmp_path, "--workers", "1") as service:
+        workers = service.workers()
+        assert workers
+        service.process.kill()
+        for worker in workers:
+            await_death(worker)
+
+
+def test_an_idle_service_ends_at_once_on_ctrl_c(tmp_path: Path) -> None:
+    with running_service(tmp_path, "--workers", "1") as service:
+        workers = service.workers()
+        began = time.monotonic()
+        service.process.send_signal(signal.SIGINT)
+        assert service.process.wait(30.0) == 0
+        assert time.monotonic() - began < 10.0
+        for worker in workers:
+            await_death(worker, 1.0)

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+
+import msgspec
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.errors import GuidefieldError, MalformedRequest
+from guidefield.messages import keys, requests
+from guidefield.messages.codec import Encoding
+from guidefield.messages.scene import Scene
+
+PLAN = b"""{"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"},
+           "allowed_planning_time": 7, "run_id": "r"}"""
+
+
+def _query(key: str, payload: bytes = b"", parameters: Mapping[str, str] | None = None) -> keys.Query:
+    return keys.Query(tuple(key.split("/")), parameters or {}, payload, Encoding.JSON)
+
+
+@pytest.mark.parametrize(
+    ("query", "request_"),
+    [
+        (_query("robots"), requests.ReadRobots()),
+        (_query("robots/panda"), requests.ReadRobot("panda")),
+        (_query("scenes"), requests.ReadScenes()),
+        (_query("scenes/shelf"), requests.ReadScene("shelf")),
+        (_query("scenes/shelf", b'{"name": "shelf"}'), requests.StoreScene("shelf", Scene("shelf"))),
+        (_query("scenes/shelf", parameters={"delete": ""}), requests.DeleteScene("shelf")),
+        (_query("runs"), requests.ReadRuns()),
+        (
+            _query("runs", parameters={"status": "SUCCESS", "robot": "panda", "since": "1e9"}),
+            requests.ReadRuns("SUCCESS", "panda", 1e9),
+        ),
+        (_query("runs/r1"), requests.ReadRun("r1")),
+        (_query("runs/r1", parameters={"delete": ""}), requests.DeleteRun("r1")),
+        (_query("info"), requests.ReadInfo()),
+        (
+            _query("kinematics", b'{"type": "potential", "scene": "s", "points": [[0, 0, 0]]}'),
+            requests.Potential("s", points=[(0.0, 0.0, 0.0)]),
+        ),
+    ],
+)
+def test_each_key_asks_for_its_request(query: keys.Query, request_: requests.Request) -> None:
+    keys.check(query)
+    assert keys.request_of(query) == request_
+
+
+def test_a_plan_is_read_and_its_head_is_the_same_run() -> None:
+    request = keys.request_of(_query("plan", PLAN))
+    head = keys.plan_head(_query("plan", PLAN))
+    assert isinstance(request, requests.PlanRequest)
+    assert head is not None
+    assert (head.run_id, head.allowed_planning_time, head.seed) == (request.run_id, request.allowed_planning_time, 0)
+    assert keys.plan_head(_query("kinematics", PLAN)) is None
+
+
+@pytest.mark.parametrize(("given_", "allowed"), [(7.0, 7.0), (-1.0, 0.0), (float("nan"), 0.0), (1e300, 3600.0)])
+def test_an_impossible_planning_time_is_brought_within_bounds(given_: float, allowed: float) -> None:
+    payload = msgspec.msgpack.encode({"allowed_planning_time": given_})
+    head = keys.plan_head(keys.Query(("plan",), {}, payload, Encoding.MSGPACK))
+    assert head is not None
+    assert head.allowed == allowed
+
+
+@pytest.mark.parametrize(
+    ("query", "says"),
+    [
+        (_query("nothing"), "nothing is served at 'nothing'; served are plan"),
+        (_query(""), "nothing is served"),
+        (_query("plan/more"), "nothing is served"),
+        (_query("runs/r1/progress"), "nothing is served"),
+        (_query("robots", parameters={"delete": ""}), "unknown parameter 'delete'"),
+        (_query("runs", parameters={"sinse": "1"}), "valid: robot, since, status"),
+        (_query("runs", parameters={"since": "yesterday"}), "seconds since 1970"),
+        (_query("robots/panda", b"{}"), "takes no payload"),
+        (_query("scenes/shelf", b"{}", {"delete": ""}), "takes no payload"),
+        (_query("scenes/shelf", b'{"name": "other"}'), "named 'other', but it is sent to be stored as 'shelf'"),
+        (_query("kinematics", b'{"type": "info"}'), "Invalid value 'info'"),
+        (_query("plan", b'{"type": "info"}'), "unknown field `type`"),
+        (_query("plan"), "truncated"),
+    ],
+)
+def test_what_does_not_fit_is_said(query: keys.Query, says: str) -> None:
+    with pytest.raises(MalformedRequest) as malformed:
+        keys.request_of(query)
+    assert says in malformed.value.message
+
+
+def test_only_a_run_has_a_recording() -> None:
+    assert keys.is_recording(_query("runs/r1/recording"))
+    assert not any(keys.is_recording(_query(key)) for key in ("runs/r1", "runs/r1/progress", "scenes/a/recording"))
+    keys.check(_query("runs/r1/recording"))
+
+
+@given(
+    st.lists(st.text(max_size=8), max_size=4), st.dictionaries(st.text(max_size=8), st.text(max_size=8)), st.binary()
+)
+@settings(deadline=None, max_examples=300)
+def test_any_query_is_a_request_or_says_why_not(key: list[str], parameters: dict[str, str], payload: bytes) -> None:
+    for encoding in Encoding:
+        query = keys.Query(tuple(key), parameters, payload, encoding)
+        for read in (keys.check, keys.request_of, keys.plan_head):
+            with contextlib.suppress(GuidefieldError):
+                read(query)

@@ -1,0 +1,162 @@
+"""Laws of the pool: every job gets one answer, whatever becomes of its worker."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from concurrent.futures import wait
+from pathlib import Path
+
+import pytest
+
+from guidefield.errors import ServerBusy, WorkerCrashed
+from guidefield.pool.pool import Pool
+from guidefield.pool.waiting import Deadline
+from tests import worker_setups
+
+PATIENCE = 30.0
+"""Longer than anything here takes on a busy machine [s]."""
+
+
+def _started(workers: int, queue_limit: int = 64) -> Pool:
+    pool = Pool(worker_setups.obedient, workers=workers, queue_limit=queue_limit)
+    pool.start()
+    assert pool.ready(PATIENCE)
+    return pool
+
+
+@pytest.fixture
+def pool() -> Iterator[Pool]:
+    pool = _started(1)
+    yield pool
+    pool.close(0.0)
+
+
+def _pid(pool: Pool) -> int:
+    return int(pool.submit(("pid", ""), seconds=PATIENCE).result(PATIENCE)[1])
+
+
+def _await(path: Path) -> int:
+    """The process id that a worker left in a file when it began its job."""
+    deadline = time.monotonic() + PATIENCE
+    while not path.exists() or not path.read_text():
+        assert time.monotonic() < deadline, "the worker did not begin"
+        time.sleep(0.01)
+    return int(path.read_text())
+
+
+def test_answers_come_back_as_the_worker_gave_them(pool: Pool) -> None:
+    assert pool.submit(("echo", "bookshelf"), seconds=PATIENCE).result(PATIENCE) == (True, b"bookshelf")
+    assert pool.submit(("refuse", "no"), seconds=PATIENCE).result(PATIENCE) == (False, b"no")
+
+
+def test_work_is_done_in_another_process_that_stays(pool: Pool) -> None:
+    assert _pid(pool) == _pid(pool) != os.getpid()
+
+
+def test_a_killed_worker_costs_its_own_request_and_no_other(pool: Pool, tmp_path: Path) -> None:
+    doomed = pool.submit(("mark", str(tmp_path / "begun")), seconds=PATIENCE)
+    patient = pool.submit(("echo", "next"), seconds=PATIENCE)
+    os.kill(_await(tmp_path / "begun"), signal.SIGKILL)
+    with pytest.raises(WorkerCrashed, match="died"):
+        doomed.result(PATIENCE)
+    assert patient.result(PATIENCE) == (True, b"next")
+    assert pool.crashes == 1
+
+
+def test_a_segmentation_fault_costs_its_own_request(pool: Pool) -> None:
+    with pytest.raises(WorkerCrashed):
+        pool.submit(("segfault", ""), seconds=PATIENCE).result(PATIENCE)
+    assert pool.submit(("echo", "alive"), seconds=PATIENCE).result(PATIENCE) == (True, b"alive")
+
+
+def test_a_worker_that_dies_idle_costs_no_request(pool: Pool) -> None:
+    before = _pid(pool)
+    os.kill(before, signal.SIGKILL)
+    assert _pid(pool) != before
+
+
+def test_a_worker_that_takes_too_long_is_stopped(pool: Pool) -> None:
+    before = _pid(pool)
+    began = time.monotonic()
+    with pytest.raises(WorkerCrashed, match=r"longer than 0\.3 s"):
+        pool.submit(("sleep", "60"), seconds=0.3).result(PATIENCE)
+    assert time.monotonic() - began < 20.0
+    assert _pid(pool) != before
+
+
+def test_a_full_queue_refuses_and_the_rest_is_answered() -> None:
+    pool = _started(1, queue_limit=2)
+    try:
+        running = pool.submit(("sleep", "1.0"), seconds=PATIENCE)
+        while pool.queue:
+            time.sleep(0.01)
+        waiting = [pool.submit(("echo", str(n)), seconds=PATIENCE) for n in range(2)]
+        with pytest.raises(ServerBusy, match="2 requests wait") as refused:
+            pool.submit(("echo", "too many"), seconds=PATIENCE)
+        assert refused.value.details == {"queue": 2, "limit": 2}
+        assert running.result(PATIENCE) == (True, b"slept")
+        assert [future.result(PATIENCE)[1] for future in waiting] == [b"0", b"1"]
+    finally:
+        pool.close(0.0)
+
+
+def test_a_job_that_waits_beyond_its_deadline_is_answered_then(pool: Pool) -> None:
+    running = pool.submit(("sleep", "2.0"), seconds=PATIENCE)
+    late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
+    assert pool.submit(("echo", "in time"), seconds=PATIENCE, deadline=late).result(1.5) == (True, b"too late")
+    assert not running.done()
+
+
+def test_a_deadline_does_not_touch_what_has_begun(pool: Pool) -> None:
+    soon = Deadline(time.monotonic() + 0.3, lambda: (True, b"too late"))
+    assert pool.submit(("sleep", "0.8"), seconds=PATIENCE, deadline=soon).result(PATIENCE) == (True, b"slept")
+
+
+def test_closing_finishes_what_runs_and_refuses_what_waits() -> None:
+    pool = _started(1)
+    running = pool.submit(("sleep", "0.5"), seconds=PATIENCE)
+    while pool.queue:
+        time.sleep(0.01)
+    waiting = pool.submit(("echo", "never"), seconds=PATIENCE)
+    pool.close(PATIENCE)
+    assert running.result(0) == (True, b"slept")
+    with pytest.raises(ServerBusy, match="shutting down"):
+        waiting.result(0)
+    with pytest.raises(ServerBusy, match="shutting down"):
+        pool.submit(("echo", "never"), seconds=PATIENCE)
+
+
+def test_closing_ends_what_outlasts_the_grace(tmp_path: Path) -> None:
+    pool = _started(1)
+    running = pool.submit(("mark", str(tmp_path / "begun")), seconds=PATIENCE)
+    pid = _await(tmp_path / "begun")
+    pool.close(0.1)
+    with pytest.raises(WorkerCrashed):
+        running.result(0)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_two_workers_work_at_once() -> None:
+    pool = _started(2)
+    try:
+        pids = {_pid(pool)}
+        deadline = time.monotonic() + PATIENCE
+        while len(pids) < 2 and time.monotonic() < deadline:  # the second may still be starting
+            sleeping = pool.submit(("sleep", "0.2"), seconds=PATIENCE)
+            pids.add(_pid(pool))
+            wait([sleeping], PATIENCE)
+        assert len(pids) == 2
+    finally:
+        pool.close(PATIENCE)
+
+
+def test_a_worker_that_cannot_be_prepared_is_said_at_the_start() -> None:
+    pool = Pool(worker_setups.broken, workers=1)
+    pool.start()
+    with pytest.raises(RuntimeError, match="could not be prepared"):
+        pool.ready(PATIENCE)
+    pool.close(0.0)

@@ -1,0 +1,139 @@
+"""What a mesh bounds, against trimesh and by hand."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guidefield.scene.mesh import mesh_surface, pieces, volume
+from tests.scene.solids import box_mesh, klein_bottle, l_prism, moebius, room
+
+
+def soup(vertices, triangles):
+    """The same triangles, none sharing a vertex with another."""
+    return vertices[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10**6), st.integers(4, 60))
+def test_a_hull_is_convex_and_solid(seed, count):
+    points = np.random.default_rng(seed).normal(size=(count, 3)) * [1.0, 0.5, 2.0]
+    hull = trimesh.convex.convex_hull(points)
+    surface = mesh_surface(np.array(hull.vertices), np.array(hull.faces))
+    assert surface.solid
+    assert surface.warnings == ()
+    assert surface.hull is not None
+    assert surface.hull.computeVolume() == pytest.approx(hull.volume, rel=1e-9)
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(hull.volume, rel=1e-9)
+
+
+def test_an_l_is_solid_but_not_convex():
+    surface = mesh_surface(*l_prism())
+    assert surface.solid
+    assert surface.hull is None
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(3.0)
+    assert trimesh.Trimesh(surface.vertices, surface.triangles).is_winding_consistent
+
+
+def test_a_shallow_dent_makes_a_mesh_not_convex():
+    sphere = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
+    vertices = np.array(sphere.vertices)
+    vertices[7] *= 0.94
+    assert mesh_surface(vertices, np.array(sphere.faces)).hull is None
+    assert mesh_surface(np.array(sphere.vertices), np.array(sphere.faces)).hull is not None
+
+
+def test_vertices_at_one_place_are_one():
+    surface = mesh_surface(*soup(*box_mesh()))
+    assert len(surface.vertices) == 8
+    assert surface.hull is not None
+
+
+def test_unused_vertices_do_not_enter_the_hull():
+    vertices, triangles = box_mesh()
+    surface = mesh_surface(np.vstack([vertices, [[9.0, 9.0, 9.0]]]), triangles)
+    assert surface.hull.computeVolume() == pytest.approx(1.0)
+
+
+def test_an_open_mesh_is_a_thin_wall():
+    vertices, triangles = box_mesh()
+    surface = mesh_surface(vertices, triangles[:-2])
+    assert not surface.solid
+    assert surface.hull is None
+    assert "open (4 edges" in surface.warnings[0]
+
+
+def test_a_mesh_inside_out_is_turned():
+    vertices, triangles = l_prism()
+    surface = mesh_surface(vertices, triangles[:, ::-1])
+    assert surface.solid
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(3.0)
+    assert "clockwise" in surface.warnings[0]
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 2**20 - 2))
+def test_triangles_that_face_inwards_are_turned(mask):
+    vertices, triangles = l_prism()
+    flipped = np.array([bool(mask >> i & 1) for i in range(len(triangles))])
+    triangles[flipped] = triangles[flipped][:, ::-1]
+    surface = mesh_surface(vertices, triangles)
+    assert surface.solid
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(3.0)
+    assert surface.warnings
+    assert trimesh.Trimesh(surface.vertices, surface.triangles).is_volume
+
+
+def test_a_hollow_stays_hollow():
+    surface = mesh_surface(*room(2.0, 1.0))
+    assert surface.solid
+    assert surface.hull is None
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(7.0)
+
+
+@pytest.mark.parametrize("mesh", [moebius(), klein_bottle()])
+def test_a_surface_with_one_side_is_a_thin_wall(mesh):
+    surface = mesh_surface(*mesh)
+    assert not surface.solid
+    assert surface.warnings
+
+
+def test_a_plate_of_two_faces_encloses_nothing():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
+    surface = mesh_surface(vertices, np.array([[0, 1, 2], [2, 1, 0]]))
+    assert not surface.solid
+    assert "no volume" in surface.warnings[0]
+
+
+def test_a_mesh_without_area_is_none():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], float)
+    assert mesh_surface(vertices, np.array([[0, 1, 2]])) is None
+    assert mesh_surface(vertices, np.array([[0, 0, 2]])) is None
+
+
+def test_two_cubes_that_share_an_edge_are_solid_but_no_hull():
+    vertices, triangles = box_mesh()
+    surface = mesh_surface(np.vstack([vertices, vertices + [1.0, 1.0, 0.0]]), np.vstack([triangles, triangles + 8]))
+    assert surface.solid
+    assert surface.hull is None
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6))
+def test_pieces_are_those_of_a_graph_search(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 40))
+    triangles = rng.integers(0, count, (int(rng.integers(1, 25)), 3))
+    labels = pieces(count, triangles)
+    neighbours = {v: set() for v in range(count)}
+    for triangle in triangles.tolist():
+        for v in triangle:
+            neighbours[v] |= set(triangle)
+    for root in range(count):
+        reached, waiting = {root}, [root]
+        while waiting:
+            for there in neighbours[waiting.pop()] - reached:
+                reached.add(there)
+                waiting.append(there)
+        assert labels[root] == min(reached)

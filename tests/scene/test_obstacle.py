@@ -1,0 +1,231 @@
+"""Obstacles against formulas of their shapes, trimesh, and the faults for which they are refused."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guidefield.errors import SceneInvalid
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Float32Array, Placement
+from guidefield.scene.obstacle import BUILDERS, build
+from tests.scene.solids import box_mesh, l_prism, mesh_message
+
+LAWS = settings(deadline=None, max_examples=30)
+seeds = st.integers(0, 2**32 - 1)
+GJK = 2e-6
+"""Coal's accuracy for distances of convex bodies."""
+
+
+def pose(rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
+    q = rng.normal(size=4)
+    return {"position": tuple(rng.uniform(-1, 1, 3).tolist()), "quaternion_xyzw": tuple((q / np.linalg.norm(q)).tolist())}
+
+
+def distance(obstacle, point: np.ndarray) -> float:
+    """Coal's distance of a point to an obstacle: of a tiny ball."""
+    radius = 1e-3
+    there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
+    ball, here = coal.Sphere(radius), coal.Transform3s(np.eye(3), point)
+    return coal.distance(obstacle.shape, there, ball, here, coal.DistanceRequest(), coal.DistanceResult()) + radius
+
+
+def local(message, point: np.ndarray) -> np.ndarray:
+    x, y, z, w = message.quaternion_xyzw
+    return pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(message.position)).actInv(point)
+
+
+def box_distance(message, point):
+    gaps = np.abs(local(message, point)) - 0.5 * np.array(message.size)
+    return np.linalg.norm(np.maximum(gaps, 0)) + min(gaps.max(), 0)
+
+
+def sphere_distance(message, point):
+    return np.linalg.norm(point - message.position) - message.radius
+
+
+def cylinder_distance(message, point):
+    x, y, z = local(message, point)
+    gaps = np.array([np.hypot(x, y) - message.radius, abs(z) - 0.5 * message.length])
+    return np.linalg.norm(np.maximum(gaps, 0)) + min(gaps.max(), 0)
+
+
+def capsule_distance(message, point):
+    x, y, z = local(message, point)
+    return np.linalg.norm([x, y, z - np.clip(z, -0.5 * message.length, 0.5 * message.length)]) - message.radius
+
+
+def half_space_distance(message, point):
+    return (np.dot(message.normal, point) - message.offset) / np.linalg.norm(message.normal)
+
+
+def random_primitive(rng: np.random.Generator):
+    size = rng.uniform(0.05, 1.0, 3).tolist()
+    return [
+        (messages.Box(name="o", size=tuple(size), **pose(rng)), box_distance),
+        (messages.Sphere(name="o", radius=size[0], position=pose(rng)["position"]), sphere_distance),
+        (messages.Cylinder(name="o", radius=size[0], length=size[1], **pose(rng)), cylinder_distance),
+        (messages.Capsule(name="o", radius=size[0], length=size[1], **pose(rng)), capsule_distance),
+        (messages.HalfSpace(name="o", normal=tuple(rng.normal(size=3).tolist()), offset=size[0]), half_space_distance),
+    ][rng.integers(5)]
+
+
+@settings(deadline=None, max_examples=100)
+@given(seeds)
+def test_signed_distance_of_primitives_is_the_formulas(seed):
+    rng = np.random.default_rng(seed)
+    message, formula = random_primitive(rng)
+    obstacle = build(message, 0)
+    assert obstacle.convex
+    assert obstacle.solid
+    point = rng.uniform(-1.5, 1.5, 3)
+    assert distance(obstacle, point) == pytest.approx(formula(message, point), abs=GJK)
+
+
+@LAWS
+@given(seeds)
+def test_drawn_surface_lies_on_the_primitive_and_faces_outwards(seed):
+    rng = np.random.default_rng(seed)
+    message, formula = random_primitive(rng)
+    obstacle = build(message, 0)
+    for vertex in obstacle.vertices[:: max(1, len(obstacle.vertices) // 8)]:
+        # A cylinder is drawn as the prism that contains it.
+        slack = message.radius * (1 / np.cos(np.pi / 24) - 1) if isinstance(message, messages.Cylinder) else 0.0
+        assert -1e-9 <= formula(message, vertex) + 1e-9 <= slack + 2e-9
+    if isinstance(message, messages.HalfSpace):
+        a, b, c = obstacle.vertices[obstacle.triangles[0]]
+        assert np.dot(np.cross(b - a, c - a), message.normal) > 0
+    else:
+        drawn = trimesh.Trimesh(obstacle.vertices, obstacle.triangles)
+        assert drawn.is_volume
+        assert drawn.volume == pytest.approx(obstacle.shape.computeVolume(), rel=0.1)
+
+
+def test_volumes_and_areas():
+    box = build(messages.Box(name="b", size=(0.2, 0.3, 0.5)), 0)
+    assert trimesh.Trimesh(box.vertices, box.triangles).volume == pytest.approx(0.03)
+    assert trimesh.Trimesh(box.vertices, box.triangles).area == pytest.approx(2 * (0.06 + 0.1 + 0.15))
+    can = build(messages.Cylinder(name="c", radius=0.1, length=0.4), 0)
+    prism = trimesh.Trimesh(can.vertices, can.triangles)
+    assert prism.volume == pytest.approx(24 * 0.01 * np.tan(np.pi / 24) * 0.4)
+    assert len(can.charges.triangles) == len(can.triangles)
+
+
+@LAWS
+@given(seeds)
+def test_convex_mesh_is_judged_as_a_solid(seed):
+    rng = np.random.default_rng(seed)
+    hull = trimesh.convex.convex_hull(rng.normal(size=(20, 3)) * 0.4)
+    message = mesh_message(hull.vertices, hull.faces, **pose(rng))
+    obstacle = build(message, 0)
+    assert obstacle.convex
+    point = rng.uniform(-1.5, 1.5, 3)
+    here = local(message, point)
+    heights = np.einsum("ij,ij->i", hull.face_normals, here - hull.vertices[hull.faces[:, 0]])
+    _, outside, _ = trimesh.proximity.closest_point_naive(hull, here[None])
+    expected = heights.max() if heights.max() < 0 else outside[0]
+    assert distance(obstacle, point) == pytest.approx(expected, abs=GJK)
+
+
+@LAWS
+@given(seeds)
+def test_other_mesh_is_judged_as_its_surface(seed):
+    rng = np.random.default_rng(seed)
+    vertices, triangles = l_prism()
+    message = mesh_message(vertices, triangles, **pose(rng))
+    obstacle = build(message, 0)
+    assert obstacle.solid
+    assert not obstacle.convex
+    point = rng.uniform(-2.5, 2.5, 3)
+    _, expected, _ = trimesh.proximity.closest_point_naive(trimesh.Trimesh(vertices, triangles), local(message, point)[None])
+    assert distance(obstacle, point) == pytest.approx(max(expected[0], 1e-3), abs=GJK)
+
+
+def polygon_distance(corners: np.ndarray, point: np.ndarray) -> float:
+    """Of a point to a flat polygon in z = 0, by crossing number and by its edges."""
+    x, y, z = point
+    inside = False
+    gaps = []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if (a[1] > y) != (b[1] > y) and x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
+            inside = not inside
+        t = np.clip(np.dot([x, y] - a, b - a) / np.dot(b - a, b - a), 0, 1)
+        gaps.append(np.linalg.norm([x, y] - a - t * (b - a)))
+    return abs(z) if inside else np.hypot(z, min(gaps))
+
+
+@settings(deadline=None, max_examples=60)
+@given(seeds)
+def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 12))
+    angles = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * 2 * np.pi / count
+    corners = (rng.uniform(0.15, 1.0, count) * np.array([np.cos(angles), np.sin(angles)])).T
+    placement = pin.SE3(pin.exp3(rng.normal(size=3)), rng.uniform(-1, 1, 3))
+    world = np.column_stack([corners, np.zeros(count)]) @ placement.rotation.T + placement.translation
+    obstacle = build(messages.Polygon(name="p", vertices=[tuple(row) for row in world.tolist()]), 0)
+    assert not obstacle.solid
+    assert obstacle.warnings == ()
+    area = 0.5 * abs(corners[:, 0] @ np.roll(corners[:, 1], -1) - corners[:, 1] @ np.roll(corners[:, 0], -1))
+    assert trimesh.Trimesh(obstacle.vertices, obstacle.triangles, process=False).area == pytest.approx(area)
+    point = rng.uniform(-1.2, 1.2, 3)
+    expected = polygon_distance(corners, point)
+    assert distance(obstacle, placement.act(point)) == pytest.approx(max(expected, 1e-3), abs=GJK)
+
+
+def test_packed_vertices_mean_the_same():
+    vertices, triangles = l_prism()
+    packed = messages.Mesh(
+        name="m",
+        vertices=Float32Array(float32=vertices.astype("<f4").tobytes()),
+        triangles=[tuple(row) for row in triangles.tolist()],
+    )
+    assert build(packed, 0).vertices == pytest.approx(build(mesh_message(vertices, triangles), 0).vertices)
+
+
+def test_arrays_are_read_only():
+    for message in (messages.Box(name="b", size=(1, 1, 1)), mesh_message(*l_prism()), messages.Sphere(name="s", radius=1.0)):
+        obstacle = build(message, 0)
+        for array in (obstacle.vertices, obstacle.triangles, *vars(obstacle.charges).values()):
+            assert not array.flags.writeable
+
+
+def test_every_kind_of_message_has_a_builder():
+    assert set(BUILDERS) == set(messages.Obstacle.__args__)
+
+
+def polygon(*vertices):
+    return messages.Polygon(name="bad", vertices=[tuple(map(float, v)) for v in vertices])
+
+
+POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
+STILL = messages.ObstacleTrajectory(times=[0.0], placements=[Placement()])
+FAULTS = [
+    (messages.PointCloud(name="bad", points=POINTS, radius=0.1), "", "doesn't serve point clouds"),
+    (messages.Box(name="bad", size=(1, 1, 1), trajectory=STILL), ".trajectory", "at rest only"),
+    (messages.PointCloud(name="bad", points=POINTS, radius=0.1, trajectory=STILL), ".trajectory", "at rest only"),
+    (polygon((0, 0, 0), (1, 0, 0), (1, 1, 0.01), (0, 1, 0)), ".vertices", "off a plane"),
+    (polygon((0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1.5, 0)), ".vertices", "isn't simple"),
+    (polygon((0, 0, 0), (1, 0, 0), (2, 0, 0)), ".vertices", "a line"),
+    (polygon((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0)), ".vertices", "coincide"),
+    (mesh_message(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]), name="bad"), ".triangles", "area"),
+]
+
+
+@pytest.mark.parametrize(("message", "field", "words"), FAULTS)
+def test_bad_obstacles_are_refused_with_name_and_path(message, field, words):
+    with pytest.raises(SceneInvalid, match="'bad'") as caught:
+        build(message, 3)
+    assert words in caught.value.message
+    assert caught.value.details == {"obstacle": "bad", "path": f"$.obstacles[3]{field}"}
+
+
+def test_odd_meshes_are_kept_with_a_warning_that_names_them():
+    vertices, triangles = box_mesh()
+    obstacle = build(mesh_message(vertices, triangles[1:], name="crate"), 0)
+    assert "crate" in obstacle.warnings[0]
+    assert "open" in obstacle.warnings[0]
+    assert len(obstacle.charges.triangles) == 11

@@ -1,0 +1,104 @@
+"""The scene as a whole: its field is the sum of its obstacles' fields."""
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.errors import SceneInvalid
+from guidefield.kernels.field import potential_at_points
+from guidefield.messages import scene as messages
+from guidefield.scene.scene import build
+from tests.scene.solids import box_mesh, l_prism, mesh_message
+
+TURNED = (0.0, 0.0, np.sin(0.4), np.cos(0.4))
+OBSTACLES = [
+    messages.Box(name="box", size=(0.2, 0.3, 0.4), position=(0.5, 0, 0), quaternion_xyzw=TURNED),
+    messages.Sphere(name="sphere", radius=0.1, position=(0, 0.6, 0), charge=2.0),
+    messages.Cylinder(name="can", radius=0.05, length=0.2, position=(0, -0.5, 0)),
+    messages.Capsule(name="pill", radius=0.04, length=0.3, position=(-0.6, 0, 0), quaternion_xyzw=TURNED, charge=0.5),
+    mesh_message(*l_prism(), name="l", position=(1.0, 1.0, -0.5), charge=3.0),
+    messages.Polygon(name="wall", vertices=[(-1, -1, 0), (-0.5, -1, 0), (-0.5, -0.8, 0.3), (-1, -0.8, 0.3)]),
+    messages.HalfSpace(name="floor", normal=(0, 0, 2.0), offset=-1.6, charge=0.25),
+]
+POINTS = np.random.default_rng(5).uniform([-1.2, -1.2, -0.7], [0.3, 0.3, 1], (40, 3))
+
+
+def field(obstacles, points=POINTS):
+    potential, gradient, winding = potential_at_points(build(messages.Scene(name="s", obstacles=obstacles)).tables, points)
+    return potential, gradient, winding
+
+
+def test_the_field_is_the_sum_of_the_obstacles():
+    whole = field(OBSTACLES)
+    parts = [field([obstacle]) for obstacle in OBSTACLES]
+    for index in range(3):
+        assert whole[index] == pytest.approx(sum(part[index] for part in parts), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("obstacle", OBSTACLES, ids=lambda obstacle: obstacle.name)
+def test_charge_multiplies_the_field(obstacle):
+    single, triple = msgspec.structs.replace(obstacle, charge=1.0), msgspec.structs.replace(obstacle, charge=3.0)
+    assert field([triple])[0] == pytest.approx(3.0 * field([single])[0], rel=1e-12)
+
+
+def test_closed_forms_of_round_obstacles():
+    r = np.linalg.norm(POINTS - [0, 0.6, 0], axis=1)
+    assert field([OBSTACLES[1]])[0] == pytest.approx(2.0 * 4 * np.pi * 0.01 / (r * (r**2 - 0.01)), rel=1e-9)
+    assert field([OBSTACLES[6]])[0] == pytest.approx(0.25 * 2 * np.pi / (POINTS[:, 2] + 0.8), rel=1e-9)
+
+
+def test_the_field_moves_with_an_obstacle():
+    for obstacle in (OBSTACLES[0], OBSTACLES[3], OBSTACLES[4]):
+        x, y, z, w = obstacle.quaternion_xyzw
+        placement = pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(obstacle.position))
+        home = msgspec.structs.replace(obstacle, position=(0.0, 0.0, 0.0), quaternion_xyzw=(0.0, 0.0, 0.0, 1.0))
+        at_home = np.array([placement.actInv(point) for point in POINTS])
+        moved, expected = field([obstacle]), field([home], at_home)
+        assert moved[0] == pytest.approx(expected[0], rel=1e-8)
+        assert moved[1] == pytest.approx(expected[1] @ placement.rotation.T, rel=1e-6, abs=1e-6)
+
+
+def test_far_away_an_obstacle_is_its_area():
+    far = np.array([[40.0, -30.0, 0.0]])
+    box, can = field([OBSTACLES[0]], far)[0], field([OBSTACLES[2]], far)[0]
+    assert box == pytest.approx(2 * (0.06 + 0.08 + 0.12) / 50**3, rel=0.05)
+    assert can == pytest.approx((2 * np.pi * 0.05 * 0.2 + 2 * np.pi * 0.0025) / 50**3, rel=0.05)
+
+
+def test_winding_tells_inside_from_outside():
+    inside = np.array([[1.2, 1.2, 0.0], [0.5, 0.0, 0.0], [0.0, -0.5, 0.05]])
+    assert field([OBSTACLES[0], OBSTACLES[2], OBSTACLES[4]], inside)[2] == pytest.approx(1.0, abs=1e-9)
+    assert field([OBSTACLES[0], OBSTACLES[2], OBSTACLES[4]])[2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_empty_scene_has_no_field():
+    potential, gradient, winding = field([])
+    assert not potential.any()
+    assert not gradient.any()
+    assert not winding.any()
+
+
+def test_obstacles_are_found_by_name():
+    scene = build(messages.Scene(name="s", obstacles=OBSTACLES))
+    assert [obstacle.name for obstacle in scene.obstacles] == [message.name for message in OBSTACLES]
+    assert scene.obstacle("pill") is scene.obstacles[3]
+    assert scene.obstacle("nobody") is None
+
+
+def test_warnings_of_obstacles_are_the_scenes():
+    vertices, triangles = box_mesh()
+    open_box = mesh_message(vertices, triangles[1:], name="crate")
+    scene = build(messages.Scene(name="s", obstacles=[OBSTACLES[0], open_box]))
+    assert scene.warnings == scene.obstacles[1].warnings != ()
+
+
+def test_a_fault_names_its_place_in_the_scene():
+    bad = messages.Polygon(name="bent", vertices=[(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 0)])
+    with pytest.raises(SceneInvalid) as caught:
+        build(messages.Scene(name="s", obstacles=[*OBSTACLES, bad]))
+    assert caught.value.details["path"] == "$.obstacles[7].vertices"
+    plane = messages.GuidePlane(name="GP", vertices=[(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+    with pytest.raises(SceneInvalid) as caught:
+        build(messages.Scene(name="s", guide_planes=[plane]))
+    assert caught.value.details["guide_plane"] == "GP"

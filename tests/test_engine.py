@@ -1,0 +1,314 @@
+"""The engine: any request in any form, one reply; what is ill-posed raises, what is a bug is named."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+import guidefield
+from guidefield.engine import Engine, LocalFiles
+from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, UnknownObject
+from guidefield.messages import requests
+from guidefield.messages.replies import Done, InfoReply, PointPotentialReply, RobotReply, RobotsReply
+from guidefield.messages.scene import GuidePlane, Scene, Sphere
+from guidefield.stores.runs import RunStore
+from guidefield.stores.scenes import SceneStore
+from tests.replies import plan_reply
+
+BALL = Scene("ball", obstacles=[Sphere(name="ball", radius=0.1)])
+PLAN = requests.PlanRequest(robot="panda", scene="bookshelf", goal=requests.GuidePlaneGoal())
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    return Engine()
+
+
+@pytest.fixture
+def keeping(tmp_path: Path) -> Engine:
+    return Engine("cell", runs=RunStore(tmp_path / "runs"), scenes=SceneStore(tmp_path / "scenes"))
+
+
+def _potential(scene: str | Scene, *points: tuple[float, float, float]) -> requests.Potential:
+    return requests.Potential(scene=scene, points=list(points))
+
+
+def test_a_request_is_the_same_in_all_its_forms(engine: Engine) -> None:
+    struct = _potential(BALL, (0.0, 0.0, 1.0))
+    plain: dict[str, Any] = msgspec.to_builtins(struct)
+    answers = [engine.answer(form) for form in (struct, plain, json.dumps(plain).encode())]
+    assert isinstance(answers[0], PointPotentialReply)
+    assert answers[0] == answers[1] == answers[2]
+
+
+def test_the_field_of_a_ball_is_the_integral_over_its_surface(engine: Engine) -> None:
+    # The integral of 1/d^3 over a sphere of radius a, seen from a distance R > a, is 4 pi a^2 / (R (R^2 - a^2)).
+    reply = engine.answer(_potential(BALL, (0.0, 0.0, 1.0)))
+    assert isinstance(reply, PointPotentialReply)
+    assert reply.potential[0] == pytest.approx(4.0 * math.pi * 0.1**2 / (1.0 - 0.1**2), rel=1e-9)
+
+
+@pytest.mark.parametrize("form", [None, 3, b"\x00", "[]", {"type": "nonsense"}, plan_reply("r1"), BALL])
+def test_what_is_no_request_is_malformed(form: Any, engine: Engine) -> None:
+    with pytest.raises(MalformedRequest):
+        engine.answer(form)
+
+
+def test_a_robot_is_described(engine: Engine) -> None:
+    reply = engine.answer(requests.ReadRobot("panda"))
+    assert isinstance(reply, RobotReply)
+    joint = next(joint for joint in reply.joints if joint.name == "panda_joint4")
+    assert joint.kind == "revolute"
+    assert joint.lower[0] == pytest.approx(-3.0718, abs=1e-3)
+    assert joint.velocity_source == "urdf"
+    assert joint.acceleration_source == "card"
+    assert reply.tip == "panda_hand_tcp"
+    assert reply.tip in reply.frames
+    tested = {tuple(pair) for pair in reply.collision_pairs}
+    left_out = {tuple(sorted(pair.links)) for pair in reply.pairs_left_out}
+    assert tested
+    assert not tested & left_out
+    assert msgspec.json.encode(reply)
+
+
+def test_continuous_joints_have_no_limits_in_the_description(engine: Engine) -> None:
+    reply = engine.answer(requests.ReadRobot("kinova"))
+    assert isinstance(reply, RobotReply)
+    continuous = [joint for joint in reply.joints if joint.kind == "continuous"]
+    assert continuous
+    assert all(joint.lower == joint.upper == [None] for joint in continuous)
+
+
+def test_the_robots_are_listed(engine: Engine) -> None:
+    reply = engine.answer(requests.ReadRobots())
+    assert isinstance(reply, RobotsReply)
+    assert {"panda", "ur5", "xarm7", "kinova"} <= {robot.name for robot in reply.robots}
+
+
+def test_unknown_names_are_answered_with_those_there_are(engine: Engine) -> None:
+    with pytest.raises(RobotInvalid, match="no robot 'r2d2'") as robot:
+        engine.answer(requests.ReadRobot("r2d2"))
+    assert "panda" in robot.value.details["available"]
+    with pytest.raises(SceneInvalid, match="no scene 'nowhere'") as scene:
+        engine.answer(_potential("nowhere", (0.0, 0.0, 0.0)))
+    assert "bookshelf" in scene.value.details["available"]
+    with pytest.raises(UnknownObject):
+        engine.answer(requests.ReadRun("r1"))
+
+
+def test_a_bug_is_named_and_logged_with_its_trace(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def bug(_message: Scene) -> None:
+        raise ZeroDivisionError("there is a bug here")
+
+    monkeypatch.setattr("guidefield.scene.scene.build", bug)
+    with caplog.at_level(logging.ERROR), pytest.raises(InternalFailure, match="ZeroDivisionError: there is a bug here"):
+        engine.answer(_potential(Scene("never built before"), (0.0, 0.0, 0.0)))
+    assert "Traceback" in caplog.text
+    assert "def bug" not in caplog.text
+    assert "raise ZeroDivisionError" in caplog.text
+
+
+def test_a_scene_is_built_once_for_its_content(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    from guidefield.scene import scene as scenes
+
+    built: list[str] = []
+
+    def build(message: Scene) -> scenes.Scene:
+        built.append(message.name)
+        return original(message)
+
+    original = scenes.build
+    monkeypatch.setattr(scenes, "build", build)
+    for radius in (0.25, 0.26, 0.25):
+        engine.answer(_potential(Scene("same name", obstacles=[Sphere(name="s", radius=radius)]), (1.0, 0.0, 0.0)))
+    assert built == ["same name", "same name"]
+
+
+def test_files_of_this_machine_are_read_only_where_that_is_allowed() -> None:
+    guarded = Engine(local_files=LocalFiles.REFUSED)
+    request = requests.ForwardKinematics(requests.UrdfFile("/etc/hostname"), ["base"], [{}])
+    with pytest.raises(RobotInvalid, match="local file"):
+        guarded.answer(request)
+
+
+def test_scenes_are_stored_read_and_forgotten(keeping: Engine) -> None:
+    assert isinstance(keeping.answer(requests.StoreScene("ball", BALL)), Done)
+    by_name = keeping.answer(_potential("ball", (0.0, 0.0, 1.0)))
+    assert by_name == keeping.answer(_potential(BALL, (0.0, 0.0, 1.0)))
+    keeping.answer(requests.DeleteScene("ball"))
+    with pytest.raises(SceneInvalid):
+        keeping.answer(requests.ReadScene("ball"))
+
+
+def test_a_scene_that_cannot_be_built_is_not_stored(keeping: Engine) -> None:
+    bent = GuidePlane("bent", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.5), (0.0, 1.0, 0.0)])
+    with pytest.raises(SceneInvalid, match="bent"):
+        keeping.answer(requests.StoreScene("bad", Scene("bad", guide_planes=[bent])))
+    with pytest.raises(SceneInvalid, match="no scene 'bad'"):
+        keeping.answer(requests.ReadScene("bad"))
+
+
+def test_a_mesh_index_out_of_range_names_its_path() -> None:
+    with pytest.raises(MalformedRequest, match="names vertex 7"):
+        guidefield.answer(
+            {
+                "type": "potential",
+                "scene": {
+                    "name": "s",
+                    "obstacles": [
+                        {
+                            "type": "mesh",
+                            "name": "m",
+                            "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+                            "triangles": [[0, 1, 7]],
+                        }
+                    ],
+                },
+                "points": [[0, 0, 0]],
+            }
+        )
+
+
+def test_info_names_versions_and_schemas(engine: Engine) -> None:
+    reply = engine.answer(requests.ReadInfo())
+    assert isinstance(reply, InfoReply)
+    assert reply.version == guidefield.__version__
+    assert "PlanRequest" in reply.schemas["messages"]
+    assert reply.counters["answered"] >= 0
+
+
+class _Recorder:
+    """Stands in for the recorder: keeps what it is told."""
+
+    finished: list[str | None] = []
+
+    def __init__(self, path: Path, *_about: object) -> None:
+        self._path = path
+
+    def observe(self, event: object) -> None: ...
+
+    def finish(self, reply: Any, _profile: object) -> None:
+        self.finished.append(reply.recording)
+        self._path.write_bytes(b"recording")
+
+
+class _FullDisk(_Recorder):
+    def finish(self, reply: Any, _profile: object) -> None:
+        raise OSError(28, "No space left on device")
+
+
+@pytest.fixture
+def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """Plans without planning; returns what the planner was asked with."""
+    asked: list[dict[str, Any]] = []
+
+    def answer_plan(request: Any, robot: Any, scene: Any, **about: Any) -> Any:
+        asked.append(about)
+        about["record"](None, scene, ())
+        return plan_reply(about["run_id"])
+
+    monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)
+    monkeypatch.setattr("guidefield.recorder.recorder.Recorder", _Recorder)
+    return asked
+
+
+def test_a_run_is_kept_with_its_recording(keeping: Engine, planned: list[dict[str, Any]], tmp_path: Path) -> None:
+    received = time.monotonic()
+    reply = keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"), received=received)
+    assert reply.recording == "guidefield/cell/runs/r1/recording"
+    assert planned[0]["received"] == received
+    assert planned[0]["load_seconds"] >= 0.0
+    kept = keeping.answer(requests.ReadRun("r1"))
+    assert kept.reply == reply
+    assert (tmp_path / "runs" / "r1" / "recording.rrd").read_bytes() == b"recording"
+    assert _Recorder.finished[-1] == reply.recording
+
+
+def test_a_run_without_a_name_gets_one(keeping: Engine, planned: list[dict[str, Any]]) -> None:
+    first, second = keeping.answer(PLAN), keeping.answer(PLAN)
+    assert first.run_id != second.run_id
+
+
+def test_a_name_is_used_once(keeping: Engine, planned: list[dict[str, Any]]) -> None:
+    named = msgspec.structs.replace(PLAN, run_id="r1")
+    keeping.answer(named)
+    with pytest.raises(MalformedRequest, match="'r1' is taken"):
+        keeping.answer(named)
+
+
+def test_runs_are_filtered(keeping: Engine, planned: list[dict[str, Any]]) -> None:
+    keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
+    now = time.time()
+    for filters, names in (
+        ({}, ["r1"]),
+        ({"status": "SUCCESS", "robot": "panda", "since": now - 60}, ["r1"]),
+        ({"status": "TIMED_OUT"}, []),
+        ({"robot": "ur5"}, []),
+        ({"since": now + 60}, []),
+    ):
+        listed = keeping.answer(requests.ReadRuns(**filters))
+        assert [run.run_id for run in listed.runs] == names
+
+
+def test_an_ill_posed_request_leaves_no_run(keeping: Engine) -> None:
+    with pytest.raises(RobotInvalid):
+        keeping.answer(msgspec.structs.replace(PLAN, robot="r2d2", run_id="r1"))
+    with pytest.raises(UnknownObject):
+        keeping.answer(requests.ReadRun("r1"))
+
+
+def test_a_bug_while_planning_ends_the_run_with_an_error(keeping: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guidefield.handlers.plan.answer_plan", lambda *_a, **_k: 1 / 0)
+    with pytest.raises(InternalFailure):
+        keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
+    kept = keeping.answer(requests.ReadRun("r1"))
+    assert kept.error.name == "FAILURE"
+
+
+def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
+    keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("guidefield.recorder.recorder.Recorder", _FullDisk)
+    reply = keeping.answer(PLAN)
+    assert reply.recording is None
+    assert any("No space left" in warning for warning in reply.warnings)
+
+
+def test_a_disk_that_refuses_a_run_does_not_stop_the_plan(
+    keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_space_left(*_args: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(RunStore, "begin", no_space_left)
+    reply = keeping.answer(PLAN)
+    assert reply.status.name == "SUCCESS"
+    assert any("the run is not kept" in warning for warning in reply.warnings)
+
+
+def test_a_recording_goes_where_the_caller_says(engine: Engine, planned: list[dict[str, Any]], tmp_path: Path) -> None:
+    reply = engine.answer(PLAN, record_to=tmp_path / "run.rrd")
+    assert reply.recording == str(tmp_path / "run.rrd")
+    assert (tmp_path / "run.rrd").read_bytes() == b"recording"
+
+
+def test_nothing_is_recorded_where_nobody_wants_it(
+    engine: Engine, planned: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    assert engine.answer(PLAN).recording is None
+    off = msgspec.structs.replace(PLAN, recording="off")
+    assert engine.answer(off, record_to=tmp_path / "run.rrd").recording is None
+
+
+def test_only_plans_are_recorded(engine: Engine, tmp_path: Path) -> None:
+    with pytest.raises(MalformedRequest, match="only a plan can be recorded"):
+        engine.answer(requests.ReadScenes(), record_to=tmp_path / "run.rrd")
