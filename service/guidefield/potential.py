@@ -84,34 +84,29 @@ class RobotField:
 def _charged_robot(group: PlanningGroup) -> ChargedRobot:
     """The robot's charges, carried to the frames of the group's joints."""
     charges = robot_charges(group.robot)
-    indices = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
-    points, weights, joints = [], [], []
-    capsules: list[tuple[int, np.ndarray]] = []
-    first: dict[int, tuple[int, int, int]] = {}
-    count = 0
-    for shape in group.geometry.geometryObjects:
-        charged = charges.shapes[indices[shape.name]]
-        first[indices[shape.name]] = (count, count + len(charged.points), len(capsules))
-        count += len(charged.points)
+    points, weights, joints, capsules, capsule_joints = [], [], [], [], []
+    starts = [0]
+    for charged, shape in zip(charges.shapes, group.geometry.geometryObjects, strict=True):
         rotation, translation = shape.placement.rotation, shape.placement.translation
         points.append(charged.points @ rotation.T + translation)
         weights.append(charged.weights)
         joints.append(np.full(len(charged.points), shape.parentJoint, np.int64))
         ends = [rotation @ end + translation for end in (charged.capsule.p0, charged.capsule.p1)]
-        capsules.append((shape.parentJoint, np.r_[ends[0], ends[1], charged.capsule.radius]))
-    capsule_joints = np.array([joint for joint, _ in capsules], np.int64)
+        capsules.append(np.r_[ends[0], ends[1], charged.capsule.radius])
+        capsule_joints.append(shape.parentJoint)
+        starts.append(starts[-1] + len(charged.points))
     pairs = [
-        (first[a][0], first[a][1], first[b][2])
+        (starts[a], starts[a + 1], b)
         for i, j in charges.repelling
         for a, b in ((i, j), (j, i))
-        if capsule_joints[first[i][2]] != capsule_joints[first[j][2]]
+        if capsule_joints[i] != capsule_joints[j]
     ]
     arrays = ChargedRobot(
         np.ascontiguousarray(np.concatenate(points)),
         np.concatenate(weights),
         np.concatenate(joints),
-        np.array([capsule for _, capsule in capsules]),
-        capsule_joints,
+        np.array(capsules),
+        np.array(capsule_joints, np.int64),
         np.array(pairs, np.int64).reshape(-1, 3),
     )
     for array in arrays:

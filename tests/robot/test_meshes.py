@@ -1,3 +1,5 @@
+"""Where meshes may come from: everything allowed is found, nothing else is."""
+
 import pytest
 from hypothesis import given, settings, strategies as st
 

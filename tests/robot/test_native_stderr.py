@@ -1,3 +1,5 @@
+"""What native libraries write to stderr is caught, and stderr is itself again afterwards."""
+
 import os
 import subprocess
 import sys

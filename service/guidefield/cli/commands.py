@@ -19,7 +19,7 @@ from rich.console import Console
 from guidefield.cli import demonstration, serving
 from guidefield.cli.tables import plan_table, robots_table
 from guidefield.client import Client
-from guidefield.endpoint.service import DEFAULT_LISTEN, InstanceLives, ServiceSettings
+from guidefield.endpoint.service import DEFAULT_LISTEN, CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.messages import codec, requests
@@ -45,7 +45,7 @@ def main() -> None:
     """Run the command line; errors of the service's own kind become one line and exit code 2."""
     try:
         app()
-    except (GuidefieldError, InstanceLives) as error:
+    except (GuidefieldError, CannotServe) as error:
         err.print(f"[red]{_name(error)}[/red]: {error}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
@@ -93,7 +93,9 @@ def serve(
     workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = os.cpu_count() or 1,
     queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
-    data: Annotated[Path | None, typer.Option(help="Folder of runs and scenes; else in the data folder of the user.")] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of runs and scenes; else in the user's own.")
+    ] = None,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(

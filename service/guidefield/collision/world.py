@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import Bodies, bodies
+from guidefield.collision.broad_phase import broad_phase, scratch_space, thickened
 from guidefield.collision.clearance import ClearanceAt, clearance
 from guidefield.collision.contact import Contact, contacts
 from guidefield.collision.enclosure import enclosed
@@ -20,9 +21,6 @@ from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
 PairNames = tuple[str, str]
-
-MANY_BODIES = 250
-"""From here on a tree of boxes finds close bodies faster than testing every two boxes does (measured)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +91,8 @@ class World:
         geometry.removeAllCollisionPairs()
         for first, second in own + mixed:
             geometry.addCollisionPair(pin.CollisionPair(first, second))
+        for body in geometry.geometryObjects:
+            body.geometry = thickened(body.geometry)
         pairs = np.array(own + mixed, int).reshape(-1, 2)
         is_obstacle_pair = np.arange(len(pairs)) >= len(own)
         surfaces = np.array([isinstance(shape.geometry, coal.BVHModelBase) for shape in geometry.geometryObjects], bool)
@@ -100,22 +100,17 @@ class World:
         for array in (pairs, is_obstacle_pair, signed):
             array.setflags(write=False)
         measured = bodies(group, scene.obstacles)
-        data, geometry_data, margin_data = group.model.createData(), geometry.createData(), geometry.createData()
-        find = (
-            pin.BroadPhaseManager_DynamicAABBTreeCollisionManager
-            if geometry.ngeoms > MANY_BODIES
-            else pin.BroadPhaseManager_NaiveCollisionManager
-        )
+        geometry_data, margin_data = scratch_space(geometry), scratch_space(geometry)
         return cls(
             group=group,
             scene=scene,
             model=group.model,
             geometry=geometry,
-            data=data,
+            data=group.model.createData(),
             geometry_data=geometry_data,
             margin_data=margin_data,
-            broad_phase=find(group.model, geometry, geometry_data),
-            margin_broad_phase=find(group.model, geometry, margin_data),
+            broad_phase=broad_phase(group.model, geometry, geometry_data),
+            margin_broad_phase=broad_phase(group.model, geometry, margin_data),
             bodies=measured,
             motion_bound=motion_bound(group, measured, pairs, len(own)),
             body_names=tuple(names),

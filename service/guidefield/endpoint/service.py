@@ -27,8 +27,8 @@ PATIENCE = 0.2
 """How often a start looks whether it is to be given up [s]."""
 
 
-class InstanceLives(RuntimeError):
-    """A service of that name is alive already."""
+class CannotServe(RuntimeError):
+    """The service can't start; says why in one sentence."""
 
 
 @dataclass(frozen=True)
@@ -63,16 +63,16 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         announce: Is told, in one sentence each, how the start goes; the last begins with "ready".
 
     Raises:
-        InstanceLives: if a service of that name is alive, on this data folder or on the network.
-        zenoh.ZError: if the configuration is wrong, or an endpoint can't be listened on.
-        RuntimeError: if the workers can't be prepared.
+        MalformedRequest: if its name can't be one.
+        CannotServe: if a service of that name is alive, on this data folder or on the network; if the configuration is
+            wrong, or an endpoint can't be listened on; if the workers can't be prepared.
     """
     checked_name(settings.instance, "instance")
     setup = EngineSetup(settings.instance, settings.data, _log.getEffectiveLevel())
     config = session_config(settings)
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))
-        session = opened.enter_context(zenoh.open(config))
+        session = opened.enter_context(_opened(config))
         _require_no_other(session, settings.instance)
         runs = setup.runs()
         runs.sweep(error_reply(WorkerCrashed("the service stopped while it worked on this run")))
@@ -82,9 +82,8 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         opened.callback(pool.close, settings.grace)
         announce(f"starting {settings.workers} worker process(es); the first start ever compiles for a minute or more")
         pool.start()
-        while not pool.ready(PATIENCE):
-            if stop.is_set():
-                return
+        if not _await(pool, stop):
+            return
         opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
         opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
         announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
@@ -93,16 +92,41 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
 
 
 def session_config(settings: ServiceSettings) -> zenoh.Config:
-    """The file's configuration; loopback only and no scouting where it doesn't say otherwise."""
-    config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
-    if settings.listen is not None:
-        config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
-    elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
-        config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
-    for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
-        if config.get_json(key) == "null":
-            config.insert_json5(key, "false")
+    """The file's configuration; loopback only and no scouting where it doesn't say otherwise.
+
+    Raises:
+        CannotServe: if the file can't be read, or something in it or in the endpoints is wrong.
+    """
+    try:
+        config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
+        if settings.listen is not None:
+            config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
+        elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
+            config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
+        for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
+            if config.get_json(key) == "null":
+                config.insert_json5(key, "false")
+    except zenoh.ZError as error:
+        raise CannotServe(f"the Zenoh configuration is wrong: {error}") from None
     return config
+
+
+def _await(pool: Pool, stop: threading.Event) -> bool:
+    """Whether the pool became ready before it was told to stop."""
+    try:
+        while not pool.ready(PATIENCE):
+            if stop.is_set():
+                return False
+    except RuntimeError as error:
+        raise CannotServe(str(error)) from None
+    return True
+
+
+def _opened(config: zenoh.Config) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise CannotServe(f"Zenoh can't be opened: {error}") from None
 
 
 def _alive(instance: str) -> str:
@@ -111,7 +135,7 @@ def _alive(instance: str) -> str:
 
 def _require_no_other(session: zenoh.Session, instance: str) -> None:
     if any(reply.ok is not None for reply in session.liveliness().get(_alive(instance), timeout=1.0)):
-        raise InstanceLives(f"a service named {instance!r} is alive on this network; choose another name")
+        raise CannotServe(f"a service named {instance!r} is alive on this network; choose another name")
 
 
 @contextlib.contextmanager
@@ -122,7 +146,7 @@ def _alone_in(data: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InstanceLives(
+            raise CannotServe(
                 f"a service is alive on the data folder {str(data)!r}; choose another name or folder"
             ) from None
         yield

@@ -13,6 +13,9 @@ from guidefield.geometry.surfaces import Floats
 _SLACK = 1.0 + 1e-12
 """By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
 
+_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+"""The same for points that lie close together far from the origin, over their coordinates."""
+
 _RADII = 1.0 + 0.25 * np.linspace(0.0, 1.0, 11) ** 2
 """Radii to try, as multiples of the least: a wider capsule may be shorter; 1.225 makes a cube's a ball."""
 
@@ -102,7 +105,7 @@ def _along(cloud: Floats, direction: Floats) -> Capsule:
     ends = np.array([[*centre, height] for height in heights]) @ frame
     ends.setflags(write=False)
     farthest = float(Capsule(ends[0], ends[1], 0.0).distance(cloud).max())
-    return Capsule(ends[0], ends[1], farthest * _SLACK)
+    return Capsule(ends[0], ends[1], farthest * _SLACK + _ROUNDING * float(np.abs(cloud).max()))
 
 
 def _enclosing_circle(points: Floats) -> tuple[Floats, float]:

@@ -178,7 +178,10 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     if isinstance(goal, requests.PoseGoal):
         return TipGoal(PoseTarget.from_wire(goal))
     many = goal.positions if isinstance(goal, requests.JointSetGoal) else [goal.positions]
-    return ConfigurationGoal(tuple(_goal_configuration(group, positions) for positions in many))
+    configurations = tuple(_goal_configuration(group, positions) for positions in many)
+    # beyond a limit only counts where no other goal is left: then it is the reason of the refusal
+    within = tuple(q for q in configurations if not limit_faults(group.joints, q))
+    return ConfigurationGoal(within or configurations)
 
 
 def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> np.ndarray:
@@ -200,9 +203,9 @@ def _refusal(problem: Problem) -> Plan | None:
     if faults:
         return refused(problem, Status.START_STATE_INVALID, *_limit_message("start", faults))
     if isinstance(problem.goal, ConfigurationGoal):
-        goals = [limit_faults(problem.group.joints, q) for q in problem.goal.configurations]
-        if all(goals):
-            return refused(problem, Status.GOAL_STATE_INVALID, *_limit_message("goal", goals[0]))
+        faults = limit_faults(problem.group.joints, problem.goal.configurations[0])
+        if faults:
+            return refused(problem, Status.GOAL_STATE_INVALID, *_limit_message("goal", faults))
     return None
 
 

@@ -44,6 +44,9 @@ Signed = tuple[float, float, float, float]
 
 _STACK = 64
 
+_FEW = 32
+"""So few bodies are looked at one by one."""
+
 
 class DistanceTables(NamedTuple):
     """The bodies of a scene as the kernels read them; half-spaces first, the others in the order of their tree.
@@ -144,7 +147,7 @@ def capsule_distance(p: Vector3, radius: float, half: float) -> Signed:
     return distance - radius, over * p[0], over * p[1], over * dz
 
 
-@compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, types.int64, TABLES, SCALAR))
+@inlined
 def body_distance(x: float, y: float, z: float, body: int, tables: DistanceTables, cutoff: float) -> Signed:
     """Signed distance of a point to a body, if it is below a cutoff.
 
@@ -206,7 +209,7 @@ def _bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables
     return box_gap_squared(px, py, pz, tables.bounds, body) < reach * reach
 
 
-@compiled(types.int64(SCALAR, SCALAR, SCALAR, SCALAR, TABLES, INDICES_OUT))
+@inlined
 def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTables, bodies_out: np.ndarray) -> int:
     """The bodies that may be within reach of a point: all that are, and few others.
 
@@ -223,15 +226,17 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
     """
     count, bodies = 0, tables.kinds.shape[0]
     first = 0
-    while first < bodies and tables.kinds[first] == HALF_SPACE:
+    while first < bodies and (bodies <= _FEW or tables.kinds[first] == HALF_SPACE):
         if _bounds_near(x, y, z, first, tables, reach):
             bodies_out[count] = first
             count += 1
         first += 1
+    if first == bodies:
+        return count
     leaves = (tables.nodes.shape[0] + 1) // 2
     waiting = np.empty(_STACK, np.int64)
     waiting[0] = 0
-    top = 1 if first < bodies else 0
+    top = 1
     while top > 0:
         top -= 1
         node = waiting[top]
@@ -249,9 +254,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
     return count
 
 
-@compiled(
-    types.Tuple((SCALAR, SCALAR, SCALAR, SCALAR, types.int64))(SCALAR, SCALAR, SCALAR, INDICES, types.int64, TABLES, SCALAR)
-)
+@inlined
 def nearest_body(
     x: float, y: float, z: float, candidates: np.ndarray, count: int, tables: DistanceTables, cutoff: float
 ) -> tuple[float, float, float, float, int]:

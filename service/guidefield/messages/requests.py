@@ -8,6 +8,19 @@ from typing import Annotated, Literal
 import msgspec
 
 from guidefield.messages.scene import GuidePlane, Obstacle, Scene
+from guidefield.messages.store_requests import (
+    DeleteRun as DeleteRun,
+    DeleteScene as DeleteScene,
+    ReadInfo as ReadInfo,
+    ReadRobot as ReadRobot,
+    ReadRobots as ReadRobots,
+    ReadRun as ReadRun,
+    ReadRuns as ReadRuns,
+    ReadScene as ReadScene,
+    ReadScenes as ReadScenes,
+    StoreRequest,
+    StoreScene as StoreScene,
+)
 from guidefield.messages.values import (
     Message,
     Name,
@@ -15,6 +28,7 @@ from guidefield.messages.values import (
     Placement,
     Positive,
     QuaternionXYZW,
+    RunId,
     Vector3,
     require_finite,
     require_unit_quaternion,
@@ -24,7 +38,6 @@ JointValue = float | list[float]
 Positions = dict[str, JointValue]
 """A configuration: joint name to value; see wire.md "Configurations" for the value of each kind of joint."""
 
-RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 RootJoint = Literal["fixed", "planar", "free"]
 Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
 
@@ -262,70 +275,7 @@ class Potential(Message, tag_field="type", tag="potential"):
         _check_configurations(self.configurations or [])
 
 
-class ReadRobots(Message, tag_field="type", tag="robots"):
-    """List the robots that can be planned for."""
-
-
-class ReadRobot(Message, tag_field="type", tag="robot"):
-    """Describe one robot: joints, limits and their sources, frames, groups, collision pairs."""
-
-    name: Name
-
-
-class ReadScenes(Message, tag_field="type", tag="scenes"):
-    """List the scenes that can be named."""
-
-
-class ReadScene(Message, tag_field="type", tag="scene"):
-    """Read a stored scene."""
-
-    name: Name
-
-
-class StoreScene(Message, tag_field="type", tag="store_scene"):
-    """Store a scene under its name."""
-
-    name: Name
-    scene: Scene
-
-    def __post_init__(self) -> None:
-        if self.scene.name != self.name:
-            raise ValueError(f"the scene is named {self.scene.name!r}, but it is stored as {self.name!r}")
-
-
-class DeleteScene(Message, tag_field="type", tag="delete_scene"):
-    """Forget a stored scene."""
-
-    name: Name
-
-
-class ReadInfo(Message, tag_field="type", tag="info"):
-    """Versions, the JSON Schema of every message, counters."""
-
-
-class ReadRuns(Message, tag_field="type", tag="runs"):
-    """List the runs that are kept, newest first: those of a status or robot, or begun after a time [s since 1970]."""
-
-    status: str | None = None
-    robot: str | None = None
-    since: float | None = None
-
-
-class ReadRun(Message, tag_field="type", tag="run"):
-    """Read one run: its request, and its reply once there is one."""
-
-    run_id: RunId
-
-
-class DeleteRun(Message, tag_field="type", tag="delete_run"):
-    """Forget one run with its recording."""
-
-    run_id: RunId
-
-
 KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential
-RunRequest = ReadRuns | ReadRun | DeleteRun
-StoreRequest = ReadRobots | ReadRobot | ReadScenes | ReadScene | StoreScene | DeleteScene | ReadInfo | RunRequest
 TaggedRequest = KinematicsRequest | StoreRequest
 Request = PlanRequest | TaggedRequest
 

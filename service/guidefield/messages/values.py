@@ -13,6 +13,7 @@ QuaternionXYZW = tuple[float, float, float, float]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
+RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)

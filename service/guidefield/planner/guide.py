@@ -102,15 +102,17 @@ def inset_of(problem: Problem, plane: GuidePlane) -> float:
 
 
 def tip_radius(problem: Problem) -> float:
-    """Radius of the slimmest body that moves with the tip [m]: how far the tip stays inside a polygon's edge."""
+    """Radius of the body nearest to the tip, of those that move with it [m]: how far the tip stays inside an edge."""
     group = problem.group
     charges = robot_charges(group.robot)
-    indices = {shape.name: i for i, shape in enumerate(group.robot.geometry.geometryObjects)}
-    joint = group.model.frames[group.tip_id].parentJoint
-    radii = [
-        charges.shapes[indices[s.name]].capsule.radius for s in group.geometry.geometryObjects if s.parentJoint == joint
-    ]
-    return min(radii, default=0.0)
+    tip = group.model.frames[group.tip_id]
+    nearest, radius = np.inf, 0.0
+    for charged, shape in zip(charges.shapes, group.geometry.geometryObjects, strict=True):
+        if shape.parentJoint == tip.parentJoint:
+            distance = float(charged.capsule.distance(shape.placement.actInv(tip.placement).translation[None])[0])
+            if distance < nearest:
+                nearest, radius = distance, charged.capsule.radius
+    return radius
 
 
 def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:

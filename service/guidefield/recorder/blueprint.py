@@ -10,18 +10,15 @@ import rerun.blueprint as rrb
 
 from guidefield.recorder.camera import Eye
 from guidefield.recorder.chunks import STEP
-from guidefield.recorder.robot_entities import GHOSTS, ghost_entity, ghost_grey
+from guidefield.recorder.robot_entities import GHOST_ENTITY
 
 HIDDEN = ("/robot/collision",)
 """Entities that are there but switched off."""
 
-FAINT = 28
-"""Opacity of ghosts where the robot itself is shown too, of 255."""
+FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))
+"""Ghosts where the robot itself is shown too."""
 
 BACKGROUND = (32, 36, 43)
-GRID_SPACING = 0.25
-"""Side of a square of the ground's grid [m]."""
-
 LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
 
 SO_FAR = rrb.VisibleTimeRanges(
@@ -65,7 +62,7 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
         row_shares=[2.4, *(share for share, _ in shown)],
     )
     pictures = rrb.Tabs(
-        _scene("Motion", eye, ["/robot/**", "/obstacles/**", "/guide_planes/**", "/path/**", "/ghosts/**"], _faint_ghosts()),
+        _scene("Motion", eye, ["/robot/**", "/obstacles/**", "/guide_planes/**", "/path/**", "/ghosts/**"], {GHOST_ENTITY: FAINT_GHOSTS}),
         _scene("Whole way", eye, ["/ghosts/**", "/obstacles/**", "/guide_planes/**", "/path/tip"], {}),
         active_tab=0,
     )
@@ -102,18 +99,12 @@ def _documents() -> rrb.Horizontal:
     )
 
 
-def _faint_ghosts() -> dict[str, Any]:
-    greys = [ghost_grey(number, GHOSTS) for number in range(GHOSTS)]
-    return {
-        ghost_entity(number): rr.Mesh3D.from_fields(albedo_factor=(grey, grey, grey, FAINT)) for number, grey in enumerate(greys)
-    }
-
-
 def _plot(origin: str, name: str, contents: Sequence[str] = ("/**",), *, legend: bool = True) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=origin,
         contents=[f"+ $origin{path}" for path in contents],
-        name=name, plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend)
+        name=name,
+        plot_legend=None if legend else rrb.PlotLegend(visible=False),
     )
 
 
@@ -124,9 +115,7 @@ def _scene(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) 
         contents=[f"+ {path}" for path in contents],
         overrides={**{path: rrb.EntityBehavior(visible=False) for path in HIDDEN}, **overrides},
         background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
-        line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING, color=(255, 255, 255, 25)),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)
         ),
-        spatial_information=rrb.SpatialInformation("tf#/", axes=rr.ViewCoordinates.RIGHT_HAND_Z_UP),
     )

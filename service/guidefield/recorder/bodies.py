@@ -19,6 +19,9 @@ from guidefield.robot.model import RobotModel
 KEPT = 8
 """Robots kept prepared in a process."""
 
+SKETCHED_APART = 2
+"""Bodies of one link that are sketched one by one."""
+
 COLLISION_COLOR = (96, 165, 250, 110)
 """Colour of collision geometry (RGBA)."""
 
@@ -66,7 +69,7 @@ def prepare(robot: RobotModel) -> RobotBodies:
         chunks=tuple(chunks),
         judged=judged,
         links=tuple(dict.fromkeys(body.link for body in (*seen, *judged))),
-        sketch=tuple((body.link, surface.sketch(body.surface)) for body in judged if isinstance(body.surface, Surface)),
+        sketch=_sketch(judged),
         faults=faults,
     )
 
@@ -86,6 +89,19 @@ def _collision_bodies(robot: RobotModel) -> tuple[Body, ...]:
         in_link = robot.model.frames[robot.frame_id(link)].placement.inverse() * shape.placement
         bodies.append(Body(shape.name, link, surface.of_shape(shape.geometry).moved(in_link), pin.SE3.Identity()))
     return tuple(bodies)
+
+
+def _sketch(judged: tuple[Body, ...]) -> tuple[tuple[str, Surface], ...]:
+    """Hulls by link: of each body, or of all together where a link has many."""
+    by_link: dict[str, list[Surface]] = {}
+    for body in judged:
+        if isinstance(body.surface, Surface):
+            by_link.setdefault(body.link, []).append(body.surface)
+    sketched = []
+    for link, surfaces in by_link.items():
+        whole = surfaces if len(surfaces) <= SKETCHED_APART else [surface.joined(surfaces)]
+        sketched += [(link, surface.sketch(one)) for one in whole]
+    return tuple(sketched)
 
 
 def _chunk(tree: str, body: Body, color: tuple[int, int, int, int] | None = None) -> Chunk:

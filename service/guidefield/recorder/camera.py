@@ -13,10 +13,10 @@ AZIMUTHS = 16
 ELEVATIONS = (0.35, 0.65)
 """Angles above the horizon that are tried [rad]."""
 
-PREFERRED_AZIMUTH = 2.2
+PREFERRED_AZIMUTH = 1.96
 """How far from the direction of the motion the eye stands best, seen from above [rad]: behind the robot, to its side."""
 
-PREFERENCE = 0.15
+PREFERENCE = 1.2
 """Share of hidden points that the preferred direction makes up for."""
 
 DISTANCE = 1.9

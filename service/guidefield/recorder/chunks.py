@@ -15,9 +15,6 @@ PATH_TIME = "path_time"
 STEP = "step"
 """Timeline of the planner's accepted steps, counted."""
 
-PLANNING_TIME = "planning_time"
-"""Timeline of the planner's work [s] since it began."""
-
 
 def entity(*parts: str) -> str:
     """Entity path of named parts, whatever characters the names have."""

@@ -13,7 +13,7 @@ from rerun.chunk import Chunk
 from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
 from guidefield.planner.trace import Event, Note, StageEntered, StageLeft, Step
-from guidefield.recorder.chunks import PATH_TIME, PLANNING_TIME, STEP, timed
+from guidefield.recorder.chunks import PATH_TIME, STEP, timed
 
 MOST_EVENTS = 20_000
 """Events that are kept; what comes after is counted only."""
@@ -63,11 +63,6 @@ class EventLog:
         """The accepted steps."""
         return [event for event in self.events if isinstance(event, Step)]
 
-    def step_seconds(self) -> np.ndarray:
-        """When each step was taken, shape (n,) [s since the log began]."""
-        pairs = zip(self.events, self.seconds, strict=True)
-        return np.array([seconds for event, seconds in pairs if isinstance(event, Step)])
-
 
 def shown_steps(count: int) -> np.ndarray:
     """Indices of the steps at which the robot is shown: all of them, or `MOST_FRAMES` evenly chosen."""
@@ -75,11 +70,10 @@ def shown_steps(count: int) -> np.ndarray:
 
 
 def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
-    """One line per event, and one for how it ended."""
-    lines = [_line(event) for event in log.events]
+    """One line per event, with the milliseconds since the planning began, and one for how it ended."""
+    lines = [_line(event, 1e3 * seconds) for event, seconds in zip(log.events, log.seconds, strict=True)]
     steps = np.cumsum([isinstance(event, Step) for event in log.events], dtype=int) - 1
-    seconds, numbers = list(log.seconds), np.maximum(steps, 0).tolist()
-    last = (seconds[-1], numbers[-1]) if seconds else (0.0, 0)
+    numbers = np.maximum(steps, 0).tolist()
     if log.dropped:
         lines.append(("WARN", f"{log.dropped} more events were not kept", (230, 160, 60, 255)))
     good = reply.status.code == Status.SUCCESS
@@ -87,8 +81,7 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
     times = [
         # The planning is over before the motion begins: on the motion's timeline all of it stands at the start.
         rr.TimeColumn(PATH_TIME, duration=np.zeros(len(lines))),
-        rr.TimeColumn(STEP, sequence=numbers + [last[1]] * (len(lines) - len(numbers))),
-        rr.TimeColumn(PLANNING_TIME, duration=seconds + [last[0]] * (len(lines) - len(seconds))),
+        rr.TimeColumn(STEP, sequence=numbers + [max(numbers, default=0)] * (len(lines) - len(numbers))),
     ]
     levels, texts, colors = zip(*lines, strict=True)
     yield timed("/planner/log", times, rr.TextLog.columns(level=levels, text=texts, color=colors))
@@ -102,8 +95,13 @@ def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
         yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=np.full(len(tip), 0.006)))
 
 
-def _line(event: Event) -> tuple[str, str, tuple[int, int, int, int]]:
+def _line(event: Event, milliseconds: float) -> tuple[str, str, tuple[int, int, int, int]]:
     """Level, text and colour of an event."""
+    level, text, color = _told(event)
+    return level, f"{milliseconds:8.1f} ms  {text}", color
+
+
+def _told(event: Event) -> tuple[str, str, tuple[int, int, int, int]]:
     if isinstance(event, StageEntered):
         return "INFO", f"{event.name}: {event.message}", OTHER_COLOR
     if isinstance(event, StageLeft):

@@ -22,7 +22,7 @@ SHOWN_STEP = 0.02
 """Largest change of a joint between two frames of such a path [rad or m]."""
 
 
-SHOWN_RATE = 50.0
+SHOWN_RATE = 30.0
 """Frames a second of a trajectory [Hz], within `FRAMES`."""
 
 FRAMES = (60, 400)

@@ -74,10 +74,10 @@ def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) 
         yield from _curves(f"/plots/use/{kind}/limits", ends, bounds, ["limit", "limit"], [LIMIT_COLOR] * 2)
 
 
-def step_positions(group: PlanningGroup, configurations: np.ndarray, *times: rr.TimeColumn) -> Chunk:
+def step_positions(group: PlanningGroup, configurations: np.ndarray, times: rr.TimeColumn) -> Chunk:
     """Joint positions at the planner's steps, for configurations (n, nq); they continue `/plots/position` on other timelines."""
     positions = group.chart_path(list(configurations))
-    return timed("/plots/position", times, rr.Scalars.columns(scalars=positions.ravel()).partition([group.nv] * len(positions)))
+    return timed("/plots/position", [times], rr.Scalars.columns(scalars=positions.ravel()).partition([group.nv] * len(positions)))
 
 
 def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:

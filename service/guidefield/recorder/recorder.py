@@ -17,7 +17,7 @@ from guidefield.recorder import bodies, documents, log, plots, robot_entities, s
 from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies import RobotBodies
 from guidefield.recorder.camera import Eye, choose_eye
-from guidefield.recorder.chunks import PATH_TIME, PLANNING_TIME, STEP, path_times
+from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
 from guidefield.recorder.motion import Motion, Poses, poses, shown_motion
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group import PlanningGroup
@@ -72,9 +72,13 @@ class Recorder:
     def _moving(
         self, reply: PlanReply, profile: ClearanceProfile | None, motion: Motion, at: Poses, drawn: RobotBodies
     ) -> Iterator[Chunk]:
-        """What changes along the motion."""
+        """The motion, and what changes along it."""
         yield from robot_entities.link_frames(self._group, drawn)
         yield from robot_entities.joint_motion(self._group, at, path_times(motion.times))
+        yield robot_entities.tip_trace(at.tip)
+        if reply.path:
+            waypoints = [self._group.from_chart(np.array(row)) for row in reply.path]
+            yield from robot_entities.planned_path(poses(self._group, waypoints).tip)
         yield from plots.joints(self._group, motion, reply.trajectory)
         if profile is not None and len(profile.times):
             yield plots.closest_pair(profile)
@@ -86,7 +90,8 @@ class Recorder:
         planes = reply.guide_planes or self._scene.message.guide_planes
         yield from drawn.chunks
         yield from bodies.highlighted(drawn, at_fault)
-        yield from robot_entities.ghosts(self._group, drawn, motion)
+        if (ghosts := robot_entities.ghosts(self._group, drawn, motion)) is not None:
+            yield ghosts
         yield from scene_entities.obstacles(self._scene.obstacles, eye.hiding, at_fault)
         yield from scene_entities.guide_planes(planes)
         yield from documents.properties(self._request, reply, self._group, self._scene)
@@ -106,13 +111,10 @@ class Recorder:
         at = poses(self._group, [step.q for step in steps])
         yield from log.step_points(self._log, at.tip)
         shown = log.shown_steps(len(steps))
-        times = (
-            rr.TimeColumn(STEP, sequence=shown),
-            rr.TimeColumn(PLANNING_TIME, duration=self._log.step_seconds()[shown]),
-        )
+        times = rr.TimeColumn(STEP, sequence=shown)
         frames = Poses(at.joints, at.placements[shown], at.tip[shown])
-        yield from robot_entities.joint_motion(self._group, frames, *times)
-        yield plots.step_positions(self._group, np.array([steps[index].q for index in shown]), *times)
+        yield from robot_entities.joint_motion(self._group, frames, times)
+        yield plots.step_positions(self._group, np.array([steps[index].q for index in shown]), times)
 
 
 def _colliding(reply: PlanReply) -> frozenset[str]:

@@ -17,6 +17,8 @@ from guidefield.robot.group import PlanningGroup
 GHOSTS = 7
 """Configurations shown along the motion, both ends included."""
 
+GHOST_ENTITY = "/ghosts"
+
 GHOST_STEP = 0.02
 """How far some point of a part has to move before the part is drawn again [m]."""
 
@@ -37,18 +39,18 @@ def link_frames(group: PlanningGroup, drawn: RobotBodies) -> Iterator[Chunk]:
     yield still("/robot/tip", tip, rr.TransformAxes3D(0.08))
 
 
-def joint_motion(group: PlanningGroup, at: Poses, *times: rr.TimeColumn) -> Iterator[Chunk]:
+def joint_motion(group: PlanningGroup, at: Poses, times: rr.TimeColumn) -> Iterator[Chunk]:
     """Placements in the world of each joint over time; its links follow.
 
     Args:
         group: The joints that were planned for.
         at: Forward kinematics at n times.
-        times: Columns of n times each.
+        times: Column of the n times.
     """
     for column, joint in enumerate(at.joints):
         placements = at.placements[:, column]
         columns = rr.Transform3D.columns(translation=placements[:, :3], quaternion=placements[:, 3:])
-        yield timed(_joint_entity(group, joint), times, columns)
+        yield timed(_joint_entity(group, joint), [times], columns)
 
 
 def tip_trace(tip: np.ndarray) -> Chunk:
@@ -62,34 +64,24 @@ def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
     yield still("/path/planned/waypoints", rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
 
 
-def ghosts(group: PlanningGroup, drawn: RobotBodies, motion: Motion) -> Iterator[Chunk]:
+def ghosts(group: PlanningGroup, drawn: RobotBodies, motion: Motion) -> Chunk | None:
     """Sketches of the robot evenly along its way in joint space, bright at the start, dark at the end.
 
-    A part that has hardly moved since it was last drawn isn't drawn again: it would only flicker.
+    A part that has hardly moved since it was last drawn isn't drawn again: it would only flicker. None if there is
+    nothing to draw.
     """
     chosen = spread_along(motion.configurations, GHOSTS)
     before: dict[int, np.ndarray] = {}
+    parts = []
     for number, index in enumerate(chosen):
         placements = link_placements(group, motion.configurations[index], drawn.links)
-        parts = []
+        grey = round(240 - 215 * number / max(1, len(chosen) - 1))
         for key, (link, sketch) in enumerate(drawn.sketch):
             part = sketch.moved(placements[link])
             if key not in before or np.abs(part.vertices - before[key]).max() > GHOST_STEP:
                 before[key] = part.vertices
-                parts.append(part)
-        grey = ghost_grey(number, len(chosen))
-        if parts:
-            yield still(ghost_entity(number), bodies.mesh(surface.joined(parts), (grey, grey, grey, 255)))
-
-
-def ghost_entity(number: int) -> str:
-    """The entity of the ghost of that number."""
-    return entity("ghosts", f"{number}")
-
-
-def ghost_grey(number: int, count: int) -> int:
-    """Grey level of a ghost, of 255: bright at the start, dark at the end."""
-    return round(240 - 215 * number / max(1, count - 1))
+                parts.append(part.colored((grey, grey, grey, 255)))
+    return still(GHOST_ENTITY, bodies.mesh(surface.joined(parts))) if parts else None
 
 
 def spread_along(configurations: np.ndarray, count: int) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,16 +54,18 @@ class Surface:
         vertices = self.vertices @ rotation + placement.translation.astype(np.float32)
         return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
 
+    def colored(self, color: Sequence[int]) -> Surface:
+        """The same in one colour (RGBA)."""
+        colors = np.tile(np.asarray(color, np.uint8), (len(self.vertices), 1))
+        return Surface(self.vertices, self.triangles, self.normals, colors)
 
-def shaded(
-    vertices: np.ndarray, triangles: np.ndarray, color: np.ndarray | None = None, crease: float = CREASE
-) -> Surface:
+
+def shaded(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) -> Surface:
     """A surface that is smooth but for its creases.
 
     Args:
         vertices: Shape (v, 3) [m].
         triangles: Shape (t, 3).
-        color: RGBA of all vertices, shape (4,); None leaves the colour open.
         crease: Angle between faces from which their edge is sharp [rad].
     """
     places, merged = np.unique(np.round(vertices, MERGED_DIGITS), axis=0, return_inverse=True)
@@ -76,8 +78,7 @@ def shaded(
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     positions = np.empty((count, 3), np.float32)
     positions[shared] = places[corners.ravel()]
-    colors = None if color is None else np.tile(np.asarray(color, np.uint8), (count, 1))
-    return Surface(positions, shared.reshape(-1, 3).astype(np.uint32), normals.astype(np.float32), colors)
+    return Surface(positions, shared.reshape(-1, 3).astype(np.uint32), normals.astype(np.float32))
 
 
 def joined(surfaces: list[Surface]) -> Surface:
@@ -111,7 +112,7 @@ def sketch(surface: Surface) -> Surface:
     return shaded(mesh.vertices, mesh.faces, crease=SKETCH_CREASE)
 
 
-def read_mesh(path: Path, scale: np.ndarray, override: np.ndarray | None) -> Surface | bytes:
+def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> Surface | bytes:
     """Read a mesh file of any kind with its colours.
 
     Args:
@@ -136,14 +137,14 @@ def read_mesh(path: Path, scale: np.ndarray, override: np.ndarray | None) -> Sur
     return joined([_colored(mesh, override) for mesh in meshes])
 
 
-def _colored(mesh: trimesh.Trimesh, override: np.ndarray | None) -> Surface:
+def _colored(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
     if override is not None:
-        return shaded(mesh.vertices, mesh.faces, override)
+        return shaded(mesh.vertices, mesh.faces).colored(override)
     visual = mesh.visual
     if isinstance(visual, trimesh.visual.TextureVisuals):
-        return shaded(mesh.vertices, mesh.faces, np.asarray(visual.material.main_color))
+        return shaded(mesh.vertices, mesh.faces).colored(visual.material.main_color)
     if visual.kind is None:
-        return shaded(mesh.vertices, mesh.faces, np.array(GREY))
+        return shaded(mesh.vertices, mesh.faces).colored(GREY)
     # Colours by face or by corner don't survive merging: flat shading keeps them as they are.
     triangles = np.arange(3 * len(mesh.faces), dtype=np.uint32).reshape(-1, 3)
     colors = visual.face_colors.repeat(3, axis=0) if visual.kind == "face" else visual.vertex_colors[mesh.faces].reshape(-1, 4)

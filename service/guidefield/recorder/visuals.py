@@ -66,8 +66,7 @@ def _body(name: str, link: str, element: Any, materials: dict[str, Any]) -> Body
     shape = element.find("geometry")[0]
     if shape.tag == "mesh":
         scale = _numbers(shape.get("scale", "1 1 1"))
-        override = None if color is None else np.array(color, np.uint8)
-        drawn = surface.read_mesh(Path(shape.get("filename")), scale, override)
+        drawn = surface.read_mesh(Path(shape.get("filename")), scale, color)
     elif shape.tag in PRIMITIVES:
         drawn = surface.of_shape(PRIMITIVES[shape.tag](shape))
     else:

@@ -60,6 +60,7 @@ def _layout_stream(layout: rrb.Blueprint, application_id: str) -> rr.RecordingSt
         application_id=application_id, make_default=False, make_thread_default=False, default_enabled=True
     )
     stream = rr.RecordingStream._from_native(native)
+    stream.set_log_time_enabled(False)  # a second timeline would double the file's table of contents
     stream.set_time("blueprint", sequence=0)
     layout._log_to_stream(stream)
     return stream

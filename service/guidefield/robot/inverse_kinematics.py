@@ -123,7 +123,7 @@ def solve(
     """
     search = _Search(group, target)
     if (short := search.shortfall()) > 0.0:
-        return IkResult((), f"out of reach: at least {short:.2g} m short")
+        return IkResult((), f"out of reach: at least {int(1000.0 * short)} mm short")
     found: list[np.ndarray] = []
     accepted: list[np.ndarray] = []
     drawn = max(STARTS, STARTS_PER_SOLUTION * count)
@@ -234,7 +234,8 @@ class _Search:
         jacobians = np.empty((len(qs), 6, self._model.nv))
         model, data, tip = self._model, self._data, self._group.tip_id
         for q, error, rate, jacobian in zip(map(self._group.expand, qs), errors, rates, jacobians, strict=True):
-            jacobian[:] = pin.computeFrameJacobian(model, data, q, tip, pin.ReferenceFrame.LOCAL)
+            J = pin.computeFrameJacobian(model, data, q, tip, pin.ReferenceFrame.LOCAL)
+            jacobian[:] = J.reshape(jacobian.shape)  # Pinocchio makes a matrix of one column a vector
             pin.forwardKinematics(model, data, q)  # the Jacobian alone leaves the placements as they were
             offset = self._target.placement.actInv(pin.updateFramePlacement(model, data, tip))
             rotation = offset.rotation

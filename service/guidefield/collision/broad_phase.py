@@ -1,0 +1,62 @@
+"""Broad phase: whether any pair touches at all, by the boxes about bodies first; and scratch space that forgets."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.robot.shapes import triangulation
+from guidefield.scene.mesh import bvh
+
+MANY_BODIES = 250
+"""From here on a tree of boxes finds close bodies faster than comparing every two boxes does (measured)."""
+
+_THICKNESS = 1e-9
+"""What a flat body is thickened by [m]."""
+
+
+def broad_phase(model: Any, geometry: Any, scratch: Any) -> Any:
+    """Pinocchio's manager that answers for the pairs of a geometry model; margins in the scratch space count.
+
+    Naive or one tree: of Pinocchio's others, those with an array of boxes overlook contacts (seen with version 4.1.0).
+    """
+    if geometry.ngeoms > MANY_BODIES:
+        return pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, scratch)
+    return pin.BroadPhaseManager_NaiveCollisionManager(model, geometry, scratch)
+
+
+def scratch_space(geometry: Any) -> Any:
+    """Pinocchio's data for a geometry model, set so that no answer depends on the questions before it.
+
+    By default Coal starts each search where the last one ended, which changes the last digits of distances.
+    """
+    scratch = geometry.createData()
+    with warnings.catch_warnings():
+        # Coal's newer field, `gjk_initial_guess`, does not switch off the older one, which Pinocchio switches on.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        for requests in (scratch.collisionRequests, scratch.distanceRequests):
+            for request in requests:
+                request.enable_cached_gjk_guess = False
+    return scratch
+
+
+def thickened(shape: Any) -> Any:
+    """The shape, or, if the box about it has no volume, one that is a hair thicker: Pinocchio's managers ignore flat ones.
+
+    A mesh gets a vertex off its plane that no triangle uses, so that its triangles stay as they are.
+    """
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    if shape.aabb_local.volume() > 0.0:
+        return shape
+    if isinstance(shape, coal.BVHModelBase):
+        vertices, triangles = triangulation(shape)
+        return bvh(np.vstack([vertices, np.where(high > low, high, high + _THICKNESS)]), triangles)
+    copy = shape.clone()
+    copy.setSweptSphereRadius(_THICKNESS)
+    copy.computeLocalAABB()
+    return copy

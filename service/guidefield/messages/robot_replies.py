@@ -1,0 +1,74 @@
+"""What the service says about robots."""
+
+from __future__ import annotations
+
+from guidefield.messages.requests import Positions
+from guidefield.messages.values import Reply
+
+
+class JointInfo(Reply):
+    """One joint: kind, limits and where each limit comes from; what it mimics, if it does."""
+
+    name: str
+    kind: str
+    lower: list[float | None]
+    upper: list[float | None]
+    velocity: list[float]
+    acceleration: list[float]
+    velocity_source: str
+    acceleration_source: str
+    mimics: str | None = None
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+class PairLeftOut(Reply):
+    """A pair of links that is not tested for collision, and why."""
+
+    links: list[str]
+    reason: str
+
+
+class GeometryInfo(Reply):
+    """One collision shape of a link, and as what it is judged."""
+
+    name: str
+    link: str
+    shape: str
+    judged_as: str
+
+
+class RobotReply(Reply):
+    """Everything a client needs to know to plan for a robot."""
+
+    name: str
+    joints: list[JointInfo]
+    frames: list[str]
+    links: list[str]
+    groups: dict[str, list[str]]
+    tip: str
+    rest: Positions
+    geometry: list[GeometryInfo]
+    collision_pairs: list[list[str]]
+    pairs_left_out: list[PairLeftOut]
+    warnings: list[str]
+    schema: int = 1
+
+
+class RobotSummary(Reply):
+    """One line of the list of robots."""
+
+    name: str
+    source: str
+    dof: int | None = None
+    joint_kinds: dict[str, int] = {}
+    groups: list[str] = []
+    tip: str | None = None
+    problem: str | None = None
+
+
+class RobotsReply(Reply):
+    """The robots that can be named."""
+
+    robots: list[RobotSummary]
+    schema: int = 1

@@ -1,0 +1,71 @@
+"""What a client may ask about what there is: robots, scenes, runs, and the service itself."""
+
+from __future__ import annotations
+
+from guidefield.messages.scene import Scene
+from guidefield.messages.values import Message, Name, RunId
+
+
+class ReadRobots(Message, tag_field="type", tag="robots"):
+    """List the robots that can be planned for."""
+
+
+class ReadRobot(Message, tag_field="type", tag="robot"):
+    """Describe one robot: joints, limits and their sources, frames, groups, collision pairs."""
+
+    name: Name
+
+
+class ReadScenes(Message, tag_field="type", tag="scenes"):
+    """List the scenes that can be named."""
+
+
+class ReadScene(Message, tag_field="type", tag="scene"):
+    """Read a stored scene."""
+
+    name: Name
+
+
+class StoreScene(Message, tag_field="type", tag="store_scene"):
+    """Store a scene under its name."""
+
+    name: Name
+    scene: Scene
+
+    def __post_init__(self) -> None:
+        if self.scene.name != self.name:
+            raise ValueError(f"the scene is named {self.scene.name!r}, but it is stored as {self.name!r}")
+
+
+class DeleteScene(Message, tag_field="type", tag="delete_scene"):
+    """Forget a stored scene."""
+
+    name: Name
+
+
+class ReadInfo(Message, tag_field="type", tag="info"):
+    """Versions, the JSON Schema of every message, counters."""
+
+
+class ReadRuns(Message, tag_field="type", tag="runs"):
+    """List the runs that are kept, newest first: those of a status or robot, or begun after a time [s since 1970]."""
+
+    status: str | None = None
+    robot: str | None = None
+    since: float | None = None
+
+
+class ReadRun(Message, tag_field="type", tag="run"):
+    """Read one run: its request, and its reply once there is one."""
+
+    run_id: RunId
+
+
+class DeleteRun(Message, tag_field="type", tag="delete_run"):
+    """Forget one run with its recording."""
+
+    run_id: RunId
+
+
+RunRequest = ReadRuns | ReadRun | DeleteRun
+StoreRequest = ReadRobots | ReadRobot | ReadScenes | ReadScene | StoreScene | DeleteScene | ReadInfo | RunRequest

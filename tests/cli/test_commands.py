@@ -1,0 +1,140 @@
+"""The commands in a process of their own: what they print, what they write, how they end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from guidefield.errors import Status
+from tests.journeys.service import free_port, running_service
+from tests.replies import plan_reply
+
+POTENTIAL = {"type": "potential", "scene": "bookshelf", "points": [[0, 0, 2]]}
+
+
+def guidefield(*arguments: str, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "guidefield", *arguments],
+        input=stdin,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture
+def request_file(tmp_path: Path) -> Path:
+    file = tmp_path / "request.json"
+    file.write_text(json.dumps(POTENTIAL))
+    return file
+
+
+def test_a_request_from_a_file_is_answered_to_a_file(request_file: Path, tmp_path: Path) -> None:
+    done = guidefield("plan", str(request_file), "-o", str(tmp_path / "reply.json"))
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "reply.json").read_text())["potential"][0] > 0.0
+    assert done.stdout == ""
+
+
+def test_a_request_from_standard_input_is_answered_to_standard_output() -> None:
+    done = guidefield("plan", "-", stdin=json.dumps(POTENTIAL))
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["potential"][0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ("{}", "MALFORMED_REQUEST"),
+        ('{"type": "robot", "name": "r2d2"}', "ROBOT_INVALID"),
+        ('{"type": "scene", "name": "nowhere"}', "SCENE_INVALID"),
+    ],
+)
+def test_what_is_ill_posed_ends_with_2_and_one_line(request_: str, says: str) -> None:
+    done = guidefield("plan", "-", stdin=request_)
+    assert done.returncode == 2
+    assert done.stderr.startswith(says)
+    assert "Traceback" not in done.stderr
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    done = guidefield("plan", str(tmp_path / "nothing.json"))
+    assert done.returncode == 2
+    assert "nothing.json" in done.stderr
+
+
+def test_nobody_to_query_is_said(request_file: Path) -> None:
+    done = guidefield("query", str(request_file), "--connect", f"tcp/127.0.0.1:{free_port()}")
+    assert done.returncode == 2
+    assert done.stderr.startswith("COMMUNICATION_FAILURE: nobody listens")
+
+
+def test_a_service_is_queried(request_file: Path, tmp_path: Path) -> None:
+    with running_service(tmp_path / "data", "--workers", "1", "--name", "cell") as service:
+        asked = ("query", str(request_file), "--connect", service.endpoint)
+        done = guidefield(*asked, "--name", "cell")
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == guidefield("plan", str(request_file)).stdout
+        assert "no service named 'local'" in guidefield(*asked).stderr
+
+
+def test_robots_are_listed_for_people_and_for_machines() -> None:
+    listed = json.loads(guidefield("robots", "--json").stdout)["robots"]
+    assert {"panda", "ur5"} <= {robot["name"] for robot in listed}
+    table = guidefield("robots")
+    assert table.returncode == 0
+    assert "panda" in table.stdout
+
+
+def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path) -> None:
+    config = tmp_path / "zenoh.json5"
+    config.write_text("{ lisen: {} }")
+    for options, says in (
+        (["--config", str(config)], "lisen"),
+        (["--listen", "nonsense"], "nonsense"),
+        (["--name", "a/b"], "a/b"),
+    ):
+        done = guidefield("serve", "--data", str(tmp_path / "data"), *options)
+        assert done.returncode == 2
+        assert says in done.stderr
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(("status", "code"), [(Status.SUCCESS, 0), (Status.STUCK_IN_MINIMUM, 1), (Status.TIMED_OUT, 1)])
+def test_the_exit_code_is_the_outcome(
+    status: Status, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from typer.testing import CliRunner
+
+    from guidefield.cli import app, commands
+
+    def answer(_request: Any, **_about: Any) -> Any:
+        return plan_reply("r1", status)
+
+    monkeypatch.setattr(commands, "answer", answer)
+    request = {"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"}}
+    result = CliRunner().invoke(app, ["plan", "-", "-o", str(tmp_path / "reply.json")], input=json.dumps(request))
+    assert result.exit_code == code
+    assert json.loads((tmp_path / "reply.json").read_text())["status"]["name"] == status.name
+
+
+def test_the_viewer_is_opened_on_this_machine_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from guidefield.cli import app, commands
+
+    called: list[list[str]] = []
+    monkeypatch.setattr(commands.subprocess, "call", lambda command: called.append(command) or 0)
+    recording = tmp_path / "run.rrd"
+    recording.write_bytes(b"")
+    assert CliRunner().invoke(app, ["show", str(recording)]).exit_code == 0
+    assert CliRunner().invoke(app, ["show", str(recording), "--web"]).exit_code == 0
+    assert CliRunner().invoke(app, ["show", str(tmp_path / "nothing.rrd")]).exit_code == 2
+    assert all(command[3:5] == ["--bind", "127.0.0.1"] for command in called)
+    assert [("--web-viewer" in command) for command in called] == [False, True]

@@ -1,0 +1,70 @@
+"""Balls contain bodies, and the lower bounds of distances are below them."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guidefield.collision.bodies import bounding_ball, joint_placements
+from guidefield.scene.mesh import bvh
+from tests.collision.scenery import panda_in, scattered, world_of
+from tests.collision.test_world import SCENES, pair_distances
+from tests.robots import group, random_configuration
+from tests.scene.solids import l_prism
+
+
+def centres(world, q):
+    pin.forwardKinematics(world.model, world.data, world.group.expand(q))
+    return world.bodies.centres_in_world(joint_placements(world.data))
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sampled_from((*SCENES, "strewn")), st.integers(0, 10**6))
+def test_separations_are_lower_bounds_of_signed_distances(name, seed):
+    world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
+    q = random_configuration(world.group, seed)
+    bounds = world.bodies.separations(centres(world, q), world.pairs, world.n_self)
+    distances = pair_distances(world, q)
+    distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
+    assert (bounds <= distances + 2e-6).all()
+    assert np.isfinite(bounds).mean() > 0.7
+
+
+def test_centres_move_with_the_bodies():
+    world = panda_in("bookshelf")
+    q = random_configuration(world.group, 1)
+    moved = centres(world, q)
+    for body, shape in enumerate(world.group.geometry.geometryObjects):
+        local = bounding_ball(shape.geometry)[0]
+        assert moved[body] == pytest.approx((world.data.oMi[shape.parentJoint] * shape.placement).act(local))
+
+
+def swollen(shape, by):
+    shape.setSweptSphereRadius(by)
+    return shape
+
+
+SHAPES = {
+    "sphere": coal.Sphere(0.2),
+    "capsule": coal.Capsule(0.1, 0.4),
+    "cylinder": coal.Cylinder(0.1, 0.4),
+    "box": coal.Box(0.1, 0.2, 0.3),
+    "ellipsoid": coal.Ellipsoid(0.1, 0.2, 0.3),
+    "cone": coal.Cone(0.2, 0.5),
+    "mesh": bvh(*l_prism()),
+    "swollen": swollen(coal.Box(0.1, 0.2, 0.3), 0.05),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_nothing_of_a_shape_is_outside_its_ball(name):
+    shape = SHAPES[name]
+    centre, radius = bounding_ball(shape)
+    # A plane tangent to the ball must not cut the shape, from wherever it comes.
+    for normal in np.random.default_rng(0).normal(size=(300, 3)):
+        n = normal / np.linalg.norm(normal)
+        beyond = coal.Halfspace(-n, -(n @ centre + radius) - 1e-9)
+        here = coal.Transform3s.Identity()
+        assert not coal.collide(beyond, here, shape, here, coal.CollisionRequest(), coal.CollisionResult())

@@ -1,0 +1,87 @@
+"""Clearance against Coal's distance of every pair, and against meshes without hulls."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guidefield.collision.clearance import clearances
+from tests.collision.plain import panda_among
+from tests.collision.scenery import box, panda_in, world_of
+from tests.collision.test_world import SCENES, pair_distances
+from tests.robots import group, random_configuration, rest
+from tests.scene.solids import l_prism, mesh_message
+
+ACCURACY = 2e-6
+"""Coal's, for distances of convex bodies."""
+
+HULL = 5e-4
+"""How far the Panda's hulls stand off its meshes at most, with what sampling misses."""
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(SCENES), st.integers(0, 10**6))
+def test_smallest_distances_are_those_of_all_pairs(name, seed):
+    world = panda_in(name)
+    q = random_configuration(world.group, seed)
+    distances = pair_distances(world, q)
+    distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
+    at = world.clearance(q)
+    assert at.self_distance == pytest.approx(distances[: world.n_self].min(), abs=ACCURACY)
+    assert at.obstacle_distance == pytest.approx(distances[world.n_self :].min(), abs=ACCURACY)
+    named = [k for k in range(world.n_self, len(world.pairs)) if world.pair_names(k) == at.obstacle_pair]
+    assert distances[named].min() == pytest.approx(at.obstacle_distance, abs=ACCURACY)
+    own = [k for k in range(world.n_self) if world.pair_names(k) == at.self_pair]
+    assert distances[own].min() == pytest.approx(at.self_distance, abs=ACCURACY)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6))
+def test_witness_points_are_as_far_apart_as_the_distance(seed):
+    world = panda_in("bookshelf")
+    at = world.clearance(random_configuration(world.group, seed))
+    if at.obstacle_distance > 1e-4:
+        assert np.linalg.norm(at.witness[0] - at.witness[1]) == pytest.approx(at.obstacle_distance, abs=1e-5)
+        obstacle = world.scene.obstacle(at.obstacle_pair[1])
+        local = np.abs(obstacle.placement.actInv(at.witness[1]))
+        assert (local <= 0.5 * (obstacle.shape.aabb_local.max_ - obstacle.shape.aabb_local.min_) + 1e-5).all()
+
+
+def test_hulls_are_as_far_away_as_the_meshes():
+    world = panda_in("bookshelf")
+    plain = panda_among(world.scene.message.obstacles, finger=0.001)
+    rng = np.random.default_rng(3)
+    for q in [rest(world.group), *(rest(world.group) + rng.uniform(-0.4, 0.4, (12, 7)))]:
+        distances = plain.distances(q)[plain.self_pairs :]
+        if distances.min() > 0:
+            assert 0 <= distances.min() - world.clearance(q).obstacle_distance + ACCURACY <= HULL
+
+
+def test_many_configurations_in_order():
+    world = panda_in("table")
+    qs = [random_configuration(world.group, seed) for seed in range(5)]
+    together = clearances(world, qs)
+    assert [at.obstacle_distance for at in together] == [world.clearance(q).obstacle_distance for q in qs]
+
+
+def test_contact_with_a_surface_is_zero():
+    arm = group("panda")
+    vertices, triangles = l_prism()
+    world = world_of(arm, [mesh_message(0.1 * vertices, triangles, position=(0.25, -0.05, 0.55))])
+    assert world.clearance(rest(arm)).obstacle_distance == 0.0
+
+
+def test_depth_counts_where_both_are_convex():
+    arm = group("panda")
+    world = world_of(arm, [box("crate", (0.4, 0.4, 0.4), (0.307, 0, 0.5))])
+    at = world.clearance(rest(arm))
+    assert at.obstacle_distance == pytest.approx(pair_distances(world, rest(arm))[world.n_self :].min(), abs=ACCURACY)
+    assert at.obstacle_distance < -0.1
+
+
+def test_without_obstacles_the_distance_is_infinite():
+    at = world_of(group("panda"), []).clearance(rest(group("panda")))
+    assert at.obstacle_distance == np.inf
+    assert at.obstacle_pair is None
+    assert at.witness is None
+    assert at.self_distance == pytest.approx(panda_in("table").clearance(rest(group("panda"))).self_distance)

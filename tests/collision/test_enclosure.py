@@ -1,0 +1,92 @@
+"""Bodies wholly inside closed meshes, which Coal alone doesn't notice."""
+
+import dataclasses
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guidefield.collision.enclosure import winding_number
+from guidefield.messages import scene as messages
+from guidefield.scene.mesh import bvh
+from tests.collision.scenery import box, world_of
+from tests.robots import box_arm, group, grouped, rest
+from tests.scene.solids import box_mesh, l_prism, mesh_message, room
+
+
+def test_a_robot_inside_a_solid_mesh_touches_nothing_but_is_enclosed():
+    arm = group("panda")
+    vertices, triangles = l_prism()
+    around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
+    world = world_of(arm, [box("far", (0.1, 0.1, 0.1), (3, 0, 0)), around])
+    assert not world.in_collision(rest(arm))
+    assert world.enclosed(rest(arm)) is not None
+    assert world.enclosed(rest(arm))[1] == "m"
+
+
+def test_a_robot_in_the_notch_is_not_enclosed():
+    arm = group("panda")
+    vertices, triangles = l_prism()
+    beside = mesh_message(4.0 * vertices, triangles, position=(-6.0, -6.0, -1.0))
+    world = world_of(arm, [beside])
+    assert not world.in_collision(rest(arm))
+    assert world.enclosed(rest(arm)) is None
+
+
+def test_a_robot_in_a_hollow_is_free_and_one_in_its_wall_is_not():
+    arm = group("panda")
+    assert world_of(arm, [mesh_message(*room(5.0, 3.0))]).enclosed(rest(arm)) is None
+    walled = mesh_message(*room(9.0, 1.0), position=(0.0, 0.0, 2.8))
+    assert not world_of(arm, [walled]).in_collision(rest(arm))
+    assert world_of(arm, [walled]).enclosed(rest(arm)) is not None
+
+
+def test_an_open_mesh_encloses_nothing():
+    arm = group("panda")
+    vertices, triangles = box_mesh(6.0)
+    world = world_of(arm, [mesh_message(vertices, triangles[1:])])
+    assert world.enclosed(rest(arm)) is None
+
+
+def test_an_obstacle_inside_a_robots_mesh_is_noticed():
+    arm = grouped(box_arm("y", 1))
+    vertices, triangles = l_prism()
+    hollow = arm.geometry.copy()
+    moving = next(i for i, shape in enumerate(hollow.geometryObjects) if shape.parentJoint == 1)
+    hollow.geometryObjects[moving].geometry = bvh(vertices, triangles)
+    q = np.zeros(1)
+    for position, expected in (((0.5, 0.5, 0.95), True), ((1.5, 1.5, 0.95), False)):
+        pebble = messages.Sphere(name="pebble", radius=0.05, position=position)
+        world = world_of(dataclasses.replace(arm, geometry=hollow), [pebble])
+        assert not world.in_collision(q)
+        assert (world.enclosed(q) is not None) is expected
+
+
+def test_allowed_pairs_may_be_enclosed():
+    arm = group("panda")
+    vertices, triangles = l_prism()
+    around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
+    allowed = [(link, "m") for link in arm.robot.links]
+    assert world_of(arm, [around], allowed).enclosed(rest(arm)) is None
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6))
+def test_winding_number_tells_what_trimesh_tells(seed):
+    rng = np.random.default_rng(seed)
+    hull = trimesh.convex.convex_hull(rng.normal(size=(15, 3)))
+    point = rng.uniform(-1.5, 1.5, 3)
+    heights = np.einsum("ij,ij->i", hull.face_normals, point - hull.vertices[hull.faces[:, 0]])
+    inside = float(heights.max() < 0)
+    assert winding_number(point, np.array(hull.triangles)) == pytest.approx(inside, abs=1e-9)
+    assert winding_number(point, np.array(hull.triangles)[:, ::-1]) == pytest.approx(-inside, abs=1e-9)
+
+
+def test_coal_alone_does_not_notice():
+    around = bvh(*room(5.0, 3.0))
+    ball, here = coal.Sphere(0.1), coal.Transform3s(np.eye(3), np.array([2.0, 0, 0]))
+    there = coal.Transform3s.Identity()
+    assert not coal.collide(around, there, ball, here, coal.CollisionRequest(), coal.CollisionResult())

@@ -1,0 +1,192 @@
+"""The plan request as a client meets it: what is clamped, refused by name, answered with a status, and replied."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from guidefield.errors import (
+    GuidefieldError,
+    InvalidConfiguration,
+    InvalidGoal,
+    InvalidGroup,
+    MalformedRequest,
+    SceneInvalid,
+    UnknownFrame,
+    UnknownObject,
+)
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec
+from guidefield.messages.replies import PlanReply
+from guidefield.scene import library
+from guidefield.scene.scene import build
+from tests.robots import robot
+
+READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
+
+
+def ask(scene: str = "table", **request) -> PlanReply:
+    message = codec.decode_request({"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}, **request})
+    return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="run", received=time.monotonic())
+
+
+def joints(**positions: float) -> dict:
+    return {"type": "joints", "positions": positions}
+
+
+def test_a_reply_has_everything_the_wire_promises() -> None:
+    reply = ask(start=READY, goal=joints(panda_joint1=0.6, panda_joint4=-2.0), seed=7)
+    assert reply.status.name == "SUCCESS"
+    assert reply.run_id == "run"
+    assert reply.position_names == [f"panda_joint{i}" for i in range(1, 8)]
+    trajectory = reply.trajectory
+    assert trajectory is not None
+    assert trajectory.times[0] == 0.0
+    assert np.shape(trajectory.positions) == (len(trajectory.times), 7)
+    assert trajectory.positions[-1][0] == pytest.approx(0.6)
+    assert reply.certificate.collision_free
+    assert reply.certificate.covers == "trajectory"
+    assert reply.clearance is not None
+    assert 0.0 < reply.clearance.minimum <= reply.clearance.mean
+    assert reply.clearance.ends >= reply.clearance.minimum
+    assert reply.metrics is not None
+    assert reply.metrics.duration == pytest.approx(trajectory.times[-1])
+    assert reply.metrics.joint_path_length >= np.hypot(0.6, 0.356) - 1e-6
+    assert reply.timing.total > 0.0
+    assert reply.seed == 7
+    assert codec.encode(reply)
+
+
+def test_a_sample_rate_gives_even_samples() -> None:
+    reply = ask(start=READY, goal=joints(panda_joint1=0.6), sample_rate=50.0)
+    assert reply.trajectory is not None
+    np.testing.assert_allclose(np.diff(reply.trajectory.times)[:-1], 0.02, atol=1e-9)
+
+
+def test_limits_of_the_request_are_kept() -> None:
+    reply = ask(start=READY, goal=joints(panda_joint1=0.6), limits={"panda_joint1": {"velocity": 0.2}})
+    assert reply.trajectory is not None
+    assert np.abs(np.array(reply.trajectory.velocities)[:, 0]).max() <= 0.2 * (1 + 1e-9)
+    assert reply.metrics is not None
+    assert reply.metrics.duration > 3.0
+    slower = ask(start=READY, goal=joints(panda_joint1=0.6), max_velocity_scaling_factor=0.05)
+    assert slower.metrics is not None
+    assert slower.metrics.duration > 5.0
+
+
+def test_a_start_slightly_beyond_a_limit_is_clamped_with_a_warning() -> None:
+    reply = ask(start={**READY, "panda_joint4": -0.0698 + 3e-6 - 0.0}, goal=joints(panda_joint1=0.1, panda_joint4=-2.0))
+    assert reply.status.name in ("SUCCESS", "START_STATE_IN_COLLISION")
+    assert any("panda_joint4" in warning and "clamped" in warning for warning in reply.warnings)
+
+
+@pytest.mark.parametrize(("end", "status"), [("start", "START_STATE_INVALID"), ("goal", "GOAL_STATE_INVALID")])
+def test_an_end_beyond_its_limits_names_joint_value_and_limits(end: str, status: str) -> None:
+    beyond = {"panda_joint2": 2.5}
+    reply = ask(start=beyond) if end == "start" else ask(start=READY, goal=joints(**beyond))
+    assert reply.status.name == status
+    assert reply.status.details["joint"] == "panda_joint2"
+    assert reply.status.details["value"] == 2.5
+    assert reply.status.details["limits"] == pytest.approx([-1.7628, 1.7628])
+    assert "panda_joint2" in reply.status.message
+    assert reply.trajectory is None
+
+
+def test_one_good_goal_of_a_set_is_enough() -> None:
+    goals = [{"panda_joint2": 2.5}, {"panda_joint1": 0.4}]
+    reply = ask(start=READY, goal={"type": "joint_set", "positions": goals})
+    assert reply.status.name == "SUCCESS"
+    assert reply.trajectory is not None
+    assert reply.trajectory.positions[-1][0] == pytest.approx(0.4)
+
+
+def test_a_start_in_collision_names_the_pair_and_how_deep() -> None:
+    reply = ask(start={**READY, "panda_joint2": 1.2, "panda_joint4": -1.2})
+    assert reply.status.name == "START_STATE_IN_COLLISION"
+    assert len(reply.status.details["pair"]) == 2
+    assert reply.status.details["depth"] > 0.0
+    assert " mm deep" in reply.status.message
+
+
+def test_allowed_collisions_may_touch() -> None:
+    start = {**READY, "panda_joint2": 1.2, "panda_joint4": -1.2}
+    pairs = ask(start=start).status.details["pairs"]
+    allowed = ask(start=start, allowed_collisions=pairs, goal=joints(panda_joint2=1.2, panda_joint4=-1.2, panda_joint1=0.01))
+    assert allowed.status.name != "START_STATE_IN_COLLISION"
+
+
+@pytest.mark.parametrize(
+    ("request_part", "error", "match"),
+    [
+        ({"start": {"panda_joint9": 0.0}}, InvalidConfiguration, "no joint 'panda_joint9'"),
+        ({"start": {"panda_joint1": [0.0, 1.0]}}, InvalidConfiguration, "one number, not 2"),
+        ({"goal": joints(nose=1.0)}, InvalidGoal, "no joint 'nose'"),
+        ({"goal": joints(panda_finger_joint1=0.01)}, InvalidGoal, "not planned for"),
+        ({"goal": {"type": "guide_plane"}, "guide_planes": []}, InvalidGoal, "there is none"),
+        ({"goal": {"type": "guide_plane"}, "planner": "tree"}, InvalidGoal, "'tree' uses none"),
+        ({"planner": "guided"}, InvalidGoal, "takes only a goal of type 'guide_plane'"),
+        ({"group": "legs"}, InvalidGroup, "no group 'legs'"),
+        ({"tip": "nose"}, UnknownFrame, "no frame 'nose'"),
+        ({"allowed_collisions": [["panda_hand", "ghost"]]}, UnknownObject, "ghost"),
+        ({"limits": {"panda_joint9": {"velocity": 1.0}}}, InvalidConfiguration, "not planned for"),
+        ({"minimizer": "univariate"}, MalformedRequest, "does not serve"),
+        ({"guide_planes": "auto"}, MalformedRequest, "does not serve"),
+        ({"leave_start_contact": True}, MalformedRequest, "does not serve"),
+        ({"start": {"panda_joint1": float("nan")}}, MalformedRequest, "finite number, got nan"),
+        ({"start_": {}}, MalformedRequest, "unknown field `start_`"),
+    ],
+)
+def test_ill_posed_requests_are_refused_by_name(request_part: dict, error: type[GuidefieldError], match: str) -> None:
+    with pytest.raises(error, match=match):
+        ask(**request_part)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "match"),
+    [
+        ([(0.5, -0.1, 0.4), (0.5, 0.1, 0.4)], "at least 3 corners, got 2"),
+        ([(0.5, -0.1, 0.4), (0.5, 0.1, 0.4), (0.6, 0.1, 0.6), (0.5, -0.1, 0.6)], "not flat|not planar|flat|plane"),
+        ([(0.5, 0, 0.4), (0.5, 0.2, 0.4), (0.5, 0.05, 0.45), (0.5, 0, 0.6)], "not convex"),
+    ],
+)
+def test_bad_guide_planes_are_refused_by_name(vertices: list, match: str) -> None:
+    planes = [{"name": "bad plane", "vertices": vertices}]
+    with pytest.raises((SceneInvalid, MalformedRequest), match=match):
+        ask(goal={"type": "guide_plane"}, guide_planes=planes)
+
+
+def test_the_robot_may_stand_elsewhere() -> None:
+    placed = {"position": [0.0, 0.0, 1.5], "quaternion_xyzw": [0, 0, 0, 1]}
+    high = ask(start=READY, goal=joints(panda_joint1=0.6), robot_placement=placed, guide_planes=[])
+    low = ask(start=READY, goal=joints(panda_joint1=0.6))
+    assert high.clearance is not None
+    assert low.clearance is not None
+    assert high.clearance.minimum > low.clearance.minimum
+
+
+def test_recordings_are_opened_told_and_finished() -> None:
+    told = []
+
+    class Recording:
+        def observe(self, event) -> None:
+            told.append(event)
+
+        def finish(self, reply, profile) -> None:
+            told.append((reply, profile))
+
+    message = codec.decode_request({"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3)})
+    scene = build(library.read("table"))
+    opened = []
+
+    def record(group, scene, planes):
+        opened.append((group.position_names, scene.name, planes))
+        return Recording()
+
+    reply = answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic(), record=record)
+    assert opened[0][1] == "table"
+    finished, profile = told[-1]
+    assert finished is reply
+    assert profile.obstacle_distance.min() == pytest.approx(reply.clearance.minimum)
+    assert len(told) > 3

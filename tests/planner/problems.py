@@ -1,0 +1,76 @@
+"""Planning problems for the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.messages import scene as messages
+from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
+from guidefield.planner.trace import Event
+from guidefield.potential import RobotField
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.kinematics import Kinematics
+from guidefield.scene import library
+from guidefield.scene.scene import Scene, build
+from tests.robots import group, rest
+
+
+class Listener:
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+
+    def observe(self, event: Event) -> None:
+        self.events.append(event)
+
+
+def scene_of(*obstacles: messages.Obstacle, planes: Sequence[messages.GuidePlane] = ()) -> Scene:
+    """A scene written in a test."""
+    return build(messages.Scene(name="test", obstacles=list(obstacles), guide_planes=list(planes)))
+
+
+def library_scene(name: str) -> Scene:
+    """A packaged scene."""
+    return build(library.read(name))
+
+
+def problem(
+    planned: PlanningGroup | str = "panda",
+    scene: Scene | str = "bookshelf",
+    goal: Goal | None = None,
+    q_start: np.ndarray | None = None,
+    planes: tuple | None = None,
+    **options,
+) -> Problem:
+    """A problem with sensible parts for what isn't given."""
+    planned = group(planned) if isinstance(planned, str) else planned
+    scene = library_scene(scene) if isinstance(scene, str) else scene
+    return Problem(
+        group=planned,
+        scene=scene,
+        world=World.build(planned, scene),
+        robot_field=RobotField(planned, scene),
+        kinematics=Kinematics(planned),
+        q_start=rest(planned) if q_start is None else q_start,
+        goal=goal or LastPlaneGoal(),
+        guide_planes=scene.guide_planes if planes is None else planes,
+        **{"budget": Budget(), "observer": Listener(), **options},
+    )
+
+
+def to_configuration(z: Sequence[float], planned: PlanningGroup) -> ConfigurationGoal:
+    """A goal by chart values."""
+    return ConfigurationGoal((planned.from_chart(np.array(z, float)),))
+
+
+def densely_free(made_for: Problem, path: np.ndarray, step: float = 2e-3) -> bool:
+    """Whether no sample of a polyline in the chart collides, by Pinocchio's own test of all pairs."""
+    for a, b in zip(path, path[1:], strict=False):
+        for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / step))):
+            if made_for.world.contacts(made_for.group.from_chart(a + t * (b - a))):
+                return False
+    return True

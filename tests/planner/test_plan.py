@@ -1,0 +1,248 @@
+"""Whole plans: every stage real, the result certified and timed, and an honest "no" with the way it got."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.collision.certificate import certify
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
+from guidefield.planner.problem import Budget, Problem, TipGoal
+from guidefield.planner.trace import StageEntered, StageLeft
+from guidefield.robot.inverse_kinematics import PoseTarget
+from guidefield.scene.guide_plane import build
+from tests.planner.problems import problem, scene_of, to_configuration
+
+
+def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
+    """Whether no sample of the trajectory collides, at most `step` apart in every joint."""
+    assert result.trajectory is not None
+    speed = np.abs(result.trajectory.velocities).max() + 1e-9
+    count = int(np.ceil(1.5 * speed * result.trajectory.duration / step)) + 2
+    times = np.linspace(0.0, result.trajectory.duration, min(count, 20_000))
+    return not any(made.world.in_collision(made.group.from_chart(z)) for z in result.trajectory.evaluate(times)[0])
+
+
+def is_within_limits(made: Problem, result: Plan) -> bool:
+    """Velocities and accelerations on a grid ten times denser than the knots."""
+    assert result.trajectory is not None
+    times = np.linspace(0.0, result.trajectory.duration, 10 * len(result.trajectory.times))
+    _, v, a = result.trajectory.evaluate(times)
+    return bool(
+        np.all(np.abs(v) <= made.group.velocity_limits * (1 + 1e-9))
+        and np.all(np.abs(a) <= made.group.acceleration_limits * (1 + 1e-9))
+    )
+
+
+def check_success(made: Problem, result: Plan) -> None:
+    assert result.status is Status.SUCCESS, result.message
+    assert result.verdict.free
+    assert certify(made.world, result.trajectory.bezier(), made.min_clearance).free
+    assert judged_densely(made, result, 5e-3)
+    assert is_within_limits(made, result)
+    assert np.all(result.trajectory.velocities[[0, -1]] == 0.0)
+    np.testing.assert_allclose(result.trajectory.positions[0], made.group.chart(made.q_start), atol=1e-12)
+
+
+def test_guide_planes_in_the_bookshelf() -> None:
+    made = problem("panda", "bookshelf")
+    result = plan(made, Planner.GUIDED)
+    check_success(made, result)
+    assert set(result.crossings) == {0, 1, 2}
+    tip = made.kinematics.tip_position(made.group.from_chart(result.trajectory.positions[-1]))
+    last = made.guide_planes[-1]
+    assert abs(last.signed_height(tip)) < 2e-4
+    assert last.contains(tip)
+    for index, at in result.crossings.items():
+        crossed = made.kinematics.tip_position(made.group.from_chart(result.path[at]))
+        assert abs(made.guide_planes[index].signed_height(crossed)) < 2e-4
+
+
+def test_a_pose_among_the_boards_without_planes() -> None:
+    target = PoseTarget(
+        pin.SE3(pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0), np.array([0.60, 0.0, 0.55])), np.full(3, 5e-3), np.full(3, 0.1)
+    )
+    made = problem("panda", "bookshelf", TipGoal(target), planes=())
+    result = plan(made)
+    check_success(made, result)
+    end = made.kinematics.frame_placement(made.group.from_chart(result.trajectory.positions[-1]), made.group.tip_id)
+    assert target.is_reached(end)
+
+
+def test_a_configuration_behind_a_wall() -> None:
+    wall = messages.Box(name="wall", size=(0.5, 0.04, 0.7), position=(0.55, 0.0, 0.35))
+    start = np.array([0.9, 0.3, 0.0, -2.356, 0.0, 1.571, 0.785])
+    goal = start * np.array([-1, 1, 1, 1, 1, 1, 1])
+    made = problem("panda", scene_of(wall), q_start=start)
+    made = problem("panda", made.scene, to_configuration(goal, made.group), q_start=start)
+    result = plan(made, Planner.TREE)
+    check_success(made, result)
+    np.testing.assert_allclose(result.trajectory.positions[-1], goal, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ur5", "xarm7", "kinova"])
+def test_other_arms_reach_a_configuration(name: str) -> None:
+    made = problem(name, scene_of(messages.HalfSpace(name="floor", normal=(0.0, 0.0, 1.0), offset=-1.5)))
+    z = made.group.chart(made.q_start)
+    goal = z.copy()
+    goal[0] += 1.0
+    goal[2] += 0.2
+    made = problem(name, made.scene, to_configuration(goal, made.group))
+    check_success(made, plan(made))
+
+
+def test_the_start_may_be_the_goal() -> None:
+    made = problem("panda", scene_of())
+    made = problem("panda", made.scene, to_configuration(made.group.chart(made.q_start), made.group))
+    result = plan(made)
+    assert result.status is Status.SUCCESS
+    assert result.trajectory.duration == 0.0
+    assert result.verdict.evaluations >= 1
+
+
+def test_a_start_in_collision_names_pair_and_depth() -> None:
+    made = problem("panda", scene_of(messages.Sphere(name="ball", radius=0.1, position=(0.31, 0.0, 0.59))))
+    result = plan(made)
+    assert result.status is Status.START_STATE_IN_COLLISION
+    assert "ball" in result.details["pair"]
+    assert result.details["depth"] > 0.0
+    assert not result.verdict.free
+    assert result.trajectory is None
+
+
+def test_a_goal_in_collision_names_pair_and_depth() -> None:
+    made = problem("panda", "table")
+    goal = to_configuration([0.0, 1.2, 0.0, -1.2, 0.0, 1.571, 0.785], made.group)
+    result = plan(problem("panda", made.scene, goal))
+    assert result.status is Status.GOAL_IN_COLLISION
+    assert result.details["pair"] is not None
+    assert result.verdict.free  # of the path as far as it goes: the start
+
+
+def test_a_start_wholly_inside_a_hollow_mesh_is_a_collision() -> None:
+    # a closed but not convex shell around the whole robot: Coal sees no contact, the start is inside all the same
+    shell = _closed_shell(2.0)
+    result = plan(problem("panda", scene_of(shell)))
+    assert result.status is Status.START_STATE_IN_COLLISION
+    assert "inside" in result.message
+
+
+def _closed_shell(half: float) -> messages.Mesh:
+    """A cube with a dent in one face: closed and not convex."""
+    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4)]
+    top = [(1, 5, 8), (5, 7, 8), (7, 3, 8), (3, 1, 8)]
+    return messages.Mesh(name="shell", vertices=[*corners, (0.0, 0.0, 0.9 * half)], triangles=[*faces, *top])
+
+
+def test_out_of_reach_is_said_so() -> None:
+    target = PoseTarget(pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.5])), np.zeros(3), np.full(3, np.inf))
+    result = plan(problem("panda", scene_of(), TipGoal(target)))
+    assert result.status is Status.NO_IK_SOLUTION
+    assert "out of reach" in result.message
+
+
+def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
+    wall = messages.Box(name="wall", size=(0.02, 3.0, 3.0), position=(0.55, 0.0, 0.5))
+    plane = messages.GuidePlane(name="GP", vertices=[(0.7, -0.1, 0.4), (0.7, 0.1, 0.4), (0.7, 0.1, 0.6), (0.7, -0.1, 0.6)])
+    made = problem("panda", scene_of(wall, planes=[plane]))
+    result = plan(made, Planner.GUIDED)
+    assert result.status is Status.STUCK_IN_MINIMUM
+    assert result.details["stage"] == "guide"
+    assert result.trajectory is None
+    assert len(result.path) > 1
+    assert result.verdict.free
+    assert certify(made.world, polyline(result.path)).free
+
+
+def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> None:
+    from guidefield.planner import plan as plan_module
+    from guidefield.planner.guide import Crossing
+
+    made = problem("panda", "wall_with_window")
+    real, calls = plan_module.cross, []
+
+    def stuck_at_the_first(problem, q, plane, index):
+        calls.append(index)
+        if index == 0:
+            return Crossing(Status.STUCK_IN_MINIMUM, "stuck", q[None], {"stage": "guide", "distance": 1.0})
+        return real(problem, q, plane, index)
+
+    monkeypatch.setattr(plan_module, "cross", stuck_at_the_first)
+    result = plan(made, Planner.AUTO)
+    check_success(made, result)
+    assert calls == list(range(len(made.guide_planes)))
+    done = [(stage.name, stage.plane) for stage in result.stages]
+    assert ("connect", 0) in done
+    tip = made.kinematics.tip_position(made.group.from_chart(result.path[result.crossings[0]]))
+    assert abs(made.guide_planes[0].signed_height(tip)) < 2e-4
+
+
+def test_auto_crosses_the_planes_and_then_reaches_the_goal() -> None:
+    made = problem("panda", "wall_with_window")
+    through = plan(made)
+    goal = through.trajectory.positions[-1] + np.array([0.05, 0, 0, 0, 0, 0, 0.3])
+    made = problem("panda", made.scene, to_configuration(goal, made.group))
+    result = plan(made)
+    check_success(made, result)
+    assert set(result.crossings) == set(range(len(made.guide_planes)))
+    np.testing.assert_allclose(result.trajectory.positions[-1], goal, atol=1e-9)
+
+
+def test_min_clearance_is_certified_or_refused_with_the_place() -> None:
+    made = problem("panda", "wall_with_window", min_clearance=0.01)
+    result = plan(made)
+    check_success(made, result)
+    near = problem("panda", scene_of(messages.Sphere(name="ball", radius=0.1, position=(0.5, 0.0, 0.62))))
+    distance = near.world.clearance(near.q_start).obstacle_distance
+    assert 0.0 < distance < 0.1
+    refusal = plan(problem("panda", near.scene, min_clearance=distance + 0.01))
+    assert refusal.status is Status.CLEARANCE_BELOW_MINIMUM
+    assert refusal.details["clearance"] == pytest.approx(distance)
+    assert "ball" in refusal.details["pair"]
+
+
+def test_time_up_returns_what_there_is() -> None:
+    made = problem("panda", "bookshelf", budget=Budget(time.monotonic()))
+    result = plan(made)
+    assert result.status is Status.TIMED_OUT
+    assert len(result.path) == 1
+    assert result.verdict.free
+
+
+def test_the_observer_hears_every_stage_enter_and_leave() -> None:
+    made = problem("panda", "wall_with_window")
+    plan(made)
+    entered = [event.name for event in made.observer.events if isinstance(event, StageEntered)]
+    left = [event.name for event in made.observer.events if isinstance(event, StageLeft)]
+    assert entered == left
+    assert entered[0] == "ends"
+    assert {"guide", "relax", "parameterize", "certify"} <= set(entered)
+
+
+def test_the_same_problem_gives_the_same_trajectory_bit_for_bit() -> None:
+    results = [plan(problem("panda", "bookshelf")) for _ in range(2)]
+    np.testing.assert_array_equal(*(result.trajectory.positions for result in results))
+    np.testing.assert_array_equal(*(result.trajectory.times for result in results))
+
+
+def test_a_refused_plan_still_carries_a_verdict_about_its_start() -> None:
+    made = problem("panda", scene_of())
+    result = refused(made, Status.START_STATE_INVALID, "because", {"joint": "j"})
+    assert result.verdict.free
+    assert result.path.shape == (1, 7)
+
+
+def test_a_plane_given_twice_is_reached_twice() -> None:
+    plane = build(
+        messages.GuidePlane(name="A", vertices=[(0.4, -0.2, 0.4), (0.4, 0.2, 0.4), (0.4, 0.2, 0.8), (0.4, -0.2, 0.8)]), 0
+    )
+    made = problem("panda", scene_of(), planes=(plane, plane))
+    result = plan(made)
+    assert result.status is Status.SUCCESS
+    assert set(result.crossings) == {0, 1}

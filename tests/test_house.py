@@ -1,0 +1,107 @@
+"""The house itself: what is packaged, what its pages say, and the rules that no other tool keeps."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from guidefield.cli import app
+
+HOUSE = Path(__file__).resolve().parent.parent
+PACKAGE = HOUSE / "service" / "guidefield"
+PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+PAGES = sorted(HOUSE.glob("*.md"))
+LONGEST_FILE = 300
+HOME_PATH = re.compile(r"(?<![\w.])/(?:root|home|Users)/\w+")
+
+
+def _relative(path: Path) -> str:
+    return str(path.relative_to(HOUSE))
+
+
+def _ours() -> Iterator[Path]:
+    """Every text file of the project."""
+    for folder in ("service", "robots", "scenes", "tests", "tools", ".ci"):
+        for path in sorted((HOUSE / folder).rglob("*")):
+            if (
+                path.is_file()
+                and "__pycache__" not in path.parts
+                and path.suffix in ("", ".py", ".json", ".md", ".xml")
+            ):
+                yield path
+    yield from PAGES
+    yield HOUSE / "pyproject.toml"
+
+
+def test_every_package_and_its_data_are_in_the_wheel() -> None:
+    packages = set(PROJECT["tool"]["setuptools"]["packages"])
+    found = {".".join(path.parent.relative_to(PACKAGE.parent).parts) for path in PACKAGE.rglob("__init__.py")}
+    assert packages == found | {"guidefield.robots", "guidefield.scenes"}
+    data = PROJECT["tool"]["setuptools"]["package-data"]
+    assert data["guidefield"] == ["py.typed"]
+    assert (PACKAGE / "py.typed").exists()
+    for name in ("robots", "scenes"):
+        assert data[f"guidefield.{name}"] == ["**/*"]
+        installed = {entry.name for entry in resources.files(f"guidefield.{name}").iterdir()}
+        assert {path.name for path in (HOUSE / name).glob("*.json")} <= installed
+
+
+def test_the_top_level_holds_what_was_agreed() -> None:
+    visible = {path.name for path in HOUSE.iterdir() if not path.name.startswith(".")}
+    folders = {"service", "robots", "scenes", "tests", "tools"}
+    pages = {"README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "pyproject.toml"}
+    assert folders | pages <= visible
+    assert visible - folders - pages <= {"runs", "build", "dist"} | {n for n in visible if n.endswith(".egg-info")}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_relative)
+def test_a_file_is_short_and_says_what_it_holds(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= LONGEST_FILE
+    if text.strip():
+        assert ast.get_docstring(ast.parse(text)), "a file's first line says what it holds"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_relative)
+def test_names_say_what_things_are(path: Path) -> None:
+    assert path.stem not in ("utils", "util", "helpers", "helper", "common", "misc", "manager")
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert not re.match(r"_?(get|compute|do|handle_data)_", node.name), node.name
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Name | ast.Call):
+            raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+            assert not (isinstance(raised, ast.Name) and raised.id == "NotImplementedError")
+
+
+def test_no_file_speaks_of_somebodys_home() -> None:
+    told = {_relative(path): HOME_PATH.findall(path.read_text(errors="replace")) for path in _ours()}
+    assert {path: paths for path, paths in told.items() if paths} == {}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_relative)
+def test_commands_and_tools_on_a_page_exist(page: Path) -> None:
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    blocks = "\n".join(re.findall(r"```(?:bash|sh|console)\n(.*?)```", page.read_text(), re.DOTALL))
+    for name in re.findall(r"^(?:\$ )?guidefield ([a-z]+)", blocks, re.MULTILINE):
+        assert name in commands, name
+    for tool in re.findall(r"(?:tools|\.ci)/[\w/.]+", page.read_text()):
+        assert (HOUSE / tool.rstrip(".")).exists(), tool
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_relative)
+def test_links_within_the_house_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\((?!https?://|#|mailto:)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("tool", ["tools/demo", "tools/test", "tools/environment", ".ci/run"])
+def test_tools_can_be_run(tool: str) -> None:
+    assert (HOUSE / tool).stat().st_mode & 0o111
