@@ -32,12 +32,7 @@ def group(name: str) -> PlanningGroup:
 
 def rest(planned: PlanningGroup) -> np.ndarray:
     """The rest configuration of a group, shape (nq,)."""
-    parts = []
-    for joint in planned.joints:
-        whole = planned.robot.joint(joint.name)
-        assert whole is not None
-        parts.append(planned.robot.rest[whole.idx_q : whole.idx_q + whole.nq])
-    return np.concatenate(parts)
+    return planned.part_of(planned.robot.rest)
 
 
 def random_configuration(planned: PlanningGroup, seed: int) -> np.ndarray:

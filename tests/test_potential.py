@@ -10,7 +10,7 @@ from guidefield.kernels.field import potential_at_points
 from guidefield.kernels.primitives import capsule_at
 from guidefield.messages import scene as messages
 from guidefield.potential import RobotField
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
 from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot
@@ -39,8 +39,6 @@ def far_scene() -> Scene:
             ],
         )
     )
-
-
 
 
 def world_points(field: RobotField, q: np.ndarray) -> tuple[np.ndarray, pin.Data]:
@@ -87,11 +85,13 @@ def test_the_backward_pass_equals_a_sum_over_points_with_pinocchios_jacobians(na
         expected += linear.T @ (weights[i] * gradient[i])
     energy = field.evaluate(q)
     assert energy.potential == pytest.approx(float(weights @ potential) + self_potential, rel=1e-12)
-    np.testing.assert_allclose(energy.gradient, planned.expand_velocity.T @ (expected - self_force), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        energy.gradient, planned.expand_velocity.T @ (expected - self_force), rtol=1e-9, atol=1e-9
+    )
 
 
 def _self_repulsion_by_points(field: RobotField, q: np.ndarray) -> tuple[float, np.ndarray]:
-    """Potential and generalised force of links on links, point by point: force on the one, the opposite on the other."""
+    """Potential and generalised force of links on links, point by point: a force, and its opposite on the other."""
     planned = field.group
     positions, data = world_points(field, q)
     pin.computeJointJacobians(planned.model, data, planned.expand(q))
@@ -151,10 +151,17 @@ def test_moving_robot_and_scene_together_changes_nothing() -> None:
     quaternion = pin.Quaternion(placement.rotation)
     box = messages.Box(name="b", size=(0.4, 0.5, 0.6), position=(1.2, 0.3, 0.4))
     moved = messages.Box(
-        name="b", size=box.size, position=tuple(placement.act(np.array(box.position))), quaternion_xyzw=tuple(quaternion.coeffs())
+        name="b",
+        size=box.size,
+        position=tuple(placement.act(np.array(box.position))),
+        quaternion_xyzw=tuple(quaternion.coeffs()),
     )
-    here = RobotField(select(model, None, None, model.rest, pin.SE3.Identity()), build(messages.Scene(name="s", obstacles=[box])))
-    there = RobotField(select(model, None, None, model.rest, placement), build(messages.Scene(name="s", obstacles=[moved])))
+    here = RobotField(
+        select(model, None, None, model.rest, pin.SE3.Identity()), build(messages.Scene(name="s", obstacles=[box]))
+    )
+    there = RobotField(
+        select(model, None, None, model.rest, placement), build(messages.Scene(name="s", obstacles=[moved]))
+    )
     q = model.rest
     assert there.potential(q) == pytest.approx(here.potential(q), rel=1e-9)
     np.testing.assert_allclose(there.evaluate(q).gradient, here.evaluate(q).gradient, rtol=1e-7, atol=1e-7)

@@ -132,7 +132,7 @@ class TestInverseKinematics:
     def test_without_a_scene_the_robot_still_has_to_keep_off_itself(self):
         snail = box_arm("y", 4, size=LENGTH)
         folded = {"j1": 0.0, "j2": 1.99, "j3": 1.99}
-        for turn, reason in ((1.0, "1 distinct solutions from 65 starts, all in collision"), (-1.0, None)):
+        for turn, reason in ((1.0, "1 distinct solution from 65 starts, all in collision"), (-1.0, None)):
             request = requests.InverseKinematics(
                 snail,
                 [TargetPose(elbow(0.0, 1.99, 1.99), about_y(2 * 1.99 + turn))],
@@ -281,8 +281,9 @@ class TestPotential:
                 moment += wrench.torque[1] + np.cross(origins[link] - origins[joint], wrench.force[1])
             assert moment[1] == pytest.approx(reply.generalized_force[1][joint], rel=1e-9, abs=1e-9)
 
-    def test_a_joint_of_a_kind_that_is_not_planned_for_is_named(self):
+    def test_joints_of_several_freedoms_have_a_column_for_each(self):
         floating: UrdfText = box_arm("y floating", 2)
         request = requests.Potential(scene="test", robot=floating, configurations=[{}])
-        with pytest.raises(InvalidGroup, match="floating"):
-            potential(request, load(floating), built(*self.SCENE))
+        reply = potential(request, load(floating), built(*self.SCENE))
+        assert reply.velocity_names == ["j1", *(f"j2.{c}" for c in ("vx", "vy", "vz", "wx", "wy", "wz"))]
+        assert len(reply.generalized_force[0]) == 7

@@ -28,7 +28,9 @@ READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0
 
 
 def ask(scene: str = "table", **request) -> PlanReply:
-    message = codec.decode_request({"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}, **request})
+    message = codec.decode_request(
+        {"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}, **request}
+    )
     return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="run", received=time.monotonic())
 
 
@@ -113,7 +115,9 @@ def test_a_start_in_collision_names_the_pair_and_how_deep() -> None:
 def test_allowed_collisions_may_touch() -> None:
     start = {**READY, "panda_joint2": 1.2, "panda_joint4": -1.2}
     pairs = ask(start=start).status.details["pairs"]
-    allowed = ask(start=start, allowed_collisions=pairs, goal=joints(panda_joint2=1.2, panda_joint4=-1.2, panda_joint1=0.01))
+    allowed = ask(
+        start=start, allowed_collisions=pairs, goal=joints(panda_joint2=1.2, panda_joint4=-1.2, panda_joint1=0.01)
+    )
     assert allowed.status.name != "START_STATE_IN_COLLISION"
 
 
@@ -176,7 +180,9 @@ def test_recordings_are_opened_told_and_finished() -> None:
         def finish(self, reply, profile) -> None:
             told.append((reply, profile))
 
-    message = codec.decode_request({"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3)})
+    message = codec.decode_request(
+        {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3)}
+    )
     scene = build(library.read("table"))
     opened = []
 

@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import guidefield
 from guidefield import Box, Client, NoService, Scene
@@ -265,6 +266,20 @@ def test_bad_input_is_named_and_the_service_lives(case: str, wire: PlainClient) 
     assert error["name"] == name, error
     assert says in error["message"], error
     assert wire.ask("guidefield/local/kinematics", POTENTIAL)["winding"] == [0.0]
+
+
+@given(data=st.data())
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_mutated_request_has_one_answer_and_is_no_bug_of_ours(data: st.DataObject, wire: PlainClient) -> None:
+    key, valid = data.draw(st.sampled_from([("plan", _plan(goal={"type": "nothing"})), ("kinematics", _kinematics())]))
+    payload = bytearray(valid)
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(payload) - 1))
+        payload[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3) | st.just(b"9" * 30))
+    for encoding in ("application/json", "application/msgpack"):
+        answer = wire.answer(f"guidefield/local/{key}", bytes(payload), encoding)
+        if not answer.is_reply and encoding == "application/json":
+            assert answer.json()["name"] not in ("FAILURE", "CRASH"), answer.payload
 
 
 def test_nothing_of_it_crashed_a_worker(wire: PlainClient) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def to_configuration(z: Sequence[float], planned: PlanningGroup) -> Configuratio
 
 def densely_free(made_for: Problem, path: np.ndarray, step: float = 2e-3) -> bool:
     """Whether no sample of a polyline in the chart collides, by Pinocchio's own test of all pairs."""
-    for a, b in zip(path, path[1:], strict=False):
+    for a, b in pairwise(path):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / step))):
             if made_for.world.contacts(made_for.group.from_chart(a + t * (b - a))):
                 return False

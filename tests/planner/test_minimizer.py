@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -47,7 +49,7 @@ def test_a_descent_lowers_the_potential_and_keeps_the_constraint(kind: str) -> N
     descent = descend(made, q, constraint, lambda a, b: True)
     potentials = [made.robot_field.potential(p) for p in (q, *descent.path)]
     assert len(descent.path) >= 1
-    assert all(after < before for before, after in zip(potentials, potentials[1:], strict=False))
+    assert all(after < before for before, after in pairwise(potentials))
     assert descent.potential == potentials[-1]
     for p in descent.path:
         assert np.abs(constraint.error(p)).max() <= ON_CONSTRAINT

@@ -65,7 +65,9 @@ def test_guide_planes_in_the_bookshelf() -> None:
 
 def test_a_pose_among_the_boards_without_planes() -> None:
     target = PoseTarget(
-        pin.SE3(pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0), np.array([0.60, 0.0, 0.55])), np.full(3, 5e-3), np.full(3, 0.1)
+        pin.SE3(pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0), np.array([0.60, 0.0, 0.55])),
+        np.full(3, 5e-3),
+        np.full(3, 0.1),
     )
     made = problem("panda", "bookshelf", TipGoal(target), planes=())
     result = plan(made)
@@ -135,7 +137,18 @@ def test_a_start_wholly_inside_a_hollow_mesh_is_a_collision() -> None:
 def _closed_shell(half: float) -> messages.Mesh:
     """A cube with a dent in one face: closed and not convex."""
     corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
-    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4)]
+    faces = [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+    ]
     top = [(1, 5, 8), (5, 7, 8), (7, 3, 8), (3, 1, 8)]
     return messages.Mesh(name="shell", vertices=[*corners, (0.0, 0.0, 0.9 * half)], triangles=[*faces, *top])
 
@@ -149,7 +162,9 @@ def test_out_of_reach_is_said_so() -> None:
 
 def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
     wall = messages.Box(name="wall", size=(0.02, 3.0, 3.0), position=(0.55, 0.0, 0.5))
-    plane = messages.GuidePlane(name="GP", vertices=[(0.7, -0.1, 0.4), (0.7, 0.1, 0.4), (0.7, 0.1, 0.6), (0.7, -0.1, 0.6)])
+    plane = messages.GuidePlane(
+        name="GP", vertices=[(0.7, -0.1, 0.4), (0.7, 0.1, 0.4), (0.7, 0.1, 0.6), (0.7, -0.1, 0.6)]
+    )
     made = problem("panda", scene_of(wall, planes=[plane]))
     result = plan(made, Planner.GUIDED)
     assert result.status is Status.STUCK_IN_MINIMUM
@@ -240,7 +255,8 @@ def test_a_refused_plan_still_carries_a_verdict_about_its_start() -> None:
 
 def test_a_plane_given_twice_is_reached_twice() -> None:
     plane = build(
-        messages.GuidePlane(name="A", vertices=[(0.4, -0.2, 0.4), (0.4, 0.2, 0.4), (0.4, 0.2, 0.8), (0.4, -0.2, 0.8)]), 0
+        messages.GuidePlane(name="A", vertices=[(0.4, -0.2, 0.4), (0.4, 0.2, 0.4), (0.4, 0.2, 0.8), (0.4, -0.2, 0.8)]),
+        0,
     )
     made = problem("panda", scene_of(), planes=(plane, plane))
     result = plan(made)

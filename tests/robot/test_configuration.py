@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import InvalidConfiguration, InvalidGoal
 from guidefield.robot.configuration import clamp, configuration_from_wire, configuration_to_wire, limit_faults

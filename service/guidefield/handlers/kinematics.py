@@ -72,7 +72,7 @@ def inverse_kinematics(
         result = solve(
             group,
             PoseTarget.from_wire(pose),
-            [_of_group(group, start) for start in starts],
+            [group.part_of(start) for start in starts],
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
             accept=None if world is None else lambda q: not world.in_collision(q) and world.enclosed(q) is None,
@@ -87,12 +87,11 @@ def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> C
 
     Raises:
         InvalidConfiguration: if a configuration doesn't fit the robot.
-        InvalidGroup: if the robot has a joint of a kind that isn't planned for.
     """
     group = _whole_group(robot, request.robot_placement)
     world = World.build(group, scene)
     found = [
-        world.clearance(_of_group(group, configuration_from_wire(robot, positions)))
+        world.clearance(group.part_of(configuration_from_wire(robot, positions)))
         for positions in request.configurations
     ]
     return ClearanceReply(
@@ -110,7 +109,6 @@ def potential(
 
     Raises:
         InvalidConfiguration: if a configuration doesn't fit the robot.
-        InvalidGroup: if the robot has a joint of a kind that isn't planned for.
     """
     if robot is None:
         points = np.array(request.points, float).reshape(-1, 3)
@@ -124,7 +122,7 @@ def potential(
     forces: list[list[float]] = []
     links: dict[str, LinkWrench] = {}
     for positions in request.configurations or ():
-        q = _of_group(group, configuration_from_wire(robot, positions))
+        q = group.part_of(configuration_from_wire(robot, positions))
         energy = field.evaluate(q)
         energies.append(energy.potential)
         forces.append((-energy.gradient).tolist())
@@ -141,14 +139,6 @@ def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
     """All joints of a robot that don't follow another."""
     joints = [joint.name for joint in robot.joints if joint.mimic is None]
     return select(robot, joints, None, robot.rest, _se3(placement))
-
-
-def _of_group(group: PlanningGroup, q_whole: np.ndarray) -> np.ndarray:
-    """The planned joints' part of a configuration of the whole robot."""
-    q = np.empty(group.nq)
-    for joint, whole in zip(group.joints, _in_robot(group), strict=True):
-        q[joint.idx_q : joint.idx_q + joint.nq] = q_whole[whole]
-    return q
 
 
 def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str) -> None:

@@ -85,7 +85,7 @@ def answer_plan(
         world=World.build(group, scene, request.allowed_collisions),
         robot_field=RobotField(group, scene),
         kinematics=Kinematics(group),
-        q_start=_of_group(group, q_whole),
+        q_start=group.part_of(q_whole),
         goal=_goal(request, group, planes),
         guide_planes=planes,
         min_clearance=request.min_clearance,
@@ -194,7 +194,7 @@ def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> 
                 joint=name,
                 available=sorted(planned),
             )
-    return _of_group(group, clamp_slight(group.robot, q))
+    return group.part_of(clamp_slight(group.robot, q))
 
 
 def _refusal(problem: Problem) -> Plan | None:
@@ -217,16 +217,6 @@ def _limit_message(end: str, faults: list[LimitFault]) -> tuple[str, dict[str, A
         f" [{fault.lower:.6g}, {fault.upper:.6g}]{more}",
         {"stage": end, "joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]},
     )
-
-
-def _of_group(group: PlanningGroup, q_whole: np.ndarray) -> np.ndarray:
-    """The planned joints' part of a configuration of the whole robot."""
-    q = np.empty(group.nq)
-    for joint in group.joints:
-        whole = group.robot.joint(joint.name)
-        assert whole is not None, "a group's joints are the robot's"
-        q[joint.idx_q : joint.idx_q + joint.nq] = q_whole[whole.idx_q : whole.idx_q + whole.nq]
-    return q
 
 
 def _placement(placement: Placement) -> Any:

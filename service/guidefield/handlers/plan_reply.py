@@ -14,6 +14,7 @@ from guidefield.planner.plan import Plan
 from guidefield.planner.problem import Problem
 from guidefield.planner.quality import ClearanceProfile, figures
 from guidefield.planner.trajectory import Trajectory
+from guidefield.robot.group import PlanningGroup
 
 CERTIFICATE = "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair"
 STAGES = ("connect", "guide", "relax", "parameterize", "certify")
@@ -39,8 +40,8 @@ def reply_to(
         warnings=[*warnings, *made.warnings],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
-        path=made.path.tolist(),
-        trajectory=_trajectory(made.trajectory, request.sample_rate),
+        path=[group.wire_positions(z) for z in made.path],
+        trajectory=_trajectory(made.trajectory, request.sample_rate, group),
         guide_planes=[
             GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()])
             for plane in problem.guide_planes
@@ -74,17 +75,35 @@ def reply_to(
     )
 
 
-def _trajectory(trajectory: Trajectory | None, sample_rate: float | None) -> replies.Trajectory | None:
-    """The knots of the certified curve, or samples of it."""
+def _trajectory(
+    trajectory: Trajectory | None, sample_rate: float | None, group: PlanningGroup
+) -> replies.Trajectory | None:
+    """The knots of the certified curve, or samples of it; rates in the tangent space, as the wire has them."""
     if trajectory is None:
         return None
     states = trajectory if sample_rate is None else trajectory.resampled(sample_rate)
+    velocities, accelerations = states.velocities, states.accelerations
+    if not group.is_euclidean:
+        velocities, accelerations = _tangent_rates(group, states.positions, velocities, accelerations)
     return replies.Trajectory(
         times=states.times.tolist(),
-        positions=states.positions.tolist(),
-        velocities=states.velocities.tolist(),
-        accelerations=states.accelerations.tolist(),
+        positions=[group.wire_positions(z) for z in states.positions],
+        velocities=velocities.tolist(),
+        accelerations=accelerations.tolist(),
     )
+
+
+def _tangent_rates(
+    group: PlanningGroup, positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tangent velocities T z' and accelerations T z'' + T' z', T' by a central difference along the motion."""
+    rates, second = np.empty_like(velocities), np.empty_like(velocities)
+    h = 1e-6
+    for i, (z, dz, ddz) in enumerate(zip(positions, velocities, accelerations, strict=True)):
+        T = group.tangent_map(z)
+        turning = (group.tangent_map(z + h * dz) - group.tangent_map(z - h * dz)) / (2.0 * h)
+        rates[i], second[i] = T @ dz, T @ ddz + turning @ dz
+    return rates, second
 
 
 def _clearance(profile: ClearanceProfile | None) -> replies.ClearanceFigures | None:

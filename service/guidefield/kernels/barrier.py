@@ -53,8 +53,8 @@ class SampledRobot(NamedTuple):
 
     Attributes:
         joints: Joints of the robot's model, followers included.
-        expand, offset: (model nv, nv), (model nv,): values of the model's joints are expand z + offset.
-        points: (p, 3) on moving links, in the frame of their joint [m]; those of a group stand together.
+        drivers, multipliers, offsets: (model nv,) value i of the model is multipliers[i] z[drivers[i]] + offsets[i].
+        points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together.
         weights: (p,) how much each counts.
         groups: (g, 3) joint, first point, one past the last point.
         balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
@@ -66,8 +66,9 @@ class SampledRobot(NamedTuple):
     """
 
     joints: JointTable
-    expand: Floats
-    offset: Floats
+    drivers: np.ndarray
+    multipliers: Floats
+    offsets: Floats
     points: Floats
     weights: Floats
     groups: np.ndarray
@@ -80,7 +81,7 @@ class SampledRobot(NamedTuple):
 
 
 ROBOT = types.NamedTuple(
-    (JOINTS, MATRIX, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS, MATRIX, INDICES, INDEX_MATRIX, VECTOR),
+    (JOINTS, INDICES, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS, MATRIX, INDICES, INDEX_MATRIX, VECTOR),
     SampledRobot,
 )
 
@@ -97,6 +98,7 @@ class Workspace(NamedTuple):
         subspaces: Their motion subspaces.
         forces, inertias: What has gathered at each joint, (n, 6) and (n, 6, 6) of which the upper triangle is used.
         candidates: Bodies near a group.
+        gaps: Square of the distance from a group's points to the nearest box about a body.
     """
 
     q: Floats
@@ -109,6 +111,7 @@ class Workspace(NamedTuple):
     forces: Floats
     inertias: Floats
     candidates: np.ndarray
+    gaps: Floats
 
 
 WORKSPACE = types.NamedTuple(
@@ -123,6 +126,7 @@ WORKSPACE = types.NamedTuple(
         MATRIX_OUT,
         BLOCKS_OUT,
         INDICES_OUT,
+        VECTOR_OUT,
     ),
     Workspace,
 )
@@ -131,7 +135,7 @@ WORKSPACE = types.NamedTuple(
 @inlined
 def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
     """Scratch for a robot among some bodies."""
-    n, nv = robot.joints.parents.shape[0], robot.offset.shape[0]
+    n, nv = robot.joints.parents.shape[0], robot.offsets.shape[0]
     return Workspace(
         np.empty(2 * nv),
         np.empty(nv),
@@ -143,6 +147,7 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
         np.empty((n, 6)),
         np.empty((n, 6, 6)),
         np.empty(tables.kinds.shape[0], np.int64),
+        np.empty(robot.points.shape[1]),
     )
 
 
@@ -173,15 +178,12 @@ def _moved(T: Floats, x: float, y: float, z: float) -> Vector3:
     )
 
 
-@compiled(void(ROBOT, VECTOR, WORKSPACE))
+@inlined
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     """Placements and motion subspaces of the joints at chart coordinates z."""
     joints = robot.joints
-    for row in range(robot.offset.shape[0]):
-        value = robot.offset[row]
-        for column in range(z.shape[0]):
-            value += robot.expand[row, column] * z[column]
-        work.values[row] = value
+    for i in range(robot.offsets.shape[0]):
+        work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
     for i in range(1, joints.parents.shape[0]):
         value, at = work.values[joints.idx_v[i]], joints.idx_q[i]
         if joints.kinds[i] == CONTINUOUS:
@@ -203,7 +205,36 @@ def _gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, 
             work.inertias[joint, r, c] += curvature * f[r] * f[c]
 
 
-@compiled(SCALAR(ROBOT, TABLES, SCALAR, SCALAR, WORKSPACE))
+@inlined
+def _box_gaps(robot: SampledRobot, g: int, T: Floats, tables: DistanceTables, body: int, gaps_out: Floats) -> None:
+    """Lower the gaps of a group's points to those to the box about a body; a vector loop."""
+    B, bounds = tables.placements[body], tables.bounds[body]
+    r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
+    r01 = B[0, 0] * T[0, 1] + B[1, 0] * T[1, 1] + B[2, 0] * T[2, 1]
+    r02 = B[0, 0] * T[0, 2] + B[1, 0] * T[1, 2] + B[2, 0] * T[2, 2]
+    r10 = B[0, 1] * T[0, 0] + B[1, 1] * T[1, 0] + B[2, 1] * T[2, 0]
+    r11 = B[0, 1] * T[0, 1] + B[1, 1] * T[1, 1] + B[2, 1] * T[2, 1]
+    r12 = B[0, 1] * T[0, 2] + B[1, 1] * T[1, 2] + B[2, 1] * T[2, 2]
+    r20 = B[0, 2] * T[0, 0] + B[1, 2] * T[1, 0] + B[2, 2] * T[2, 0]
+    r21 = B[0, 2] * T[0, 1] + B[1, 2] * T[1, 1] + B[2, 2] * T[2, 1]
+    r22 = B[0, 2] * T[0, 2] + B[1, 2] * T[1, 2] + B[2, 2] * T[2, 2]
+    dx, dy, dz = T[0, 3] - B[0, 3], T[1, 3] - B[1, 3], T[2, 3] - B[2, 3]
+    tx = B[0, 0] * dx + B[1, 0] * dy + B[2, 0] * dz
+    ty = B[0, 1] * dx + B[1, 1] * dy + B[2, 1] * dz
+    tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
+    lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
+    px, py, pz = robot.points[0], robot.points[1], robot.points[2]
+    for i in range(robot.groups[g, 1], robot.groups[g, 2]):
+        x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
+        y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
+        z = r20 * px[i] + r21 * py[i] + r22 * pz[i] + tz
+        ex = max(lx - x, x - hx, 0.0)
+        ey = max(ly - y, y - hy, 0.0)
+        ez = max(lz - z, z - hz, 0.0)
+        gaps_out[i] = min(gaps_out[i], ex * ex + ey * ey + ez * ez)
+
+
+@inlined
 def _obstacles(robot: SampledRobot, tables: DistanceTables, reach: float, clearance: float, work: Workspace) -> float:
     """The barrier between the robot's points and obstacles; forces and inertias gather in the workspace."""
     total = 0.0
@@ -219,8 +250,14 @@ def _obstacles(robot: SampledRobot, tables: DistanceTables, reach: float, cleara
                 count += 1
         if count == 0:
             continue
-        for i in range(robot.groups[g, 1], robot.groups[g, 2]):
-            x, y, z = _moved(T, robot.points[i, 0], robot.points[i, 1], robot.points[i, 2])
+        first, last = robot.groups[g, 1], robot.groups[g, 2]
+        work.gaps[first:last] = math.inf
+        for k in range(count):
+            _box_gaps(robot, g, T, tables, work.candidates[k], work.gaps)
+        for i in range(first, last):
+            if work.gaps[i] >= (reach + clearance) ** 2:
+                continue
+            x, y, z = _moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d, nx, ny, nz, body = nearest_body(x, y, z, work.candidates, count, tables, reach + clearance)
             if body < 0:
                 continue
@@ -231,7 +268,7 @@ def _obstacles(robot: SampledRobot, tables: DistanceTables, reach: float, cleara
     return total
 
 
-@compiled(void(JOINTS, WORKSPACE))
+@inlined
 def _carry(joints: JointTable, work: Workspace) -> None:
     """Carry forces and inertias to the root; gradient and Hessian by the model's joint values."""
     S = work.subspaces
@@ -298,11 +335,11 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
         a, along, radius = _capsule(robot, robot.pairs[k, 1], work)
         distances_out[k] = math.inf
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
-            p = _moved(T, robot.points[i, 0], robot.points[i, 1], robot.points[i, 2])
+            p = _moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             distances_out[k] = min(distances_out[k], _to_capsule(p, a, along, radius)[0])
 
 
-@compiled(SCALAR(ROBOT, WORKSPACE))
+@inlined
 def _selves(robot: SampledRobot, work: Workspace) -> float:
     """The barrier between points of links and capsules about others; adds to gradient and Hessian.
 
@@ -320,7 +357,7 @@ def _selves(robot: SampledRobot, work: Workspace) -> float:
         if _to_capsule(centre, a, along, radius)[0] >= SELF_RANGE + robot.balls[g, 3]:
             continue
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
-            p = _moved(T, robot.points[i, 0], robot.points[i, 1], robot.points[i, 2])
+            p = _moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d, n = _to_capsule(p, a, along, radius)
             if d >= SELF_RANGE:
                 continue
@@ -374,17 +411,11 @@ def barrier_at(
     total = _obstacles(robot, tables, reach, clearance, work)
     _carry(robot.joints, work)
     total += _selves(robot, work)
-    E, nv = robot.expand, z.shape[0]
-    for r in range(nv):
-        value = 0.0
-        for i in range(E.shape[0]):
-            value += E[i, r] * work.gradient[i]
-        gradient_out[r] = value
-        for c in range(nv):
-            value = 0.0
-            for i in range(E.shape[0]):
-                if E[i, r] != 0.0:
-                    for j in range(E.shape[0]):
-                        value += E[i, r] * work.hessian[i, j] * E[j, c]
-            hessian_out[r, c] = value
+    gradient_out[:] = 0.0
+    hessian_out[:, :] = 0.0
+    for i in range(robot.drivers.shape[0]):
+        row, m = robot.drivers[i], robot.multipliers[i]
+        gradient_out[row] += m * work.gradient[i]
+        for j in range(robot.drivers.shape[0]):
+            hessian_out[row, robot.drivers[j]] += m * robot.multipliers[j] * work.hessian[i, j]
     return total

@@ -70,7 +70,8 @@ class Reorienting:
 
     def error(self, q: np.ndarray) -> np.ndarray:
         """Displacement of the tip, shape (3,) [m]."""
-        return self.kinematics.tip_position(q) - self.point
+        error: np.ndarray = self.kinematics.tip_position(q) - self.point
+        return error
 
     def rows(self, q: np.ndarray) -> np.ndarray:
         """J_p, shape (3, nv)."""

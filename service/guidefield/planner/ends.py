@@ -56,6 +56,7 @@ def tip_points(problem: Problem, target: PoseTarget) -> np.ndarray:
         count=GOAL_SOLUTIONS,
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda q: end_fault(problem, q) is None and _keeps_clearance(problem, q),
+        fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
     )
     if not result.solutions:
         raise StageFailed(

@@ -19,6 +19,7 @@ from guidefield.planner.problem import Problem
 from guidefield.planner.steps import MARGIN, Blocks, Walker
 from guidefield.planner.trace import Note, Step
 from guidefield.robot.charges import robot_charges
+from guidefield.robot.chart import TRANSLATION
 from guidefield.scene.guide_plane import GuidePlane
 
 FIRST_STEP = 0.1
@@ -225,14 +226,15 @@ def _unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict
 
 
 def _reach(problem: Problem) -> tuple[np.ndarray, float]:
-    """Origin of the first planned joint, shape (3,), and the sum of lengths from it to the tip [m]."""
+    """Origin of the first planned joint, shape (3,), and the sum of lengths to the tip [m]; infinite if it roams."""
     group = problem.group
     tip_frame = group.model.frames[group.tip_id]
     chain = [index for index in group.model.supports[tip_frame.parentJoint] if index]
-    base = group.model.jointPlacements[chain[0]].translation if group.model.parents[chain[0]] == 0 else np.zeros(3)
-    reach = float(np.linalg.norm(tip_frame.placement.translation))
-    reach += sum(float(np.linalg.norm(group.model.jointPlacements[index].translation)) for index in chain[1:])
+    lengths = [float(np.linalg.norm(group.model.jointPlacements[index].translation)) for index in chain[1:]]
+    reach = sum(lengths) + float(np.linalg.norm(tip_frame.placement.translation))
+    names = {group.model.names[index] for index in chain}
     for joint in group.joints:
-        if joint.kind.value == "prismatic" and joint.index in chain:
-            reach += float(max(abs(joint.lower[0]), abs(joint.upper[0])))
-    return np.array(base), reach
+        if joint.kind in TRANSLATION and joint.name in names:
+            at = TRANSLATION[joint.kind]
+            reach += float(np.linalg.norm(np.maximum(np.abs(joint.lower[at]), np.abs(joint.upper[at]))))
+    return group.model.jointPlacements[chain[0]].translation.copy(), reach

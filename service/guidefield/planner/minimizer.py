@@ -14,7 +14,7 @@ import numpy as np
 
 from guidefield.planner.constraints import TipConstraint
 from guidefield.planner.problem import Problem
-from guidefield.robot.model import JointKind
+from guidefield.robot.chart import TRANSLATION
 
 REGULARIZATION = 1e-2
 """Share of the metric's mean diagonal added to it: full steps are mostly accepted, symmetric links don't spin."""
@@ -108,7 +108,10 @@ def _direction(
     slope = float(gradient @ v)
     if slope >= 0.0:
         return None
-    largest = np.array([LARGEST_SLIDE if j.kind is JointKind.PRISMATIC else LARGEST_TURN for j in group.joints])
+    largest = np.full(group.nv, LARGEST_TURN)
+    for joint in group.joints:
+        if joint.kind in TRANSLATION:
+            largest[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION[joint.kind]] = LARGEST_SLIDE
     scale = min(1.0, 1.0 / max(float(np.max(np.abs(v) / largest)), 1e-30))
     return _Step(scale * v, scale * slope, Z)
 
@@ -131,15 +134,11 @@ def _retracted(
     problem: Problem, q: np.ndarray, v: np.ndarray, Z: np.ndarray, constraint: TipConstraint
 ) -> np.ndarray | None:
     """The configuration along v, brought back onto the constraint and into the limits; None if that fails."""
-    trial = _clamped(problem, problem.group.integrate(q, v))
+    group = problem.group
+    trial = group.clamped(group.integrate(q, v))
     for _ in range(CORRECTIONS):
         error = constraint.error(trial)
         if float(np.abs(error).max()) <= 0.1 * ON_CONSTRAINT:
             return trial
-        trial = _clamped(problem, problem.group.integrate(trial, -Z @ error))
+        trial = group.clamped(group.integrate(trial, -Z @ error))
     return trial if float(np.abs(constraint.error(trial)).max()) <= ON_CONSTRAINT else None
-
-
-def _clamped(problem: Problem, q: np.ndarray) -> np.ndarray:
-    group = problem.group
-    return group.from_chart(np.clip(group.chart(q), group.lower, group.upper))

@@ -32,9 +32,10 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     pairs = _pairs(problem, ranges, moving)
     robot = SampledRobot(
         joints=problem.robot_field.joints,
-        expand=np.ascontiguousarray(group.expand_velocity),
-        offset=group.expand_offset,
-        points=charged.points,
+        drivers=np.abs(group.expand_velocity).argmax(axis=1),
+        multipliers=group.expand_velocity.sum(axis=1),
+        offsets=group.expand_offset,
+        points=np.ascontiguousarray(charged.points.T),
         weights=np.full(len(charged.points), WEIGHT / max(count, 1)),
         groups=groups,
         balls=np.array([_ball(charged.points[first:last]) for _, first, last in groups]).reshape(-1, 4),

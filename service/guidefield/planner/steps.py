@@ -16,6 +16,7 @@ from guidefield.planner.constraints import OnPlane, Reorienting, Sliding, TipCon
 from guidefield.planner.minimizer import descend
 from guidefield.planner.problem import Problem
 from guidefield.planner.trace import Step
+from guidefield.robot.chart import TRANSLATION
 
 MARGIN = 2e-3
 """Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
@@ -157,35 +158,36 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
     """
     group, kinematics = problem.group, problem.kinematics
     inverse_weights = 1.0 / _reach(problem, q) ** 2
-    z = group.chart(q)
     for _ in range(NEWTON_STEPS):
-        q = group.from_chart(z)
         missing = point - kinematics.tip_position(q)
         if float(np.linalg.norm(missing)) < ARRIVED:
             return q
         J = kinematics.tip_jacobian(q)[:3]
+        z = group.chart(q)
         movable = np.ones(group.nv, bool)
-        dz = np.zeros(group.nv)
+        v = np.zeros(group.nv)
         for _ in range(group.nv):
             W = np.where(movable, inverse_weights, 0.0)
             gram = (J * W) @ J.T
-            dz = W * (J.T @ np.linalg.solve(gram + 1e-9 * max(float(np.trace(gram)), 1e-12) * np.eye(3), missing))
-            stopped = movable & (((z <= group.lower) & (dz < 0.0)) | ((z >= group.upper) & (dz > 0.0)))
+            v = W * (J.T @ np.linalg.solve(gram + 1e-9 * max(float(np.trace(gram)), 1e-12) * np.eye(3), missing))
+            stopped = movable & (((z <= group.lower) & (v < 0.0)) | ((z >= group.upper) & (v > 0.0)))
             if not np.any(stopped):
                 break
             movable &= ~stopped
-        largest = float(np.abs(dz).max())
-        z = np.clip(z + dz * min(1.0, 0.4 / max(largest, 1e-12)), group.lower, group.upper)
+        largest = float(np.abs(v).max())
+        q = group.clamped(group.integrate(q, v * min(1.0, 0.4 / max(largest, 1e-12))))
     return None
 
 
 def _reach(problem: Problem, q: np.ndarray) -> np.ndarray:
-    """Distance from each planned joint to the tip, shape (nv,) [m]; what a turn of it moves."""
+    """What moving each tangent coordinate by 1 moves, shape (nv,) [m]: its distance to the tip, 1 for a length."""
     group = problem.group
     tip = problem.kinematics.tip_position(q)
     reach = np.ones(group.nv)
     for joint in group.joints:
-        frame = group.model.getFrameId(joint.name)
-        origin = problem.kinematics.frame_placement(q, frame).translation
-        reach[joint.idx_v] = float(np.linalg.norm(tip - origin)) + 0.05
+        origin = problem.kinematics.frame_placement(q, group.model.getFrameId(joint.name)).translation
+        at = slice(joint.idx_v, joint.idx_v + joint.nv)
+        reach[at] = float(np.linalg.norm(tip - origin)) + 0.05
+        if joint.kind in TRANSLATION:
+            reach[at][TRANSLATION[joint.kind]] = 1.0
     return reach

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from guidefield.planner.problem import Budget
+from guidefield.robot.chart import ANGLE
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import JointKind
 
 RANGE = 1.0
 """Longest extension of a tree [rad or m]."""
@@ -73,7 +73,10 @@ def grow(
     Returns:
         Chart points from a start to a goal (angles unwrapped along the way), or None; and the iterations used.
     """
-    period = np.array([2.0 * np.pi if j.kind is JointKind.CONTINUOUS else np.inf for j in group.joints])
+    period = np.full(group.nv, np.inf)
+    for joint in group.joints:
+        if joint.kind in ANGLE:
+            period[joint.idx_v + ANGLE[joint.kind]] = 2.0 * np.pi
     trees = (Tree(starts), Tree(goals))
     for iteration in range(1, MOST_ITERATIONS + 1):
         if budget.spent():

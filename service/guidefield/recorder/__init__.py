@@ -1,0 +1,1 @@
+"""The recorder: the one room that knows Rerun; `guidefield.recorder.recorder` is its door."""

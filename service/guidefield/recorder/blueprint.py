@@ -62,8 +62,8 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
         row_shares=[2.4, *(share for share, _ in shown)],
     )
     pictures = rrb.Tabs(
-        _scene("Motion", eye, ["/robot/**", "/obstacles/**", "/guide_planes/**", "/path/**", "/ghosts/**"], {GHOST_ENTITY: FAINT_GHOSTS}),
-        _scene("Whole way", eye, ["/ghosts/**", "/obstacles/**", "/guide_planes/**", "/path/tip"], {}),
+        _scene("Motion", eye, ["/robot/**", "/path/**", GHOST_ENTITY], {GHOST_ENTITY: FAINT_GHOSTS}),
+        _scene("Whole way", eye, [GHOST_ENTITY, "/path/tip"], {}),
         active_tab=0,
     )
     return rrb.Horizontal(pictures, figures, column_shares=[1.75, 1.0], name="Overview")
@@ -75,7 +75,7 @@ def _planner(eye: Eye) -> rrb.Horizontal:
         _plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False),
         row_shares=[2.0, 1.0],
     )
-    shown = ["/robot/**", "/obstacles/**", "/guide_planes/**", "/planner/tip", "/path/planned/**"]
+    shown = ["/robot/**", "/planner/tip", "/path/planned/**"]
     steps = _scene("Steps (choose the timeline 'step')", eye, shown, {"/planner/tip": SO_FAR})
     return rrb.Horizontal(steps, words, column_shares=[1.4, 1.0], name="Planner")
 
@@ -112,7 +112,7 @@ def _scene(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) 
     return rrb.Spatial3DView(
         origin="/",
         name=name,
-        contents=[f"+ {path}" for path in contents],
+        contents=[f"+ {path}" for path in ("/obstacles/**", "/guide_planes/**", *contents)],
         overrides={**{path: rrb.EntityBehavior(visible=False) for path in HIDDEN}, **overrides},
         background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
         eye_controls=rrb.EyeControls3D(

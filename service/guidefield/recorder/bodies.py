@@ -1,4 +1,4 @@
-"""Everything of a robot that is drawn, prepared once per robot: what it looks like, what is judged, a sketch for ghosts."""
+"""What is drawn of a robot, prepared once per robot: what it looks like, what is judged, a sketch for ghosts."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ ELEVATIONS = (0.35, 0.65)
 """Angles above the horizon that are tried [rad]."""
 
 PREFERRED_AZIMUTH = 1.96
-"""How far from the direction of the motion the eye stands best, seen from above [rad]: behind the robot, to its side."""
+"""How far from the direction of the motion the eye stands best, seen from above [rad]: to its side, a little behind."""
 
 PREFERENCE = 1.2
 """Share of hidden points that the preferred direction makes up for."""
@@ -83,7 +83,8 @@ def _directions(heading: float) -> list[tuple[np.ndarray, float]]:
             off = abs(abs(azimuth) - PREFERRED_AZIMUTH) / np.pi
             side = 0.05 if azimuth < 0.0 else 0.0  # of two mirrored views, always the same one
             flat = heading + azimuth
-            direction = np.array([np.cos(flat) * np.cos(elevation), np.sin(flat) * np.cos(elevation), np.sin(elevation)])
+            level = np.cos(elevation)
+            direction = np.array([level * np.cos(flat), level * np.sin(flat), np.sin(elevation)])
             directions.append((direction, 1.0 - off - side))
     return directions
 
@@ -113,12 +114,11 @@ def _hits(eye: np.ndarray, points: np.ndarray, corners: np.ndarray) -> np.ndarra
     u = rays @ np.cross(second, offset).T * inverse
     v = rays @ turned.T * inverse
     along = np.einsum("tk,tk->t", turned, second) * inverse
-    cut: np.ndarray = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (along > 1e-6) & (along < 1.0 - 1e-6)
-    return cut & (inverse != 0.0)
+    inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (inverse != 0.0)
+    cut: np.ndarray = inside & (along > 1e-6) & (along < 1.0 - 1e-6)
+    return cut
 
 
 def _hiding(hits: np.ndarray, owners: np.ndarray, obstacles: Sequence[Obstacle]) -> frozenset[str]:
-    hidden = (
-        (one.name, hits[:, owners == index].any(axis=1).mean()) for index, one in enumerate(obstacles) if (owners == index).any()
-    )
-    return frozenset(name for name, share in hidden if share > HIDING_SHARE)
+    shares = [hits[:, owners == index].any(axis=1).mean() for index in range(len(obstacles))]
+    return frozenset(one.name for one, share in zip(obstacles, shares, strict=True) if share > HIDING_SHARE)

@@ -71,11 +71,12 @@ def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, sce
     if reply.clearance is not None and reply.clearance.minimum is not None:
         figures["clearance"] = reply.clearance.minimum
     yield Chunk.from_property("plan", rr.AnyValues(**figures))
-    yield Chunk.from_property("versions", rr.AnyValues(**{name.replace("-", "_"): text for name, text in _versions().items()}))
+    versions = {name.replace("-", "_"): text for name, text in _versions().items()}
+    yield Chunk.from_property("versions", rr.AnyValues(**versions))
 
 
 def readable(value: Any, indent: int = 0) -> str:
-    """Plain data as JSON for a person: six digits, short lists on one line, long ones cut with a count of what is left out."""
+    """Plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
     inner = " " * (indent + 2)
     if isinstance(value, dict) and value:
         rows = [f"{inner}{json.dumps(key)}: {readable(one, indent + 2)}" for key, one in value.items()]
@@ -117,28 +118,33 @@ def _figures(reply: PlanReply) -> list[str]:
         where = f" ({clear.pair[0]} - {clear.pair[1]})" if clear.pair else ""
         when = f" at {clear.time:.2f} s" if clear.time is not None else ""
         rows.append(("clearance", f"**{_millimetres(clear.minimum)}**{where}{when}"))
-        rows.append(("… mean / inner / ends", " / ".join(_millimetres(x) for x in (clear.mean, clear.inner, clear.ends))))
+        others = (clear.mean, clear.inner, clear.ends)
+        rows.append(("… mean / inner / ends", " / ".join(_millimetres(distance) for distance in others)))
     if (own := reply.self_clearance) is not None:
-        rows.append(("to itself", _millimetres(own.minimum) + (f" ({own.pair[0]} - {own.pair[1]})" if own.pair else "")))
+        where = f" ({own.pair[0]} - {own.pair[1]})" if own.pair else ""
+        rows.append(("to itself", f"{_millimetres(own.minimum)}{where}"))
     if (metrics := reply.metrics) is not None:
         rows.append(("duration", f"{metrics.duration:.2f} s"))
-        rows.append(("way of the joints / the tip", f"{metrics.joint_path_length:.2f} rad / {metrics.tip_path_length:.2f} m"))
+        ways = f"{metrics.joint_path_length:.2f} rad / {metrics.tip_path_length:.2f} m"
+        rows.append(("way of the joints / the tip", ways))
         rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} rad/s³"))
     judged = "free of collision" if reply.certificate.collision_free else "**not certified**"
     rows.append(("certificate", f"{judged}: {reply.certificate.covers} ({reply.certificate.method})"))
     counters = reply.counters
     rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
-    rows.append(
-        ("work", f"{counters.potential_evaluations} potentials, {counters.collision_checks} collision checks,"
-         f" {reply.certificate.evaluations} certificate evaluations")
-    )  # fmt: skip
+    work = [
+        f"{counters.potential_evaluations} potentials",
+        f"{counters.collision_checks} collision checks",
+        f"{reply.certificate.evaluations} certificate evaluations",
+    ]
+    rows.append(("work", ", ".join(work)))
     return [*_table(("result", ""), rows), ""]
 
 
 def _stages(reply: PlanReply) -> list[str]:
-    rows = [(stage.name, _plane(stage.plane, reply), stage.outcome, _milliseconds(stage.seconds)) for stage in reply.stages]
-    spent = as_plain_data(reply.timing)
-    rows += [(f"all of {name}", "", "", _milliseconds(seconds)) for name, seconds in spent.items() if seconds and name != "total"]
+    rows = [(one.name, _plane(one.plane, reply), one.outcome, _milliseconds(one.seconds)) for one in reply.stages]
+    spent = {name: seconds for name, seconds in as_plain_data(reply.timing).items() if seconds and name != "total"}
+    rows += [(f"all of {name}", "", "", _milliseconds(seconds)) for name, seconds in spent.items()]
     rows.append(("**total**", "", "", f"**{_milliseconds(reply.timing.total)}**"))
     return [*_table(("stage", "guide plane", "outcome", "time"), rows), ""]
 
@@ -183,7 +189,7 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _millimetres(distance: float | None) -> str:
-    return "–" if distance is None else f"{1e3 * distance:.1f} mm"
+    return "-" if distance is None else f"{1e3 * distance:.1f} mm"
 
 
 def _milliseconds(seconds: float) -> str:

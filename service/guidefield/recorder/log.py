@@ -33,6 +33,9 @@ STEP_COLORS = {
 }
 """Colour by kind of step (RGBA)."""
 
+POINT_RADIUS = 0.006
+"""Radius of the point that stands for a step [m]."""
+
 OTHER_COLOR = (200, 200, 200, 255)
 
 
@@ -66,7 +69,7 @@ class EventLog:
 
 def shown_steps(count: int) -> np.ndarray:
     """Indices of the steps at which the robot is shown: all of them, or `MOST_FRAMES` evenly chosen."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int)) if count else np.empty(0, int)
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, MOST_FRAMES)).round().astype(int))
 
 
 def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
@@ -92,7 +95,8 @@ def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
     colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for step in log.steps()]
     if colors:
         times = [rr.TimeColumn(STEP, sequence=np.arange(len(colors)))]
-        yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=np.full(len(tip), 0.006)))
+        radii = np.full(len(tip), POINT_RADIUS)
+        yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=radii))
 
 
 def _line(event: Event, milliseconds: float) -> tuple[str, str, tuple[int, int, int, int]]:

@@ -55,7 +55,7 @@ def shown_motion(
         start: Configuration (nq,) to show if the reply has neither; None for that of the request.
     """
     if profile is not None and len(profile.times):
-        return Motion(np.asarray(profile.times), np.asarray(profile.configurations), timed=True)
+        return Motion(profile.times, profile.configurations, timed=True)
     if reply.trajectory is not None and reply.trajectory.times:
         times, positions, _, _ = curves(reply.trajectory)
         return Motion(times, np.array([group.from_chart(row) for row in positions]), timed=True)
@@ -71,7 +71,11 @@ def curves(trajectory: messages.Trajectory) -> tuple[np.ndarray, np.ndarray, np.
     Returns:
         Times (n,) [s]; positions, velocities and accelerations (n, nv).
     """
-    knots = Trajectory(*(np.array(part, float) for part in (trajectory.times, trajectory.positions, trajectory.velocities)))
+    knots = Trajectory(
+        times=np.array(trajectory.times),
+        positions=np.array(trajectory.positions),
+        velocities=np.array(trajectory.velocities),
+    )
     count = int(np.clip(np.ceil(knots.duration * SHOWN_RATE), *FRAMES))
     times = np.union1d(np.linspace(knots.times[0], knots.times[-1], count), knots.times)
     return times, *knots.evaluate(times)

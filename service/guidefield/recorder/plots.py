@@ -1,9 +1,10 @@
-"""The curves of a recording: clearance, potential, joints against time and against their limits; the closest pair in 3D."""
+"""The curves of a recording: clearance, potential, joints, and how close they come to their limits."""
 
 from __future__ import annotations
 
 import colorsys
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -14,6 +15,9 @@ from guidefield.planner.quality import ClearanceProfile
 from guidefield.recorder.chunks import STEP, path_times, still, timed
 from guidefield.recorder.motion import Motion, curves
 from guidefield.robot.group import PlanningGroup
+
+Color = tuple[int, int, int, int]
+"""RGBA."""
 
 CLEAR = 0.10
 """Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
@@ -27,14 +31,16 @@ LIMIT_COLOR = (150, 150, 150, 255)
 
 def clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
     """Distance to obstacles and to the robot itself over the motion, and what was asked for [m]."""
-    times = path_times(np.asarray(profile.times))
-    yield from _curves("/plots/clearance/obstacles", times, profile.obstacle_distance, ["to obstacles"], [OBSTACLE_COLOR])
-    yield from _curves("/plots/clearance/self", times, profile.self_distance, ["to itself"], [SELF_COLOR])
+    times = path_times(profile.times)
+    for name, label, distances, color in (
+        ("obstacles", "to obstacles", profile.obstacle_distance, OBSTACLE_COLOR),
+        ("self", "to itself", profile.self_distance, SELF_COLOR),
+    ):
+        yield from _curves(f"/plots/clearance/{name}", times, distances, [label], [color])
     if required > 0.0:
-        ends = np.asarray(profile.times)[[0, -1]]
-        yield from _curves("/plots/clearance/required", path_times(ends), np.full(2, required), ["required"], [REQUIRED_COLOR])
-    if profile.potential is not None:
-        yield from _curves("/plots/potential", times, profile.potential, ["potential of the robot"], [POTENTIAL_COLOR])
+        ends = path_times(profile.times[[0, -1]])
+        yield from _curves("/plots/clearance/required", ends, np.full(2, required), ["required"], [REQUIRED_COLOR])
+    yield from _curves("/plots/potential", times, profile.potential, ["potential of the robot"], [POTENTIAL_COLOR])
 
 
 def closest_pair(profile: ClearanceProfile) -> Chunk:
@@ -47,12 +53,12 @@ def closest_pair(profile: ClearanceProfile) -> Chunk:
         if shown and pair is not None
     ]
     columns = rr.LineStrips3D.columns(
-        strips=np.asarray(profile.witness)[there],
-        colors=[_warmth(distance) for distance in np.asarray(profile.obstacle_distance)[there]],
+        strips=profile.witness[there],
+        colors=[_warmth(distance) for distance in profile.obstacle_distance[there]],
         labels=labels,
         radii=np.full(int(there.sum()), 0.003),
     )
-    return timed("/path/closest_pair", [path_times(np.asarray(profile.times))], columns.partition(there.astype(int)))
+    return timed("/path/closest_pair", [path_times(profile.times)], columns.partition(there.astype(int)))
 
 
 def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
@@ -75,9 +81,8 @@ def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) 
 
 
 def step_positions(group: PlanningGroup, configurations: np.ndarray, times: rr.TimeColumn) -> Chunk:
-    """Joint positions at the planner's steps, for configurations (n, nq); they continue `/plots/position` on other timelines."""
-    positions = group.chart_path(list(configurations))
-    return timed("/plots/position", [times], rr.Scalars.columns(scalars=positions.ravel()).partition([group.nv] * len(positions)))
+    """Joint positions at the planner's steps, configurations (n, nq): `/plots/position` on another timeline."""
+    return timed("/plots/position", [times], _rows(group.chart_path(list(configurations))))
 
 
 def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:
@@ -89,26 +94,32 @@ def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:
         yield from _curves("/planner/potential", times, values, ["potential after the step"], [POTENTIAL_COLOR])
 
 
-def palette(count: int) -> list[tuple[int, int, int, int]]:
+def palette(count: int) -> list[Color]:
     """Colours (RGBA) that can be told apart as thin lines on a dark ground."""
-    colors = []
+    colors: list[Color] = []
     for number in range(count):
-        red, green, blue = colorsys.hls_to_rgb((0.56 + number / max(count, 1)) % 1.0, 0.66 if number % 2 else 0.60, 0.75)
+        hue, lightness = (0.56 + number / count) % 1.0, 0.66 if number % 2 else 0.60
+        red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.75)
         colors.append((round(255 * red), round(255 * green), round(255 * blue), 255))
     return colors
 
 
 def _curves(
-    path: str, times: rr.TimeColumn, values: np.ndarray, names: Sequence[str], colors: Sequence[tuple[int, int, int, int]]
+    path: str, times: rr.TimeColumn, values: np.ndarray, names: Sequence[str], colors: Sequence[Color]
 ) -> Iterator[Chunk]:
     """Values (n,) or (n, k) over n times, with the names of the k curves; what isn't finite is left open."""
     rows = np.asarray(values, float).reshape(len(values), -1)
     rows = np.where(np.isfinite(rows), rows, np.nan)
     yield still(path, rr.SeriesLines(names=list(names), colors=list(colors), widths=[1.5] * len(names)))
-    yield timed(path, [times], rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows)))
+    yield timed(path, [times], _rows(rows))
 
 
-def _warmth(distance: float) -> tuple[int, int, int, int]:
+def _rows(rows: np.ndarray) -> Any:
+    """Columns of one batch of k values per row, for rows (n, k)."""
+    return rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows))
+
+
+def _warmth(distance: float) -> Color:
     """Green from `CLEAR` on, over amber to red at contact."""
     hue = 0.36 * float(np.clip(distance / CLEAR, 0.0, 1.0))
     red, green, blue = colorsys.hls_to_rgb(hue, 0.55, 0.85)

@@ -64,7 +64,11 @@ class Recorder:
         at = poses(self._group, motion.configurations)
         eye = choose_eye(at.tip, at.placements[:, :, :3].reshape(-1, 3), self._scene.obstacles)
         drawn = bodies.prepare(self._group.robot)
-        chunks = [*self._moving(reply, profile, motion, at, drawn), *self._lasting(reply, motion, eye, drawn), *self._planning(reply)]
+        chunks = [
+            *self._moving(reply, profile, motion, at, drawn),
+            *self._lasting(reply, motion, eye, drawn),
+            *self._planning(reply),
+        ]
         timeline = STEP if steps and not motion.timed else PATH_TIME
         present = frozenset(chunk.entity_path for chunk in chunks)
         write_recording(self._path, self._run_id, chunks, layout(eye, timeline, present))

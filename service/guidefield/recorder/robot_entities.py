@@ -31,9 +31,8 @@ def link_frames(group: PlanningGroup, drawn: RobotBodies) -> Iterator[Chunk]:
     for link in dict.fromkeys((*drawn.links, group.tip)):
         frame = group.model.frames[group.model.getFrameId(link)]
         parent = _joint_entity(group, frame.parentJoint) if frame.parentJoint else "/"
-        placement = rr.Transform3D(
-            translation=frame.placement.translation, mat3x3=frame.placement.rotation, parent_frame=implicit_frame(parent)
-        )
+        rotation, translation = frame.placement.rotation, frame.placement.translation
+        placement = rr.Transform3D(translation=translation, mat3x3=rotation, parent_frame=implicit_frame(parent))
         yield still(link_entity(link), placement)
     tip = rr.CoordinateFrame(implicit_frame(link_entity(group.tip)))
     yield still("/robot/tip", tip, rr.TransformAxes3D(0.08))
@@ -59,7 +58,7 @@ def tip_trace(tip: np.ndarray) -> Chunk:
 
 
 def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
-    """What the planner itself found, before it was made into a trajectory: the tip at its waypoints (n, 3) [m, world]."""
+    """What the planner itself found, before it became a trajectory: the tip at its waypoints (n, 3) [m, world]."""
     yield still("/path/planned/line", rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015]))
     yield still("/path/planned/waypoints", rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
 

@@ -24,7 +24,9 @@ SEE_THROUGH_ALPHA = 70
 """Opacity of an obstacle that stands between the eye and the path, of 255."""
 
 
-def obstacles(all_of_them: Sequence[Obstacle], see_through: Collection[str], at_fault: Collection[str]) -> Iterator[Chunk]:
+def obstacles(
+    all_of_them: Sequence[Obstacle], see_through: Collection[str], at_fault: Collection[str]
+) -> Iterator[Chunk]:
     """Every obstacle as a solid body.
 
     Args:

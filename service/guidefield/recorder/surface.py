@@ -75,7 +75,7 @@ def shaded(vertices: np.ndarray, triangles: np.ndarray, crease: float = CREASE) 
     shared = _smooth_corners(corners, areas, crease)
     count = int(shared.max(initial=-1)) + 1
     normals = np.column_stack([np.bincount(shared, np.repeat(component, 3), count) for component in areas.T])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     positions = np.empty((count, 3), np.float32)
     positions[shared] = places[corners.ravel()]
     return Surface(positions, shared.reshape(-1, 3).astype(np.uint32), normals.astype(np.float32))
@@ -147,7 +147,8 @@ def _colored(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:
         return shaded(mesh.vertices, mesh.faces).colored(GREY)
     # Colours by face or by corner don't survive merging: flat shading keeps them as they are.
     triangles = np.arange(3 * len(mesh.faces), dtype=np.uint32).reshape(-1, 3)
-    colors = visual.face_colors.repeat(3, axis=0) if visual.kind == "face" else visual.vertex_colors[mesh.faces].reshape(-1, 4)
+    by_face = visual.kind == "face"
+    colors = visual.face_colors.repeat(3, axis=0) if by_face else visual.vertex_colors[mesh.faces].reshape(-1, 4)
     vertices = np.asarray(mesh.triangles, np.float32).reshape(-1, 3)
     normals = np.asarray(mesh.face_normals, np.float32).repeat(3, axis=0)
     return Surface(vertices, triangles, normals, np.asarray(colors, np.uint8))

@@ -92,8 +92,8 @@ def _color(material: Any, materials: dict[str, Any]) -> tuple[int, int, int, int
     for one in (material, None if material is None else materials.get(material.get("name"))):
         color = None if one is None else one.find("color")
         if color is not None:
-            red, green, blue, alpha = np.clip(np.round(255.0 * _numbers(color.get("rgba"))), 0, 255).astype(int).tolist()
-            return red, green, blue, alpha
+            rgba = np.round(255.0 * np.clip(_numbers(color.get("rgba")), 0.0, 1.0)).astype(int)
+            return int(rgba[0]), int(rgba[1]), int(rgba[2]), int(rgba[3])
     return None
 
 

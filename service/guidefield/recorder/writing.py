@@ -54,8 +54,8 @@ def _write(path: Path, recording_id: str, chunks: Iterable[Chunk], layout: rrb.B
 
 
 def _layout_stream(layout: rrb.Blueprint, application_id: str) -> rr.RecordingStream:
-    # What `RecordingStream.save(default_blueprint=…)` does inside, but with a handle on the stream: left alone, its memory
-    # sink keeps it alive for ever, two threads included.
+    # What `RecordingStream.save(default_blueprint=…)` does inside, but with a handle on the stream: left alone, its
+    # memory sink keeps it alive for ever, two threads included.
     native = bindings.new_blueprint(
         application_id=application_id, make_default=False, make_thread_default=False, default_enabled=True
     )

@@ -11,11 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import InvalidGroup
+from guidefield.robot import chart
+from guidefield.robot.frames import frame_index
 from guidefield.robot.groups import joints_to
-from guidefield.robot.model import Joint, JointKind, LimitSource, RobotModel
+from guidefield.robot.model import Joint, LimitSource, RobotModel
 
-CHART_KINDS = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
-"""Kinds of joints whose values are coordinates that may be added and interpolated."""
+ROAM = 2.0
+"""How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +25,8 @@ class PlanningGroup:
     """A robot whose joints outside the group stand still.
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
-    planned one move with it. The *chart* ``z`` (nv,) is the configuration with unwrapped angles for continuous joints:
-    in it, straight lines and splines are drawn.
+    planned one move with it. In the *chart* ``z`` (nv,), joint by joint as robot/chart.py has it, straight lines and
+    splines are drawn.
 
     Attributes:
         robot: The whole robot.
@@ -35,6 +37,7 @@ class PlanningGroup:
         tip: Name of the frame that goals are about.
         tip_id: Its index in `model`.
         q_reference: Configuration of the whole robot, shape (robot.model.nq,), from which the others are taken.
+        q_origin: The planned joints' part of it, shape (nq,): where the chart's rotation vectors start.
         lower, upper: Chart limits, shape (nv,) [rad or m]; infinite where there are none.
         velocity_limits, acceleration_limits: Shape (nv,).
         expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
@@ -49,6 +52,7 @@ class PlanningGroup:
     tip: str
     tip_id: int
     q_reference: np.ndarray
+    q_origin: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     velocity_limits: np.ndarray
@@ -68,13 +72,22 @@ class PlanningGroup:
 
     @property
     def position_names(self) -> list[str]:
-        """Names of the chart's columns, as the wire names positions."""
-        return [joint.name for joint in self.joints]
+        """Names of the position columns of a reply, as `wire_positions` orders them."""
+        return [j.name + suffix for j in self.joints for suffix in chart.POSITION_SUFFIXES.get(j.kind, ("",))]
 
     @property
     def velocity_names(self) -> list[str]:
-        """Names of the tangent's columns, as the wire names velocities."""
-        return [joint.name for joint in self.joints]
+        """Names of the tangent's columns."""
+        return [j.name + suffix for j in self.joints for suffix in chart.VELOCITY_SUFFIXES.get(j.kind, ("",))]
+
+    @property
+    def is_euclidean(self) -> bool:
+        """Whether chart velocities are the tangent's velocities: no planar, spherical or floating joint."""
+        return all(joint.nv == 1 for joint in self.joints)
+
+    def part_of(self, q_whole: np.ndarray) -> np.ndarray:
+        """The planned joints' part, shape (nq,), of a configuration of the whole robot."""
+        return _reference(self.space, self.robot, q_whole)
 
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Configuration reached from q along the tangent v."""
@@ -95,21 +108,40 @@ class PlanningGroup:
         """Configuration of `model`, followers included."""
         if self.space is self.model:
             return q
-        return self._from_chart(self.model, self.expand_velocity @ self.chart(q) + self.expand_offset)
+        z = self.expand_velocity @ self.chart(q) + self.expand_offset
+        expanded = np.empty(self.model.nq)
+        for index in range(1, self.model.njoints):
+            joint, name = self.model.joints[index], self.model.names[index]
+            at = slice(joint.idx_q, joint.idx_q + joint.nq)
+            if self.space.existJointName(name):
+                planned = self.space.joints[self.space.getJointId(name)]
+                expanded[at] = q[planned.idx_q : planned.idx_q + planned.nq]
+            elif joint.nq == 1:
+                expanded[at] = z[joint.idx_v]
+            else:
+                expanded[at] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
+        return expanded
 
     def chart(self, q: np.ndarray) -> np.ndarray:
-        """Chart coordinates of a configuration; angles of continuous joints in (-pi, pi]."""
-        z = np.empty(self.nv)
-        for joint in self.joints:
-            if joint.kind is JointKind.CONTINUOUS:
-                z[joint.idx_v] = np.arctan2(q[joint.idx_q + 1], q[joint.idx_q])
-            else:
-                z[joint.idx_v] = q[joint.idx_q]
-        return z
+        """Chart coordinates of a configuration; angles in (-pi, pi], rotation vectors at most pi long."""
+        if self.nq == self.nv:
+            return q.copy()
+        parts = [chart.to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
+        return np.concatenate(parts)
 
     def from_chart(self, z: np.ndarray) -> np.ndarray:
         """Configuration of chart coordinates."""
-        return self._from_chart(self.space, z)
+        if self.nq == self.nv:
+            return np.array(z, float)
+        return np.concatenate([chart.from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
+
+    def clamped(self, q: np.ndarray) -> np.ndarray:
+        """The configuration with every value brought within its limits."""
+        clamped = q.copy()
+        for joint in self.joints:
+            if joint.nq == 1:
+                clamped[joint.idx_q] = min(max(q[joint.idx_q], joint.lower[0]), joint.upper[0])
+        return clamped
 
     def chart_path(self, qs: Sequence[np.ndarray], start: np.ndarray | None = None) -> np.ndarray:
         """Chart coordinates (n, nv) along configurations, each next to the one before: angles unwrapped.
@@ -124,19 +156,51 @@ class PlanningGroup:
         return np.array(zs)
 
     def unwrapped(self, z: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """The same configuration's chart coordinates nearest to others: whole turns of continuous joints added."""
-        turned = z.copy()
+        """The same configuration's chart coordinates nearest to others: whole turns added."""
+        if self.nq == self.nv:
+            return z.copy()
+        return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
+
+    def tangent_map(self, z: np.ndarray) -> np.ndarray:
+        """Matrix (nv, nv) from chart velocities at z to tangent velocities."""
+        matrix = np.zeros((self.nv, self.nv))
         for joint in self.joints:
-            if joint.kind is JointKind.CONTINUOUS:
-                i = joint.idx_v
-                turned[i] += 2.0 * np.pi * np.round((near[i] - z[i]) / (2.0 * np.pi))
-        return turned
+            at = _at_v(joint)
+            matrix[at, at] = chart.tangent_map(joint, z[at], self.q_origin[_at_q(joint)])
+        return matrix
+
+    def wire_positions(self, z: np.ndarray) -> list[float]:
+        """A chart point as the wire's position columns: quaternions for rotations, unwrapped angles."""
+        row: list[float] = []
+        for joint in self.joints:
+            if joint.kind in chart.ROTATION:
+                row += chart.from_chart(joint, z[_at_v(joint)], self.q_origin[_at_q(joint)]).tolist()
+            else:
+                row += z[_at_v(joint)].tolist()
+        return row
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
-        """A configuration drawn evenly within the limits; angles without limits from one turn."""
-        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
-        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return self.from_chart(rng.uniform(lower, upper))
+        """A configuration drawn evenly within the limits.
+
+        Angles without limits are drawn from one turn, rotations from all, positions within `ROAM` of the origin's.
+        """
+        origin = self.chart(self.q_origin)
+        lower, upper = self.lower.copy(), self.upper.copy()
+        for joint in self.joints:
+            at = _at_v(joint)
+            unlimited = ~np.isfinite(lower[at])
+            if joint.kind in chart.TRANSLATION:
+                part = np.arange(at.start, at.stop)[chart.TRANSLATION[joint.kind]]
+                part = part[~np.isfinite(lower[part])]
+                lower[part], upper[part] = origin[part] - ROAM, origin[part] + ROAM
+                unlimited = ~np.isfinite(lower[at])
+            lower[at] = np.where(unlimited, -np.pi, lower[at])
+            upper[at] = np.where(unlimited, np.pi, upper[at])
+        z = rng.uniform(lower, upper)
+        for joint in self.joints:
+            if joint.kind in chart.ROTATION:
+                z[_at_v(joint)][chart.ROTATION[joint.kind]] = pin.log3(_random_rotation(rng))
+        return self.from_chart(z)
 
     def with_limits(
         self,
@@ -164,18 +228,6 @@ class PlanningGroup:
             velocity_limits=velocity_scaling * np.concatenate([joint.velocity for joint in joints]),
             acceleration_limits=acceleration_scaling * np.concatenate([joint.acceleration for joint in joints]),
         )
-
-    @staticmethod
-    def _from_chart(model: Any, z: np.ndarray) -> np.ndarray:
-        if model.nq == model.nv:
-            return np.array(z, float)
-        q = np.empty(model.nq)
-        for joint in list(model.joints)[1:]:
-            if joint.nq == 2:
-                q[joint.idx_q], q[joint.idx_q + 1] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
-            else:
-                q[joint.idx_q] = z[joint.idx_v]
-        return q
 
 
 def select(
@@ -215,6 +267,7 @@ def select(
         "expand_velocity": matrix,
         "expand_offset": offset,
         "q_reference": np.array(q_reference, float),
+        "q_origin": _reference(space, robot, q_reference),
     }
     for array in arrays.values():
         array.setflags(write=False)
@@ -225,9 +278,30 @@ def select(
         space=space,
         joints=joints,
         tip=tip,
-        tip_id=int(model.getFrameId(tip)),
+        tip_id=_tip_index(model, tip),
         **arrays,
     )
+
+
+def _tip_index(model: Any, tip: str) -> int:
+    index = frame_index(model, tip)
+    assert index is not None, "the robot has the frame, so its reduced model has it"
+    return index
+
+
+def _at_q(joint: Joint) -> slice:
+    return slice(joint.idx_q, joint.idx_q + joint.nq)
+
+
+def _at_v(joint: Joint) -> slice:
+    return slice(joint.idx_v, joint.idx_v + joint.nv)
+
+
+def _random_rotation(rng: np.random.Generator) -> np.ndarray:
+    """An evenly drawn rotation: a normal quaternion, normalised (Muller, Comm. ACM 1959)."""
+    quaternion = rng.normal(size=4)
+    rotation: np.ndarray = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).matrix()
+    return rotation
 
 
 def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
@@ -259,12 +333,6 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
         if joint.mimic is not None:
             raise InvalidGroup(
                 f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name
-            )
-        if joint.kind not in CHART_KINDS:
-            raise InvalidGroup(
-                f"joint {name!r} is {joint.kind.value}; this version plans for {', '.join(CHART_KINDS)} joints",
-                joint=name,
-                kind=joint.kind.value,
             )
     if not names:
         raise InvalidGroup(f"no joint moves {tip!r}: there is nothing to plan for", tip=tip)
@@ -335,6 +403,7 @@ def _expansion(robot: RobotModel, model: Any, space: Any) -> tuple[np.ndarray, n
             driver = robot.joint(joint.mimic.driver)
             assert driver is not None, "loading checks that what is mimicked moves"
             joint = driver
-        matrix[row, space.joints[space.getJointId(joint.name)].idx_v] = multiplier
+        column = space.joints[space.getJointId(joint.name)].idx_v
+        matrix[row : row + joint.nv, column : column + joint.nv] = multiplier * np.eye(joint.nv)
         offset[row] = shift
     return matrix, offset

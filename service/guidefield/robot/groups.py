@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from guidefield.robot.frames import moving_joint
 from guidefield.robot.model import Joint
 from guidefield.robot.srdf import Chain, Srdf
 
@@ -22,7 +23,7 @@ def resolve_groups(model: Any, described: Srdf, joints: Sequence[Joint]) -> dict
 
 def joints_to(model: Any, frame: str) -> list[str]:
     """Names of the joints between the root and a frame, from the root on."""
-    return [model.names[index] for index in model.supports[model.frames[model.getFrameId(frame)].parentJoint] if index]
+    return [model.names[index] for index in model.supports[moving_joint(model, frame)] if index]
 
 
 def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -> set[str]:
@@ -32,8 +33,8 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
     group = described.groups[name]
     members = set(group.joints)
     for link in group.links:
-        if model.existFrame(link):
-            members.add(model.names[model.frames[model.getFrameId(link)].parentJoint])
+        if joint := moving_joint(model, link):
+            members.add(model.names[joint])
     for chain in group.chains:
         members |= _chain_joints(model, chain)
     for inner in group.groups:
@@ -42,7 +43,4 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
 
 
 def _chain_joints(model: Any, chain: Chain) -> set[str]:
-    if not model.existFrame(chain.tip):
-        return set()
-    before = set(joints_to(model, chain.base)) if model.existFrame(chain.base) else set()
-    return set(joints_to(model, chain.tip)) - before
+    return set(joints_to(model, chain.tip)) - set(joints_to(model, chain.base))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -128,7 +127,7 @@ def solve(
     accepted: list[np.ndarray] = []
     drawn = max(STARTS, STARTS_PER_SOLUTION * count)
     size = min(max(BATCH_PER_SOLUTION * count, SMALLEST_BATCH), LARGEST_BATCH)
-    for batch in chain(_batches(starts, size), _batches(search.random_starts(drawn, rng), size)):
+    for batch in _batches(search, starts, drawn, rng, size):
         for q in search.descend(batch):
             if any(search.are_alike(q, other) for other in found):
                 continue
@@ -142,14 +141,25 @@ def solve(
         position, rotation = np.linalg.norm(search.closest[:3]), np.linalg.norm(search.closest[3:])
         return IkResult((), f"no solution from {tried}; the closest is {position:.2g} m and {rotation:.2g} rad off")
     if not accepted:
-        return IkResult((), f"{len(found)} distinct solutions from {tried}, all {fault}")
+        return IkResult((), f"{_solutions(len(found))} from {tried}, all {fault}")
     rejected = len(found) - len(accepted)
-    others = f", {rejected} more are {fault}" if rejected else ""
-    return IkResult(tuple(accepted), f"{len(accepted)} distinct solutions from {tried}{others}")
+    others = f", {rejected} more {'is' if rejected == 1 else 'are'} {fault}" if rejected else ""
+    return IkResult(tuple(accepted), f"{_solutions(len(accepted))} from {tried}{others}")
 
 
-def _batches(starts: Sequence[np.ndarray], size: int) -> Iterator[Sequence[np.ndarray]]:
-    return (starts[first : first + size] for first in range(0, len(starts), size))
+def _batches(
+    search: _Search, starts: Sequence[np.ndarray], drawn: int, rng: np.random.Generator, size: int
+) -> Iterator[Sequence[np.ndarray]]:
+    """The given starts, then random ones, which are drawn only if they are needed."""
+    for first in range(0, len(starts), size):
+        yield starts[first : first + size]
+    others = search.random_starts(drawn, rng)
+    for first in range(0, drawn, size):
+        yield others[first : first + size]
+
+
+def _solutions(count: int) -> str:
+    return f"{count} distinct solution{'' if count == 1 else 's'}"
 
 
 class _Search:

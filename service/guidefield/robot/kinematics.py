@@ -34,5 +34,6 @@ class Kinematics:
         J = pin.computeFrameJacobian(
             model, self._data, self.group.expand(q), self.group.tip_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
-        jacobian: np.ndarray = J @ self.group.expand_velocity
+        # Pinocchio gives one joint's Jacobian as a vector
+        jacobian: np.ndarray = J.reshape(6, -1) @ self.group.expand_velocity
         return jacobian

@@ -12,6 +12,7 @@ import pinocchio as pin
 from guidefield.errors import RobotInvalid
 from guidefield.robot import pairs, shapes, srdf
 from guidefield.robot.card import RobotCard
+from guidefield.robot.frames import frame_index
 from guidefield.robot.groups import resolve_groups
 from guidefield.robot.intake import check_geometry_complete, check_urdf
 from guidefield.robot.meshes import MeshResolver
@@ -150,11 +151,11 @@ def _velocity_limit(kind: JointKind, urdf: np.ndarray, card: float | None) -> tu
 
 
 def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
-    """Frame that goals are about: the card's, else the SRDF's first end effector, else the one that most joints move."""
+    """Frame that goals are about: the card's, else the SRDF's end effector, else the one that most joints move."""
     if card.tip is not None:
         return card.tip
     for parent_link, _ in described.end_effectors:
-        if model.existFrame(parent_link):
+        if frame_index(model, parent_link) is not None:
             return parent_link
     bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
     depth = [len(model.supports[frame.parentJoint]) for frame in bodies]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.errors import UnknownFrame
+from guidefield.robot.frames import frame_index
 
 
 class JointKind(enum.StrEnum):
@@ -156,9 +157,10 @@ class RobotModel:
         Raises:
             UnknownFrame: if there is none of that name; lists those there are.
         """
-        if not self.model.existFrame(name):
+        index = frame_index(self.model, name)
+        if index is None:
             frames = [frame.name for frame in self.model.frames][1:]
             raise UnknownFrame(
                 f"robot {self.name!r} has no frame {name!r}; it has {', '.join(frames)}", frame=name, available=frames
             )
-        return int(self.model.getFrameId(name))
+        return index

@@ -67,7 +67,7 @@ def _always_touching(
     configurations = [rest, *(_random_configuration(model, rng) for _ in range(SAMPLES))]
     for q in configurations:
         pin.computeCollisions(model, data, geometry, geometry_data, q, False)
-        counts += [result.isCollision() for result in geometry_data.collisionResults]
+        counts += np.array([result.isCollision() for result in geometry_data.collisionResults], int)
     return {
         names: f"touching in {100 * count / len(configurations):.0f} % of random configurations"
         for pair, count in zip(geometry.collisionPairs, counts, strict=True)

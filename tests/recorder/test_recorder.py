@@ -1,0 +1,348 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+import pytest
+import rerun as rr
+
+from guidefield.messages import codec, replies
+from guidefield.messages.requests import PlanRequest
+from guidefield.planner.trace import Step
+from guidefield.recorder import log
+from tests.recorder.runs import MIN_CLEARANCE, PLACEMENT, MadeUp, Recording, made_up
+
+SINGLE = 1e-6
+"""Recordings keep lengths and quaternions in single precision: what rounding may cost near 1 m."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _strict() -> Iterator[None]:
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="module")
+def run() -> MadeUp:
+    return made_up("panda")
+
+
+@pytest.fixture(scope="module")
+def file(run: MadeUp, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "run.rrd"
+    run.recorder(path).finish(run.reply, run.profile)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(file: Path) -> Recording:
+    return Recording(file)
+
+
+def record(run: MadeUp, file: Path, **changes) -> Recording:
+    """The recording of a run whose reply is another."""
+    run.recorder(file).finish(msgspec.structs.replace(run.reply, **changes), None)
+    return Recording(file)
+
+
+def verify(path: Path) -> None:
+    command = [str(Path(sys.executable).with_name("rerun")), "rrd", "verify", str(path)]
+    verdict = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert verdict.returncode == 0, verdict.stderr
+
+
+def test_is_one_whole_file_with_its_own_layout(file, recording):
+    verify(file)
+    recordings, layouts = recording.stores()
+    assert [store.recording_id for store in recordings] == ["run-1"]
+    assert [store.application_id for store in layouts] == [recordings[0].application_id]
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_holds_what_a_reader_looks_for(recording):
+    expected = {
+        "/robot/visual/panda_link3_0",
+        "/robot/collision/panda_link3_0",
+        "/robot/tip",
+        "/ghosts",
+        "/obstacles/box\\ \\/\\ lid",
+        "/guide_planes/GP\\ 2/pane",
+        "/path/tip",
+        "/path/planned/waypoints",
+        "/path/closest_pair",
+        "/planner/log",
+        "/planner/tip",
+        "/planner/potential",
+        "/plots/clearance/obstacles",
+        "/plots/clearance/self",
+        "/plots/clearance/required",
+        "/plots/potential",
+        "/plots/position",
+        "/plots/velocity",
+        "/plots/use/velocity",
+        "/plots/use/acceleration",
+        "/documents/summary",
+        "/documents/request",
+        "/documents/reply",
+    }
+    assert expected <= recording.entities
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_moves_every_link_as_pinocchio_does(name, tmp_path):
+    run = made_up(name)
+    run.recorder(tmp_path / "run.rrd").finish(run.reply, run.profile)
+    recording, robot = Recording(tmp_path / "run.rrd"), run.group.robot
+    links = [entity.removeprefix("/robot/links/") for entity in recording.entities if entity.startswith("/robot/links/")]
+    assert len(links) >= run.group.nv
+    times = recording.times(f"/robot/joints/{run.group.joints[0].name}", "path_time")
+    assert np.allclose(times, run.profile.times, atol=1e-9)
+    for row in (0, 7, len(times) - 1):
+        # The whole robot's own kinematics, which neither the group nor the recorder had a hand in.
+        q = robot.rest.copy()
+        for joint in run.group.joints:
+            whole = robot.joint(joint.name)
+            q[whole.idx_q : whole.idx_q + whole.nq] = run.profile.configurations[row, joint.idx_q : joint.idx_q + joint.nq]
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        for link in links:
+            expected = PLACEMENT * data.oMf[robot.model.getFrameId(link)]
+            shown = placement_of(recording, link, row)
+            assert np.allclose(shown, expected.homogeneous, atol=SINGLE), (link, row)
+
+
+def placement_of(recording: Recording, link: str, row: int) -> np.ndarray:
+    """The homogeneous matrix to which a viewer composes a link's placement in the world."""
+    entity = f"/robot/links/{link}"
+    fixed = matrix(
+        np.array(recording.one(entity, "Transform3D:mat3x3")).reshape(3, 3).T,
+        recording.one(entity, "Transform3D:translation")[0],
+    )
+    (parent,) = recording.one(entity, "Transform3D:parent_frame")
+    if parent == "tf#/":
+        return fixed
+    joint = parent.removeprefix("tf#")
+    ((x, y, z, w),) = recording.values(joint, "Transform3D:quaternion", "path_time")[row]
+    (translation,) = recording.values(joint, "Transform3D:translation", "path_time")[row]
+    return matrix(pin.Quaternion(w, x, y, z).matrix(), translation) @ fixed
+
+
+def matrix(rotation: np.ndarray, translation: list[float]) -> np.ndarray:
+    whole = np.eye(4)
+    whole[:3, :3], whole[:3, 3] = rotation, translation
+    return whole
+
+
+def test_bodies_hang_on_their_links(recording):
+    for entity in recording.entities:
+        for tree in ("visual", "collision"):
+            if entity.startswith(f"/robot/{tree}/"):
+                link = entity.removeprefix(f"/robot/{tree}/").rpartition("_")[0]
+                assert recording.one(entity, "CoordinateFrame:frame") == [f"tf#/robot/links/{link}"]
+
+
+def test_shows_the_planners_steps(run, recording):
+    steps = [event for event in run.events if isinstance(event, Step)]
+    assert recording.times("/planner/tip", "step").tolist() == list(range(len(steps)))
+    positions = recording.values("/plots/position", "Scalars:scalars", "step")
+    assert np.allclose(positions, [step.q for step in steps])
+    joint = f"/robot/joints/{run.group.joints[0].name}"
+    assert len(recording.values(joint, "Transform3D:translation", "step")) == len(steps)
+    evaluated = [index for index, step in enumerate(steps) if step.potential is not None]
+    assert recording.times("/planner/potential", "step").tolist() == evaluated
+    potentials = recording.values("/planner/potential", "Scalars:scalars", "step")
+    assert np.ravel(potentials).tolist() == [steps[index].potential for index in evaluated]
+
+
+def test_tells_every_event_and_the_end(run, recording):
+    lines = [text for (text,) in recording.values("/planner/log", "TextLog:text", "step")]
+    levels = [level for (level,) in recording.values("/planner/log", "TextLog:level", "step")]
+    assert len(lines) == len(run.events) + 1
+    assert "step 2" in lines[3]
+    assert levels[-3] == "WARN"
+    assert "something odd" in lines[-3]
+    assert lines[-1] == f"SUCCESS: {run.reply.status.message}"
+
+
+def test_plots_what_was_measured(run, recording):
+    times = recording.times("/plots/clearance/obstacles", "path_time")
+    assert np.allclose(times, run.profile.times, atol=1e-9)
+    finite = np.isfinite(run.profile.obstacle_distance)
+    shown = np.ravel(recording.values("/plots/clearance/obstacles", "Scalars:scalars", "path_time"))
+    assert np.array_equal(shown[finite], run.profile.obstacle_distance[finite])
+    assert np.isnan(shown[~finite]).all()
+    own = recording.values("/plots/clearance/self", "Scalars:scalars", "path_time")
+    assert np.array_equal(np.ravel(own), run.profile.self_distance)
+    assert recording.values("/plots/clearance/required", "Scalars:scalars", "path_time") == [[MIN_CLEARANCE]] * 2
+    potential = recording.values("/plots/potential", "Scalars:scalars", "path_time")
+    assert np.array_equal(np.ravel(potential), run.profile.potential)
+
+
+def test_plots_the_trajectory_and_its_limits(run, recording):
+    times = recording.times("/plots/velocity", "path_time")
+    velocities = np.array(recording.values("/plots/velocity", "Scalars:scalars", "path_time"))
+    for knot, velocity in zip(run.reply.trajectory.times, run.reply.trajectory.velocities, strict=True):
+        row = np.argmin(np.abs(times - knot))
+        assert abs(times[row] - knot) < 1e-8
+        assert np.allclose(velocities[row], velocity, atol=1e-9)
+    shares = np.array(recording.values("/plots/use/velocity", "Scalars:scalars", "path_time"))
+    assert np.allclose(shares, velocities / run.group.velocity_limits)
+    assert recording.one("/plots/velocity", "SeriesLines:names") == run.group.velocity_names
+    # velocity is the slope of position, so what it sums up to is the way between the ends
+    way = np.trapezoid(velocities, times, axis=0)
+    expected = np.subtract(run.reply.trajectory.positions[-1], run.reply.trajectory.positions[0])
+    assert np.allclose(way, expected, atol=5e-3)
+
+
+def test_shows_the_closest_pair_where_there_is_one(run, recording):
+    strips = recording.values("/path/closest_pair", "LineStrips3D:strips", "path_time")
+    for row, pair in enumerate(run.profile.obstacle_pair):
+        if pair is None:
+            assert strips[row] == []
+        else:
+            assert np.allclose(strips[row][0], run.profile.witness[row], atol=SINGLE)
+    labels = recording.values("/path/closest_pair", "LineStrips3D:labels", "path_time")
+    assert labels[0] == [f"{1e3 * run.profile.obstacle_distance[0]:.0f} mm  panda_hand - box / lid"]
+
+
+def test_draws_obstacles_where_they_are(run, recording):
+    colors = []
+    for obstacle in run.scene.obstacles:
+        entity = "/obstacles/" + rr.escape_entity_path_part(obstacle.name)
+        drawn = np.array(recording.one(entity, "Mesh3D:vertex_positions"))
+        distances = np.linalg.norm(drawn[:, None] - obstacle.vertices[None], axis=2)
+        assert distances.min(axis=1).max() < SINGLE
+        assert distances.min(axis=0).max() < SINGLE
+        colors += recording.one(entity, "Mesh3D:albedo_factor")
+    assert len(set(colors)) == len(run.scene.obstacles)
+
+
+def test_draws_guide_planes_with_their_names(run, recording):
+    for plane in run.scene.guide_planes:
+        entity = "/guide_planes/" + rr.escape_entity_path_part(plane.name)
+        (outline,) = recording.one(f"{entity}/outline", "LineStrips3D:strips")
+        corners = {tuple(np.round(corner, 5)) for corner in outline}
+        assert corners == {tuple(np.round(corner, 5)) for corner in plane.vertices.astype(np.float32).tolist()}
+        assert recording.one(f"{entity}/name", "Points3D:labels") == [plane.name]
+
+
+def test_keeps_request_and_reply_to_the_last_digit(run, recording):
+    (request,) = recording.one("/documents/request", "json")
+    assert codec.decode(request.encode(), PlanRequest) == run.request
+    (reply,) = recording.one("/documents/reply", "json")
+    assert msgspec.json.decode(reply, type=replies.PlanReply) == run.reply
+    (summary,) = recording.one("/documents/summary", "TextDocument:text")
+    assert run.reply.status.message in summary
+    assert "31.0 mm" in summary
+    assert "the start was clamped" in summary
+
+
+def test_can_be_asked_for_by_what_it_is_about(recording):
+    assert recording.one("/__properties/plan", "status") == ["SUCCESS"]
+    assert recording.one("/__properties/plan", "robot") == ["panda"]
+    assert recording.one("/__properties/plan", "clearance") == [0.031]
+    assert recording.one("/__properties/versions", "coal") != ["unknown"]
+
+
+def test_ghosts_lie_along_the_way_in_grey(recording):
+    colors = np.array(recording.one("/ghosts", "Mesh3D:vertex_colors"), np.uint32)
+    red, green, blue = (colors >> 24) & 255, (colors >> 16) & 255, (colors >> 8) & 255
+    assert (red == green).all()
+    assert (green == blue).all()
+    assert len(set(red.tolist())) >= 5
+
+
+def test_records_a_failure_with_its_partial_motion(run, tmp_path):
+    details = {"pair": ["panda_hand", "can"], "depth": 0.01}
+    status = replies.Outcome(code=-101, name="STUCK_IN_MINIMUM", message="12 mm in front of GP 2", details=details)
+    changes = {"path": run.reply.path[:3], "trajectory": None, "metrics": None, "clearance": None}
+    recording = record(run, tmp_path / "run.rrd", status=status, **changes)
+    verify(tmp_path / "run.rrd")
+    positions = np.array(recording.values("/plots/position", "Scalars:scalars", "path_time"))
+    assert np.allclose(positions[0], run.reply.path[0])
+    assert np.allclose(positions[-1], run.reply.path[2])
+    assert np.abs(np.diff(positions, axis=0)).max() < 0.021
+    (red,) = recording.one("/obstacles/can", "Mesh3D:albedo_factor")
+    assert (red >> 24, (red >> 16) & 255) == (230, 57)
+    assert "/robot/at_fault/panda_hand_0" in recording.entities
+    assert "12 mm in front of GP 2" in recording.one("/documents/summary", "TextDocument:text")[0]
+
+
+def test_records_a_failure_without_any_motion(run, tmp_path):
+    status = replies.Outcome(code=-10, name="START_STATE_IN_COLLISION", message="the hand is in the can")
+    recorder = run.recorder(tmp_path / "run.rrd")
+    recorder._log.events.clear()
+    recorder._log.seconds.clear()
+    recorder.finish(msgspec.structs.replace(run.reply, status=status, path=[], trajectory=None), None)
+    verify(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    (position,) = recording.values("/plots/position", "Scalars:scalars", "path_time")
+    whole = [run.group.robot.joint(joint.name) for joint in run.group.joints]
+    assert np.allclose(position, [run.group.q_reference[joint.idx_q] for joint in whole])
+
+
+def test_a_motion_that_goes_nowhere_can_be_recorded(run, tmp_path):
+    row = run.reply.path[0]
+    still = replies.Trajectory(times=[0.0], positions=[row], velocities=[[0.0] * 7], accelerations=[[0.0] * 7])
+    recording = record(run, tmp_path / "run.rrd", path=[row], trajectory=still)
+    assert np.allclose(recording.values("/plots/position", "Scalars:scalars", "path_time"), [row])
+
+
+def test_keeps_so_many_events_and_counts_the_others(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(log, "MOST_EVENTS", 4)
+    recording = record(run, tmp_path / "run.rrd")
+    lines = [text for (text,) in recording.values("/planner/log", "TextLog:text", "step")]
+    assert len(lines) == 6
+    assert lines[4] == f"{len(run.events) - 4} more events were not kept"
+
+
+def test_leaves_no_threads_behind(run, tmp_path):
+    def threads() -> int:
+        return len(os.listdir("/proc/self/task"))
+
+    for number in range(2):  # the first ones start what is kept for good: an allocator's thread, a pool
+        run.recorder(tmp_path / f"warm{number}.rrd").finish(run.reply, run.profile)
+    before = threads()
+    for number in range(3):
+        run.recorder(tmp_path / f"run{number}.rrd").finish(run.reply, run.profile)
+    assert threads() <= before
+
+
+def test_a_folder_that_is_not_there_is_an_os_error(run, tmp_path):
+    with pytest.raises(OSError, match="could not be written"):
+        run.recorder(tmp_path / "missing" / "run.rrd").finish(run.reply, run.profile)
+    assert list(tmp_path.iterdir()) == []
+
+
+FULL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+from tests.recorder.runs import made_up
+run, path = made_up("panda"), Path(sys.argv[1])
+run.recorder(path).finish(run.reply, run.profile)
+before = path.read_bytes()
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for size in (200_000, len(before) - 40):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    try:
+        run.recorder(path).finish(run.reply, run.profile)
+    except OSError as error:
+        print(type(error).__name__)
+    assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
+"""
+
+
+def test_a_full_disk_leaves_the_earlier_recording_alone(tmp_path):
+    """Full in the middle, and full at the last bytes, which are the file's table of contents."""
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "run.rrd")]
+    root = Path(__file__).parents[2]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["OSError", "OSError"]
