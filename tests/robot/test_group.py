@@ -25,7 +25,7 @@ def tip_of_the_whole_robot(name: str, q_group: np.ndarray) -> pin.SE3:
         whole = model.joint(joint.name)
         assert whole is not None
         q[whole.idx_q : whole.idx_q + whole.nq] = q_group[joint.idx_q : joint.idx_q + joint.nq]
-    follow(model, q)
+    follow(model.joints, q)
     data = model.model.createData()
     pin.framesForwardKinematics(model.model, data, q)
     return data.oMf[model.model.getFrameId(planned.tip)]

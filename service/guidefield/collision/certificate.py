@@ -171,7 +171,8 @@ class _Judge:
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements = np.empty((len(qs), world.model.njoints, 4, 4))
         for row, q in enumerate(qs):
-            jacobians[row] = pin.computeJointJacobians(world.model, world.data, q)
+            jacobian = pin.computeJointJacobians(world.model, world.data, q)
+            jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
             placements[row] = joint_placements(world.data)
         centres = world.bodies.centres_in_world(placements)
         return qs, centres, world.motion_bound.at(jacobians, centres, 0.5 * (high - low))

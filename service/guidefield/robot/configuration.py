@@ -64,21 +64,21 @@ def configuration_from_wire(
             )
         if joint.mimic is not None:
             raise error(f"joint {name!r} follows {joint.mimic.driver!r} and can't be given", joint=name)
-        q[joint.idx_q : joint.idx_q + joint.nq] = _from_wire(joint, value, error)
-    follow(robot, q)
+        q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
+    follow(robot.joints, q)
     return q
 
 
-def follow(robot: RobotModel, q: np.ndarray) -> None:
-    """Set the joints that mimic others, in place, to what they must be."""
-    pending = [joint for joint in robot.joints if joint.mimic is not None]
+def follow(joints: Sequence[Joint], q: np.ndarray) -> None:
+    """Set the joints that mimic others, in place, to what they must be; what they mimic is among `joints`."""
+    by_name = {joint.name: joint for joint in joints}
+    pending = [joint for joint in joints if joint.mimic is not None]
     while pending:
         waiting = {joint.name for joint in pending}
         for joint in [j for j in pending if j.mimic and j.mimic.driver not in waiting]:
             assert joint.mimic is not None, "only followers are pending"
-            driver = robot.joint(joint.mimic.driver)
-            assert driver is not None, "loading checks that what is mimicked moves"
-            q[joint.idx_q] = joint.mimic.multiplier * scalar(driver, q) + joint.mimic.offset
+            value = joint.mimic.multiplier * scalar(by_name[joint.mimic.driver], q) + joint.mimic.offset
+            q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, InvalidConfiguration)
             pending.remove(joint)
 
 
@@ -115,7 +115,12 @@ def clamp(joints: Sequence[Joint], q: np.ndarray) -> np.ndarray:
     return clamped
 
 
-def _from_wire(joint: Joint, value: JointValue, error: type[GuidefieldError]) -> np.ndarray:
+def values_from_wire(joint: Joint, value: JointValue, error: type[GuidefieldError]) -> np.ndarray:
+    """A joint's part of a configuration, shape (nq,), from its value on the wire.
+
+    Raises:
+        GuidefieldError: `error` for a value of the wrong length, or a quaternion whose norm isn't 1 within 1e-6.
+    """
     expected = LENGTHS.get(joint.kind)
     if expected is None:
         if isinstance(value, list):

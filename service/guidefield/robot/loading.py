@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
+from guidefield.messages.requests import Positions
 from guidefield.robot import pairs, shapes, srdf
+from guidefield.robot.ball_joints import with_ball_joints
 from guidefield.robot.card import RobotCard
+from guidefield.robot.configuration import clamp, follow, values_from_wire
 from guidefield.robot.frames import frame_index
 from guidefield.robot.groups import resolve_groups
 from guidefield.robot.intake import check_geometry_complete, check_urdf
@@ -58,6 +60,7 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     source = dataclasses.replace(source, urdf_text=facts.text)
     model, geometry = _parse(name, source)
     check_geometry_complete(facts, geometry, model)
+    model = with_ball_joints(name, model, card.ball_joints)
     if not geometry.ngeoms:
         raise RobotInvalid(
             f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
@@ -166,21 +169,15 @@ def _rest(name: str, model: Any, joints: tuple[Joint, ...], described: srdf.Srdf
     """The card's rest values over the SRDF's first state over zero, each within its limits."""
     states = described.states
     preferred = next((states[key] for key in ("default", "rest", "home", "ready") if key in states), None)
-    values: Mapping[str, float] = {**(preferred or next(iter(states.values()), {})), **card.rest}
+    values: Positions = {**(preferred or next(iter(states.values()), {})), **card.rest}
     q: np.ndarray = pin.neutral(model)
     for joint in joints:
-        value = values.get(joint.name, 0.0)
-        if joint.kind is JointKind.CONTINUOUS:
-            q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-        elif joint.nq == 1:
-            q[joint.idx_q] = np.clip(value, joint.lower[0], joint.upper[0])
+        if joint.name in values:
+            q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, values[joint.name], RobotInvalid)
+    q = clamp(joints, q)
+    moving = {joint.name for joint in joints}
     for joint in joints:
-        if joint.mimic is not None and joint.nq == 1:
-            driver = next((other for other in joints if other.name == joint.mimic.driver), None)
-            if driver is None:
-                raise RobotInvalid(
-                    f"robot {name!r}: joint {joint.name!r} mimics {joint.mimic.driver!r}, which doesn't move"
-                )
-            if driver.nq == 1:
-                q[joint.idx_q] = joint.mimic.multiplier * q[driver.idx_q] + joint.mimic.offset
+        if joint.mimic is not None and joint.mimic.driver not in moving:
+            raise RobotInvalid(f"robot {name!r}: joint {joint.name!r} mimics {joint.mimic.driver!r}, which doesn't move")
+    follow(joints, q)
     return q
