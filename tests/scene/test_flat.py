@@ -3,12 +3,13 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.scene.flat import crossing_edges, flat_polygon, flatness_fault
 
-STAR = np.array([[np.cos(a) * r, np.sin(a) * r, 0.0] for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5, strict=True)])
+STAR = np.array(
+    [[np.cos(a) * r, np.sin(a) * r, 0.0] for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5, strict=True)]
+)
 PENTAGRAM = STAR[[0, 4, 8, 2, 6]]
 
 

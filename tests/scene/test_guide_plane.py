@@ -3,8 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
@@ -79,7 +78,9 @@ def test_no_point_is_deeper_than_the_inradius_and_one_is_as_deep(seed):
     edges = np.roll(corners, -1, axis=0) - corners
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    cells = np.stack(np.meshgrid(*(np.linspace(a, b, 150) for a, b in zip(low, high, strict=True))), axis=-1).reshape(-1, 2)
+    cells = np.stack(np.meshgrid(*(np.linspace(a, b, 150) for a, b in zip(low, high, strict=True))), axis=-1).reshape(
+        -1, 2
+    )
     arms = cells[:, None] - corners
     deepest = (edges[:, 0] * arms[..., 1] - edges[:, 1] * arms[..., 0]).min(axis=1).max()
     inradius = plane(moved(pin.SE3.Identity(), corners)).inradius
@@ -158,7 +159,9 @@ def test_centroid_is_the_mean_of_the_area(seed):
     corners = tangential(rng, 0.5)
     low, high = corners.min(axis=0), corners.max(axis=0)
     guide = plane(moved(pin.SE3.Identity(), corners))
-    cells = np.stack(np.meshgrid(*(np.linspace(a, b, 120) for a, b in zip(low, high, strict=True))), axis=-1).reshape(-1, 2)
+    cells = np.stack(np.meshgrid(*(np.linspace(a, b, 120) for a, b in zip(low, high, strict=True))), axis=-1).reshape(
+        -1, 2
+    )
     edges = np.roll(corners, -1, axis=0) - corners
     arms = cells[:, None] - corners
     inside = (edges[:, 0] * arms[..., 1] - edges[:, 1] * arms[..., 0] >= 0).all(axis=1)

@@ -36,7 +36,13 @@ def test_an_unknown_name_lists_those_there_are():
     assert caught.value.details["available"] == list(library.names())
 
 
-TRIANGLES = {"seed_a_gates": 204, "seed_b_tapered": 32, "seed_c_blocked": 216, "seed_d_passage_3": 40, "seed_e_S_6": 144}
+TRIANGLES = {
+    "seed_a_gates": 204,
+    "seed_b_tapered": 32,
+    "seed_c_blocked": 216,
+    "seed_d_passage_3": 40,
+    "seed_e_S_6": 144,
+}
 
 
 @pytest.mark.parametrize(("name", "count"), TRIANGLES.items())
@@ -58,7 +64,10 @@ def test_guide_planes_are_in_free_space(name):
         for obstacle in scene.obstacles:
             request, result = coal.CollisionRequest(), coal.CollisionResult()
             here = coal.Transform3s.Identity()
-            assert not coal.collide(sheet, here, obstacle.shape, transform(obstacle), request, result), (plane, obstacle)
+            assert not coal.collide(sheet, here, obstacle.shape, transform(obstacle), request, result), (
+                plane,
+                obstacle,
+            )
 
 
 @pytest.mark.parametrize("name", OURS)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.scene.mesh import mesh_surface, pieces, volume
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, moebius, room

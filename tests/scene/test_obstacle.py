@@ -5,8 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
@@ -22,7 +21,10 @@ GJK = 2e-6
 
 def pose(rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
     q = rng.normal(size=4)
-    return {"position": tuple(rng.uniform(-1, 1, 3).tolist()), "quaternion_xyzw": tuple((q / np.linalg.norm(q)).tolist())}
+    return {
+        "position": tuple(rng.uniform(-1, 1, 3).tolist()),
+        "quaternion_xyzw": tuple((q / np.linalg.norm(q)).tolist()),
+    }
 
 
 def distance(obstacle, point: np.ndarray) -> float:
@@ -140,7 +142,9 @@ def test_other_mesh_is_judged_as_its_surface(seed):
     assert obstacle.solid
     assert not obstacle.convex
     point = rng.uniform(-2.5, 2.5, 3)
-    _, expected, _ = trimesh.proximity.closest_point_naive(trimesh.Trimesh(vertices, triangles), local(message, point)[None])
+    _, expected, _ = trimesh.proximity.closest_point_naive(
+        trimesh.Trimesh(vertices, triangles), local(message, point)[None]
+    )
     assert distance(obstacle, point) == pytest.approx(max(expected[0], 1e-3), abs=GJK)
 
 
@@ -187,7 +191,11 @@ def test_packed_vertices_mean_the_same():
 
 
 def test_arrays_are_read_only():
-    for message in (messages.Box(name="b", size=(1, 1, 1)), mesh_message(*l_prism()), messages.Sphere(name="s", radius=1.0)):
+    for message in (
+        messages.Box(name="b", size=(1, 1, 1)),
+        mesh_message(*l_prism()),
+        messages.Sphere(name="s", radius=1.0),
+    ):
         obstacle = build(message, 0)
         for array in (obstacle.vertices, obstacle.triangles, *vars(obstacle.charges).values()):
             assert not array.flags.writeable
@@ -211,7 +219,11 @@ FAULTS = [
     (polygon((0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1.5, 0)), ".vertices", "isn't simple"),
     (polygon((0, 0, 0), (1, 0, 0), (2, 0, 0)), ".vertices", "a line"),
     (polygon((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0)), ".vertices", "coincide"),
-    (mesh_message(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]), name="bad"), ".triangles", "area"),
+    (
+        mesh_message(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]), name="bad"),
+        ".triangles",
+        "area",
+    ),
 ]
 
 

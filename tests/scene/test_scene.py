@@ -25,7 +25,9 @@ POINTS = np.random.default_rng(5).uniform([-1.2, -1.2, -0.7], [0.3, 0.3, 1], (40
 
 
 def field(obstacles, points=POINTS):
-    potential, gradient, winding = potential_at_points(build(messages.Scene(name="s", obstacles=obstacles)).tables, points)
+    potential, gradient, winding = potential_at_points(
+        build(messages.Scene(name="s", obstacles=obstacles)).tables, points
+    )
     return potential, gradient, winding
 
 

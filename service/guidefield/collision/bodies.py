@@ -9,13 +9,13 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.robot.chart import TRANSLATION
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import JointKind
 from guidefield.scene.obstacle import Obstacle
 
 
 def joint_placements(data: Any) -> np.ndarray:
-    """Placements (njoints, 4, 4) of all joints in the world at the configuration that Pinocchio's data is up to date with."""
+    """Placements (njoints, 4, 4) of all joints in the world, at the configuration that Pinocchio's data stands at."""
     return np.array([placement.homogeneous for placement in data.oMi])
 
 
@@ -47,7 +47,7 @@ class Bodies:
     box_halves: np.ndarray
 
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
-        """Centres (..., r, 3) [m, world] of the balls, from placements (..., njoints, 4, 4) of the joints in the world."""
+        """Centres (..., r, 3) [m, world] of the balls, from placements (..., njoints, 4, 4) of the joints."""
         carriers = joint_placements[..., self.joints, :3, :]
         centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres
@@ -82,10 +82,13 @@ def bodies(group: PlanningGroup, obstacles: tuple[Obstacle, ...]) -> Bodies:
     moved_by = np.zeros((len(shapes), model.nv), bool)
     turns = np.zeros(model.nv, bool)
     for index in range(1, model.njoints):
-        column = model.joints[index].idx_v
+        columns = slice(model.joints[index].idx_v, model.joints[index].idx_v + model.joints[index].nv)
         joint = group.robot.joint(model.names[index])
-        turns[column] = joint is not None and joint.kind is not JointKind.PRISMATIC
-        moved_by[:, column] = [index in model.supports[carrier] for carrier in joints.tolist()]
+        assert joint is not None, "a group's joints are the robot's"
+        turns[columns] = True
+        if joint.kind in TRANSLATION:
+            turns[columns][TRANSLATION[joint.kind]] = False
+        moved_by[:, columns] = np.array([index in model.supports[carrier] for carrier in joints.tolist()])[:, None]
     arrays = {
         "joints": joints,
         "centres": np.array([shape.placement.act(ball[0]) for shape, ball in zip(shapes, balls, strict=True)]),

@@ -45,7 +45,7 @@ def scratch_space(geometry: Any) -> Any:
 
 
 def thickened(shape: Any) -> Any:
-    """The shape, or, if the box about it has no volume, one that is a hair thicker: Pinocchio's managers ignore flat ones.
+    """The shape; or one a hair thicker, if the box about it has no volume: Pinocchio's managers overlook such shapes.
 
     A mesh gets a vertex off its plane that no triangle uses, so that its triangles stay as they are.
     """

@@ -1,8 +1,8 @@
 """The certificate: Coal's judgement of a whole motion, between its samples too.
 
-A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points. If Coal says that
-at the box's middle a pair keeps more than what it can lose within the box (`MotionBound`), it is free all along the curve;
-else the curve is halved, for the pairs that are left, down to a floor.
+A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points. If Coal says
+that at the box's middle a pair keeps more than it can lose within the box (`MotionBound`), it is free all along the
+curve; else the curve is halved, for the pairs that are left, down to a floor.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ import pinocchio as pin
 
 from guidefield.collision.bodies import joint_placements
 from guidefield.collision.world import PairNames, World
-from guidefield.errors import InvalidGroup
-from guidefield.robot.model import JointKind
 
 COAL_ACCURACY = 1e-6
 """Added to every margin: how far off Coal's answers may be [m]."""
@@ -27,8 +25,6 @@ WIDEST = 0.3
 
 BATCH = 16
 """Stretches whose bounds are computed together."""
-
-SERVED_KINDS = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,18 +84,7 @@ def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor:
         pieces: Bezier control points of each piece in the group's chart, shape (m, k, nv) [rad or m]; any degree k - 1.
         min_clearance: What robot and obstacles must keep apart [m]; the robot and itself must only not touch.
         floor: A pair whose possible motion [m] is down to this and which still can't be told apart is undecided.
-
-    Raises:
-        InvalidGroup: if a joint of the group is neither revolute, continuous nor prismatic.
     """
-    for joint in world.group.joints:
-        if joint.kind not in SERVED_KINDS:
-            raise InvalidGroup(
-                f"joint {joint.name!r} is {joint.kind.value}; this version certifies motions of"
-                f" {', '.join(SERVED_KINDS)} joints only",
-                joint=joint.name,
-                kind=joint.kind.value,
-            )
     judge = _Judge(world, min_clearance, floor)
     narrow = _narrow_stretches(np.asarray(pieces, float))
     while batch := list(itertools.islice(narrow, BATCH)):
@@ -150,7 +135,7 @@ class _Judge:
         self._entries = (world.pairs[:, 0], world.pairs[:, 1])
 
     def refusal(self, stretches: Sequence[_Stretch]) -> Verdict | None:
-        """Why the first of some stretches that isn't free is refused, or None: each in turn, halved where it must be."""
+        """Why the first of some stretches that isn't free is refused, or None; each is halved where it must be."""
         qs, centres, bounds = self._measure(stretches)
         for stretch, *at_middle in zip(stretches, qs, centres, bounds, strict=True):
             left = self._left(stretch, *at_middle)
@@ -163,7 +148,7 @@ class _Judge:
         return None
 
     def _measure(self, stretches: Sequence[_Stretch]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-        """At the middle of each stretch's box: configuration, centres (s, r, 3) of balls, bounds (s, n) within the box."""
+        """At each stretch's middle: configuration, centres (s, r, 3) of balls, bounds (s, n) within the box."""
         world, group = self.world, self.world.group
         low = np.array([stretch.control.min(axis=0) for stretch in stretches])
         high = np.array([stretch.control.max(axis=0) for stretch in stretches])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.collision.bodies import Bodies
+from guidefield.robot.chart import ROTATION, TRANSLATION
 from guidefield.robot.group import PlanningGroup
 
 
@@ -18,13 +19,18 @@ class MotionBound:
 
         sum over joints j that move b of  2 sin(e_j / 2) rho_bj        (a sliding joint: e_j)
 
-    from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after the
-    other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j as at m.
-    Of two moving bodies only joints that move one and not the other count: the others move both as one. A follower's e is
-    its driver's times the size of its multiplier.
+    from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after
+    the other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j
+    as at m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (robot/chart.py), about
+    an axis through its centre that may be any: rho is the largest distance from the centre. Lengths that belong
+    together count by their norm. Of two moving bodies only joints that move one and not the other count: the others
+    move both as one. A follower's e is its driver's times the size of its multiplier.
 
     Attributes:
         half_widths: Matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move.
+        together: Matrix (nv of the model, nv of the model): which columns make one move, counted in its first column.
+        centred: The same for turns about a centre, halved: the squared distances from three axes through a point add
+            up to twice that from the point.
         turns: Whether a joint turns rather than slides, shape (nv of the model,).
         radii: Radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m].
         moved_by: Whether a joint moves a robot body, shape (r, nv of the model).
@@ -34,6 +40,8 @@ class MotionBound:
     """
 
     half_widths: np.ndarray
+    together: np.ndarray
+    centred: np.ndarray
     turns: np.ndarray
     radii: np.ndarray
     moved_by: np.ndarray
@@ -46,13 +54,13 @@ class MotionBound:
         """How much closer each pair can come within boxes about configurations, shape (s, n) [m].
 
         Args:
-            jacobians: Joint Jacobians there in the world frame, shape (s, 6, nv of the model): at a unit speed of joint j a
-                point c moves at v_j + w_j x c, which is as fast as c is far from the axis.
+            jacobians: Joint Jacobians there in the world frame, shape (s, 6, nv of the model): at a unit speed of joint
+                j a point c moves at v_j + w_j x c, which is as fast as c is far from the axis.
             centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
             half_widths: Of the boxes in the group's chart, shape (s, group.nv) [rad or m].
         """
         count, bodies, joints = len(centres), centres.shape[1], len(self.turns)
-        spread = half_widths @ self.half_widths.T
+        spread = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
         sweep = np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
         v, w = jacobians[:, :3], jacobians[:, 3:]
         turning = np.zeros((count, 3, 3, joints))
@@ -61,7 +69,7 @@ class MotionBound:
         turning[:, 0, 2], turning[:, 1, 2] = -w[:, 1], w[:, 0]
         speeds = centres @ turning.reshape(count, 3, 3 * joints) + v.reshape(count, 1, 3 * joints)
         speeds = speeds.reshape(count, bodies, 3, joints)
-        reach = np.sqrt(np.einsum("sbij,sbij->sbj", speeds, speeds)) + self.radii
+        reach = np.sqrt(np.einsum("sbij,sbij->sbj", speeds, speeds) @ self.centred) + self.radii
         shares = reach * sweep[:, None] * self.moved_by
         own = (shares[:, self.own[:, 0]] * self.first_only + shares[:, self.own[:, 1]] * self.second_only).sum(axis=2)
         return np.concatenate([own, shares.sum(axis=2)[:, self.before_obstacles]], axis=1)
@@ -71,8 +79,11 @@ def motion_bound(group: PlanningGroup, bodies: Bodies, pairs: np.ndarray, n_self
     """The bound for pairs of bodies (n, 2), of which the first `n_self` are the robot's own."""
     own, mixed = pairs[:n_self], pairs[n_self:]
     first, second = bodies.moved_by[own[:, 0]], bodies.moved_by[own[:, 1]]
+    together, centred = _moves(group)
     arrays = {
         "half_widths": np.abs(group.expand_velocity),
+        "together": together,
+        "centred": centred,
         "turns": bodies.turns.copy(),
         "radii": bodies.radii[:, None] * bodies.turns,
         "moved_by": bodies.moved_by.copy(),
@@ -84,3 +95,22 @@ def motion_bound(group: PlanningGroup, bodies: Bodies, pairs: np.ndarray, n_self
     for array in arrays.values():
         array.setflags(write=False)
     return MotionBound(**arrays)
+
+
+def _moves(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
+    """Which columns of the model's tangent make one move, and which of those are turns about a centre."""
+    model = group.model
+    together, centred = np.eye(model.nv), np.eye(model.nv)
+    for index in range(1, model.njoints):
+        joint = group.robot.joint(model.names[index])
+        assert joint is not None, "a group's joints are the robot's"
+        first = model.joints[index].idx_v
+        for parts, is_turn in ((TRANSLATION, False), (ROTATION, True)):
+            if joint.kind in parts:
+                columns = np.arange(first, first + joint.nv)[parts[joint.kind]]
+                together[columns, columns] = 0.0
+                together[columns, columns[0]] = 1.0
+                if is_turn:
+                    centred[columns, columns] = 0.0
+                    centred[columns, columns[0]] = 0.5
+    return together, centred

@@ -379,7 +379,7 @@ def _selves(robot: SampledRobot, work: Workspace) -> float:
     return total
 
 
-@compiled(SCALAR(ROBOT, TABLES, VECTOR, SCALAR, SCALAR, WORKSPACE, VECTOR_OUT, MATRIX_OUT))
+@inlined
 def barrier_at(
     robot: SampledRobot,
     tables: DistanceTables,

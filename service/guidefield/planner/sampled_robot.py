@@ -8,6 +8,7 @@ from guidefield.kernels.barrier import SELF_RANGE, SampledRobot, pair_distances
 from guidefield.kernels.distance import DistanceTables
 from guidefield.planner.problem import Problem
 from guidefield.robot.charges import robot_charges
+from guidefield.robot.surface_samples import surface_samples
 
 WEIGHT = 100.0
 """Sum of the weights of all points."""
@@ -24,21 +25,22 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         tables: Obstacles.
         ends: Chart points at which links may be as close as they are, shape (m, nv).
     """
-    charged, group = problem.robot_field.charged, problem.group
-    ranges = _point_ranges(problem)
-    moving = [body for body, (first, _) in enumerate(ranges) if charged.point_joints[first] > 0]
-    groups = np.array([(charged.point_joints[ranges[b][0]], *ranges[b]) for b in moving], np.int64).reshape(-1, 3)
-    count = int((groups[:, 2] - groups[:, 1]).sum())
-    pairs = _pairs(problem, ranges, moving)
+    group, charged = problem.group, problem.robot_field.charged
+    moving = [body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0]
+    points = _points(problem, moving)
+    counts = np.array([len(some) for some in points], np.int64)
+    last = np.cumsum(counts)
+    joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
+    pairs = _pairs(problem, moving)
     robot = SampledRobot(
         joints=problem.robot_field.joints,
         drivers=np.abs(group.expand_velocity).argmax(axis=1),
         multipliers=group.expand_velocity.sum(axis=1),
         offsets=group.expand_offset,
-        points=np.ascontiguousarray(charged.points.T),
-        weights=np.full(len(charged.points), WEIGHT / max(count, 1)),
-        groups=groups,
-        balls=np.array([_ball(charged.points[first:last]) for _, first, last in groups]).reshape(-1, 4),
+        points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
+        weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
+        groups=np.column_stack([np.array(joints, np.int64), last - counts, last]),
+        balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
         ignored=_ignored(problem, moving),
         capsules=charged.capsules,
         capsule_joints=charged.capsule_joints,
@@ -56,23 +58,30 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     return robot
 
 
-def _point_ranges(problem: Problem) -> list[tuple[int, int]]:
-    """First point and one past the last point of every body, in the order of the group's geometry."""
-    robot = problem.group.robot
-    shapes = robot_charges(robot).shapes
-    indices = {shape.name: index for index, shape in enumerate(robot.geometry.geometryObjects)}
-    counts = [len(shapes[indices[shape.name]].points) for shape in problem.group.geometry.geometryObjects]
-    ends = np.cumsum(counts).tolist()
-    return list(zip([0, *ends[:-1]], ends, strict=True))
+def _indices(problem: Problem) -> list[int]:
+    """Index in the whole robot's geometry of every body of the group's."""
+    indices = {shape.name: index for index, shape in enumerate(problem.group.robot.geometry.geometryObjects)}
+    return [indices[shape.name] for shape in problem.group.geometry.geometryObjects]
+
+
+def _points(problem: Problem, moving: list[int]) -> list[np.ndarray]:
+    """Points of every moving body, each (n, 3) in the frame of its joint [m]."""
+    samples, indices = surface_samples(problem.group.robot), _indices(problem)
+    placements = [problem.group.geometry.geometryObjects[body].placement for body in moving]
+    return [
+        samples[indices[body]] @ placement.rotation.T + placement.translation
+        for body, placement in zip(moving, placements, strict=True)
+    ]
 
 
 def _ball(points: np.ndarray) -> np.ndarray:
+    """Centre and radius of a ball about points."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     return np.r_[centre, np.linalg.norm(points - centre, axis=1).max()]
 
 
 def _ignored(problem: Problem, moving: list[int]) -> np.ndarray:
-    """Which obstacles don't count for which groups: those that the world doesn't test against the body."""
+    """Which obstacles don't count for which moving bodies: those that the world doesn't test against them."""
     bodies, obstacles = problem.group.geometry.ngeoms, len(problem.scene.obstacles)
     ignored = np.ones((bodies, obstacles), bool)
     tested = problem.world.pairs[problem.world.is_obstacle_pair]
@@ -80,15 +89,17 @@ def _ignored(problem: Problem, moving: list[int]) -> np.ndarray:
     return np.ascontiguousarray(ignored[moving])
 
 
-def _pairs(problem: Problem, ranges: list[tuple[int, int]], moving: list[int]) -> np.ndarray:
-    """Group and capsule (k, 2) of the bodies that repel each other and are tested."""
-    tested = {(int(a), int(b)) for a, b in problem.world.pairs[: problem.world.n_self]}
-    body_of = {first: body for body, (first, _) in enumerate(ranges)}
-    group_of = {body: group for group, body in enumerate(moving)}
+def _pairs(problem: Problem, moving: list[int]) -> np.ndarray:
+    """Moving body (its place in `moving`) and capsule of the pairs that repel each other and are tested, shape (k, 2)."""
+    indices = _indices(problem)
+    repelling = {frozenset(pair) for pair in robot_charges(problem.group.robot).repelling}
+    place = {body: index for index, body in enumerate(moving)}
     pairs = [
-        (group_of[body], capsule)
-        for first, _, capsule in problem.robot_field.charged.pairs.tolist()
-        if (body := body_of[first]) in group_of and (min(body, capsule), max(body, capsule)) in tested
+        (place[points], capsule)
+        for first, second in problem.world.pairs[: problem.world.n_self].tolist()
+        if frozenset((indices[first], indices[second])) in repelling
+        for points, capsule in ((first, second), (second, first))
+        if points in place
     ]
     return np.array(pairs, np.int64).reshape(-1, 2)
 

@@ -1,0 +1,150 @@
+"""A chain of waypoints under relaxation: its objective, the damped Newton step, and where a step may lead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.kernels.barrier import SampledRobot
+from guidefield.kernels.block_tridiagonal import solve_free
+from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.relaxation import Samples, objective
+from guidefield.planner.path_samples import path_samples
+from guidefield.planner.plane_crossing import PlaneCrossing
+from guidefield.planner.problem import Problem
+from guidefield.planner.sampled_robot import sampled_robot
+from guidefield.robot.model import JointKind
+from guidefield.scene.distance_tables import distance_tables
+
+LAMBDA = 0.1
+"""Weight of the stretch energy."""
+
+LARGEST_STEP = 0.15
+"""Most that a joint of a waypoint moves in one step [rad, or `SLIDING_UNIT`]."""
+
+SLIDING_UNIT = 0.5
+"""How far a joint slides for what counts as one radian [m]: a turning joint's lever on the middle of an arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A place of the waypoints, and the objective there.
+
+    Attributes:
+        path: Chart points, shape (n, nv).
+        value: The objective J.
+        gradient: Shape (n, nv).
+        diagonal, upper: Blocks of the Hessian, shapes (n, nv, nv) and (n - 1, nv, nv).
+    """
+
+    path: np.ndarray
+    value: float
+    gradient: np.ndarray
+    diagonal: np.ndarray
+    upper: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """What a chain of waypoints descends, and how it may move.
+
+    Attributes:
+        robot: Points and capsules.
+        tables: Obstacles.
+        samples: Where distances are taken.
+        stiffness: Of the stretch energy between two waypoints, shape (nv,).
+        units: What counts as one radian of each joint, shape (nv,).
+        clearance: Distance from obstacles at which the barrier's wall stands [m].
+        lower, upper: Chart limits, shape (nv,).
+        held: Waypoints that stay.
+        crossings: Waypoints that stay on a guide plane.
+    """
+
+    robot: SampledRobot
+    tables: DistanceTables
+    samples: Samples
+    stiffness: np.ndarray
+    units: np.ndarray
+    clearance: float
+    lower: np.ndarray
+    upper: np.ndarray
+    held: list[int]
+    crossings: Mapping[int, PlaneCrossing]
+
+    @classmethod
+    def of(cls, problem: Problem, path: np.ndarray, held: list[int], crossings: Mapping[int, PlaneCrossing]) -> Chain:
+        """The chain of a problem's path (n, nv).
+
+        Args:
+            problem: Robot, world and obstacles.
+            path: Waypoints.
+            held: Those that stay, the first and the last among them.
+            crossings: Those that stay on a guide plane.
+        """
+        tables, group = distance_tables(problem.scene), problem.group
+        units = np.ones(group.nv)
+        for joint in group.joints:
+            if joint.kind is JointKind.PRISMATIC:
+                units[joint.idx_v] = SLIDING_UNIT
+        segments = len(path) - 1
+        return cls(
+            robot=sampled_robot(problem, tables, path[held]),
+            tables=tables,
+            samples=path_samples(segments, held),
+            stiffness=LAMBDA * segments / units**2,
+            units=units,
+            clearance=problem.min_clearance,
+            lower=np.minimum(group.lower, path.min(axis=0)),
+            upper=np.maximum(group.upper, path.max(axis=0)),
+            held=held,
+            crossings=crossings,
+        )
+
+    def at(self, path: np.ndarray) -> Shape:
+        """The objective of waypoints (n, nv) and its derivatives."""
+        n, nv = path.shape
+        gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
+        value = objective(
+            self.robot, self.tables, self.samples, path, self.stiffness, self.clearance, gradient, diagonal, upper
+        )
+        return Shape(path, value, gradient, diagonal, upper)
+
+    def step(self, shape: Shape, damping: float) -> np.ndarray | None:
+        """Newton's step (n, nv), damped; None where rounding keeps the system from being solved.
+
+        A joint at a limit that it is pushed against stays; so does what a crossing holds.
+        """
+        path, gradient = shape.path, shape.gradient
+        free = np.where(((path <= self.lower) & (gradient > 0.0)) | ((path >= self.upper) & (gradient < 0.0)), 0.0, 1.0)
+        free[self.held] = 0.0
+        diagonal, upper, right = shape.diagonal, shape.upper, -gradient
+        if self.crossings:
+            diagonal, upper = diagonal.copy(), upper.copy()
+        for k, crossing in self.crossings.items():
+            held = crossing.held_directions(path[k], right[k])
+            across = np.eye(len(self.units)) - held.T @ held
+            diagonal[k] = across @ diagonal[k] @ across + np.diag(self.stiffness) @ held.T @ held
+            diagonal[k] = 0.5 * (diagonal[k] + diagonal[k].T)
+            upper[k - 1] = upper[k - 1] @ across
+            upper[k] = across @ upper[k]
+            right[k] = across @ right[k]
+        step = np.empty(path.shape)
+        return step if solve_free(diagonal, upper, right, free, damping * self.stiffness, step) else None
+
+    def moved(self, path: np.ndarray, step: np.ndarray, stride: float) -> np.ndarray | None:
+        """Waypoints after a step that is taken `stride` times, or as far as the largest step lets it be.
+
+        Returns:
+            Within limits, on guide planes, what stays bit for bit; None if a waypoint can't be brought back to its plane.
+        """
+        longest = float(np.abs(step / self.units).max())
+        moved: np.ndarray = np.clip(path + step * min(stride, LARGEST_STEP / max(longest, 1e-300)), self.lower, self.upper)
+        moved[self.held] = path[self.held]
+        for k, crossing in self.crossings.items():
+            back = crossing.brought_back(moved[k])
+            if back is None:
+                return None
+            moved[k] = back
+        return moved
