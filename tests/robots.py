@@ -9,8 +9,9 @@ import pinocchio as pin
 
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.catalog import Catalog
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
+from guidefield.robot.selection import select
 
 ARMS = ("panda", "ur5", "xarm7", "kinova")
 

@@ -10,7 +10,7 @@ from guidefield.kernels.field import potential_at_points
 from guidefield.kernels.primitives import capsule_at
 from guidefield.messages import scene as messages
 from guidefield.potential import RobotField
-from guidefield.robot.group import select
+from guidefield.robot.selection import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
 from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot

@@ -138,3 +138,44 @@ def test_the_viewer_is_opened_on_this_machine_only(tmp_path: Path, monkeypatch: 
     assert CliRunner().invoke(app, ["show", str(tmp_path / "nothing.rrd")]).exit_code == 2
     assert all(command[3:5] == ["--bind", "127.0.0.1"] for command in called)
     assert [("--web-viewer" in command) for command in called] == [False, True]
+
+
+@pytest.fixture
+def plan_file(tmp_path: Path) -> Path:
+    request = {
+        "robot": "panda",
+        "scene": "table",
+        "goal": {"type": "joints", "positions": {"panda_joint1": 0.3}},
+        "guide_planes": [],
+        "allowed_planning_time": 60,
+    }
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(request))
+    return file
+
+
+def test_a_plan_is_a_table_a_reply_and_a_recording(plan_file: Path, tmp_path: Path) -> None:
+    reply, recording = tmp_path / "reply.json", tmp_path / "run.rrd"
+    done = guidefield("plan", str(plan_file), "-o", str(reply), "--record", str(recording))
+    assert done.returncode == 0, done.stderr
+    for said in ("SUCCESS", "clearance", "certificate", "collision-free", "time", "recording", "to open it"):
+        assert said in done.stdout
+    assert json.loads(reply.read_text())["recording"] == str(recording)
+    assert recording.stat().st_size > 10_000
+
+
+def test_a_plan_of_a_service_brings_its_recording(plan_file: Path, tmp_path: Path) -> None:
+    recording = tmp_path / "run.rrd"
+    with running_service(tmp_path / "data", "--workers", "1") as service:
+        done = guidefield("query", str(plan_file), "--connect", service.endpoint, "--record", str(recording))
+    assert done.returncode == 0, done.stderr
+    assert "SUCCESS" in done.stdout
+    assert recording.stat().st_size > 10_000
+
+
+def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:
+    done = guidefield("demo", "--folder", str(tmp_path / "runs"))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("SUCCESS") == 2
+    assert done.stdout.count("to open it") == 2
+    assert {path.name for path in (tmp_path / "runs").iterdir()} == {"demo-guide-planes.rrd", "demo-pose.rrd"}

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import msgspec
+import pytest
 from rich.console import Console
 
 from guidefield.cli.tables import plan_table, robots_table
@@ -53,7 +57,7 @@ def test_a_plan_says_what_a_person_wants_to_know() -> None:
         "guide GP1: reached, 8.1 ms",
         "1.25 s in all (guide 8.1 ms, certify 2.0 ms)",
         "start panda_joint4 was clamped",
-        "guidefield show runs/r1.rrd",
+        "show runs/r1.rrd",
     ):
         assert said in text, said
 
@@ -67,8 +71,16 @@ def test_an_honest_no_is_a_table_too() -> None:
 
 def test_a_recording_that_was_fetched_is_named_where_it_is() -> None:
     reply = msgspec.structs.replace(plan_reply("r1"), recording="guidefield/local/runs/r1/recording")
-    assert "guidefield show" not in _text(plan_table(reply))
-    assert "guidefield show here.rrd" in _text(plan_table(reply, recording="here.rrd"))
+    assert "to open it" not in _text(plan_table(reply))
+    assert "show 'over here.rrd'" in _text(plan_table(reply, recording="over here.rrd"))
+
+
+def test_the_command_to_type_is_one_that_exists(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda _name: "/usr/bin/guidefield")
+    assert "guidefield show a.rrd" in _text(plan_table(plan_reply("r1"), recording="a.rrd"))
+    monkeypatch.setattr("shutil.which", lambda _name: None)
+    monkeypatch.chdir(Path(sys.executable).parent.parent)
+    assert "bin/guidefield show a.rrd" in _text(plan_table(plan_reply("r1"), recording="a.rrd"))
 
 
 def test_robots_that_cannot_be_used_are_listed_with_the_reason() -> None:

@@ -1,6 +1,6 @@
 """Collision the plain way, to compare with: every pair, one configuration at a time, on shapes built here.
 
-The Panda has its meshes as they are in its package, not their hulls; obstacles are made from messages without our builders.
+The Panda has its meshes as they are in its package, not their hulls; obstacles are made without our builders.
 """
 
 from __future__ import annotations

@@ -20,11 +20,8 @@ PLATE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float), np.array(
 @pytest.mark.parametrize("axis", range(3))
 def test_a_polygon_across_an_axis_is_touched(axis):
     arm = group("panda")
-    corners = np.roll([[0.0, -0.2, -0.2], [0.0, 0.2, -0.2], [0.0, 0.2, 0.2], [0.0, -0.2, 0.2]], axis, axis=1) + [
-        0.307,
-        0,
-        0.6,
-    ]
+    square = np.array([[0.0, -0.2, -0.2], [0.0, 0.2, -0.2], [0.0, 0.2, 0.2], [0.0, -0.2, 0.2]])
+    corners = np.roll(square, axis, axis=1) + np.array([0.307, 0.0, 0.6])
     for order in (corners, corners[::-1]):
         wall = messages.Polygon(name="wall", vertices=[tuple(row) for row in order.tolist()])
         assert world_of(arm, [wall]).in_collision(rest(arm))

@@ -18,7 +18,8 @@ from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.trace import Event, Note, StageEntered, StageLeft, Step
 from guidefield.planner.trajectory import Trajectory
 from guidefield.recorder.recorder import Recorder
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.selection import select
 from guidefield.scene.scene import Scene, build
 from tests.robots import robot
 

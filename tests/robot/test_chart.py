@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.selection import select
 from tests.robots import box_arm, load
 
 

@@ -7,7 +7,8 @@ from guidefield.robot.frames import frame_index, moving_joint
 from tests.robots import load, robot
 
 SHARED = (
-    '<robot name="r"><link name="a"><collision><geometry><sphere radius="0.1"/></geometry></collision></link><link name="b"/>'
+    '<robot name="r"><link name="a"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+    '<link name="b"/>'
     '<joint name="b" type="revolute"><origin xyz="0 0 1"/><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
     '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
 )

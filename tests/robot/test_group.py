@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import InvalidGroup, UnknownFrame
 from guidefield.robot.configuration import follow
-from guidefield.robot.group import select
 from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.selection import select
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
 
 HERE = pin.SE3.Identity()

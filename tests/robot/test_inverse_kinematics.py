@@ -11,8 +11,9 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import PlanningGroup
 from guidefield.robot.inverse_kinematics import DISTINCT_ANGLE, EXACT, PoseTarget, solve
+from guidefield.robot.selection import select
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
 
 ZERO, FREE = np.zeros(3), np.full(3, np.inf)

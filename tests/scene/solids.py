@@ -52,7 +52,7 @@ def moebius(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 
 def klein_bottle(n: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """Every edge in two triangles and yet no inside: the torus's grid, glued with a flip; places are arbitrary but distinct."""
+    """Every edge in two triangles and yet no inside: a torus's grid, glued with a flip; the places are arbitrary."""
     vertices = np.random.default_rng(0).normal(size=(n * n, 3))
     triangles = []
     for i in range(n):
@@ -68,4 +68,4 @@ def klein_bottle(n: int = 8) -> tuple[np.ndarray, np.ndarray]:
 def mesh_message(vertices: np.ndarray, triangles: np.ndarray, name: str = "m", **fields: object) -> Mesh:
     """A mesh obstacle."""
     rows = [tuple(map(float, row)) for row in vertices]
-    return Mesh(name=name, vertices=rows, triangles=[tuple(map(int, row)) for row in triangles], **fields)  # type: ignore[arg-type]
+    return Mesh(name=name, vertices=rows, triangles=[tuple(map(int, row)) for row in triangles], **fields)

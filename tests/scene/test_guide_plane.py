@@ -114,7 +114,7 @@ def test_closest_point_is_the_projection_on_a_convex_set(seed, share):
     closest = guide.closest_point(point, inset)
     assert guide.contains(closest, inset)
     assert guide.signed_height(closest) == pytest.approx(0.0, abs=EXACT)
-    # The projection c of p on a convex set: (p - c) . (x - c) <= 0 for all x of it, and it is enough to ask its corners.
+    # The projection c of p on a convex set: (p - c) . (x - c) <= 0 for all x of it; it is enough to ask its corners.
     obtuse = (guide.inset_vertices(inset) - closest) @ (point - closest)
     assert obtuse.max() <= 1e-8
     assert guide.distance(point, inset) == pytest.approx(np.linalg.norm(point - closest), abs=1e-12)

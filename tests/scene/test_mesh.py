@@ -113,7 +113,8 @@ def test_a_mesh_without_area_is_none():
 
 def test_two_cubes_that_share_an_edge_are_solid_but_no_hull():
     vertices, triangles = box_mesh()
-    surface = mesh_surface(np.vstack([vertices, vertices + [1.0, 1.0, 0.0]]), np.vstack([triangles, triangles + 8]))
+    beside = vertices + np.array([1.0, 1.0, 0.0])
+    surface = mesh_surface(np.vstack([vertices, beside]), np.vstack([triangles, triangles + 8]))
     assert surface.solid
     assert surface.hull is None
 

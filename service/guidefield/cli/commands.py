@@ -79,8 +79,9 @@ def query(
             reply = client.kinematics(asked)
         else:
             raise MalformedRequest(f"a request file holds a plan or a kinematics request, not {type(asked).__name__}")
-        if record is not None and isinstance(reply, PlanReply):
+        if record is not None and isinstance(reply, PlanReply) and reply.recording is not None:
             record.write_bytes(client.recording(reply.run_id))
+            reply = msgspec.structs.replace(reply, recording=str(record))
     _report(reply, output)
 
 
@@ -93,9 +94,7 @@ def serve(
     workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = os.cpu_count() or 1,
     queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
-    data: Annotated[
-        Path | None, typer.Option(help="Folder of runs and scenes; else in the user's own.")
-    ] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of runs and scenes; else in the user's own.")] = None,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(
@@ -135,7 +134,12 @@ def show(
 ) -> None:
     """Open a recording in the Rerun viewer, on this machine only."""
     viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", *(["--web-viewer"] if web else []), str(recording)]
-    raise typer.Exit(subprocess.call(viewer))  # noqa: S603 - our own interpreter and a file that exists
+    code = subprocess.call(viewer)  # noqa: S603 - our own interpreter and a file that exists
+    if code and not web:
+        err.print(
+            "Where there is no display, `guidefield show --web` serves the recording to a browser on this machine."
+        )
+    raise typer.Exit(code)
 
 
 def _read(path: Path) -> requests.Request:

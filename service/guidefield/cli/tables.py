@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
 from collections import Counter
+from pathlib import Path
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -74,8 +78,17 @@ def _rows(reply: PlanReply, recording: str | None) -> list[tuple[str, Renderable
     if recording is not None:
         rows.append(("recording", Text(recording)))
         if recording.endswith(".rrd"):
-            rows.append(("to open it", Text(f"guidefield show {recording}")))
+            rows.append(("to open it", Text(f"{_this_command()} show {shlex.quote(recording)}")))
     return rows
+
+
+def _this_command() -> str:
+    """What to type to run the command line again: it may be installed where no PATH leads."""
+    if shutil.which("guidefield") is not None:
+        return "guidefield"
+    beside = Path(sys.executable).with_name("guidefield")
+    here = Path.cwd()
+    return shlex.quote(str(beside.relative_to(here) if beside.is_relative_to(here) else beside))
 
 
 def _path(reply: PlanReply) -> str:

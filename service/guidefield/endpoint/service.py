@@ -80,7 +80,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         endpoint = Endpoint(settings.instance, setup.engine(), runs, pool)
         opened.callback(endpoint.close)
         opened.callback(pool.close, settings.grace)
-        announce(f"starting {settings.workers} worker process(es); the first start ever compiles for a minute or more")
+        announce(f"starting (workers: {settings.workers}); the first start on a machine compiles for a minute or two")
         pool.start()
         if not _await(pool, stop):
             return

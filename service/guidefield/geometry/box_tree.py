@@ -18,10 +18,10 @@ _BITS = 21
 
 @dataclass(frozen=True, eq=False)
 class BoxTree:
-    """A complete binary tree as an array: the children of node i are 2 i + 1 and 2 i + 2; leaves hold `LEAF` boxes each.
+    """A complete binary tree as an array: node i has the children 2 i + 1 and 2 i + 2; a leaf holds `LEAF` boxes.
 
     Attributes:
-        nodes: Lower and upper corner of every node, shape (2 leaves - 1, 6) [m]; from plus to minus infinity where empty.
+        nodes: Lower and upper corners, shape (2 leaves - 1, 6) [m]; from plus to minus infinity where empty.
         leaves: Number of leaves, a power of two.
         order: The order in which the leaves hold the boxes, shape (n,).
     """

@@ -22,9 +22,10 @@ from guidefield.messages.replies import (
 from guidefield.messages.values import Placement, Vector3
 from guidefield.potential import RobotField
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import PlanningGroup
 from guidefield.robot.inverse_kinematics import PoseTarget, solve
 from guidefield.robot.model import RobotModel
+from guidefield.robot.selection import select
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 

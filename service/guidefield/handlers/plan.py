@@ -22,10 +22,11 @@ from guidefield.planner.quality import ClearanceProfile, clearance_profile
 from guidefield.planner.trace import Event, Silent
 from guidefield.potential import RobotField
 from guidefield.robot.configuration import LIMIT_TOLERANCE, LimitFault, clamp, configuration_from_wire, limit_faults
-from guidefield.robot.group import PlanningGroup, select
+from guidefield.robot.group import PlanningGroup
 from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.model import RobotModel
+from guidefield.robot.selection import select
 from guidefield.scene import guide_plane
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene

@@ -1,8 +1,8 @@
 """Signed distance of points to the obstacles of a scene, and the unit vector along which it grows.
 
-Every obstacle is a *body*: a shape in a frame of its own. Boxes, cylinders, capsules (spheres among them), half-spaces and
-closed surfaces are negative inside, where the vector leads to the nearest way out; a sheet (a polygon, an open mesh) has
-no inside. Where the vector isn't unique (on an axis, at equal distances) it is one of those possible.
+Every obstacle is a *body*: a shape in a frame of its own. Distances are negative inside boxes, cylinders, capsules
+(spheres among them), half-spaces and closed surfaces, and the vector leads to the nearest way out; a sheet (a polygon,
+an open mesh) has no inside. Where the vector isn't unique (at equal distances) it is one of those possible.
 """
 
 from __future__ import annotations
@@ -13,19 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.signatures import (
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR_OUT,
-    Floats,
-    Vector3,
-    compiled,
-    inlined,
-)
+from guidefield.kernels.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
+from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled, inlined
 from guidefield.kernels.tree_kinematics import BLOCKS, INDICES
 from guidefield.kernels.triangle_distance import (
-    FOUR_SCALARS,
     LEAF,
     SURFACES,
     SurfaceTables,
@@ -38,9 +29,6 @@ BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET = range(6)
 
 INDICES_OUT = types.Array(types.int64, 1, "C")
 INDEX_MATRIX = types.Array(types.int64, 2, "C", readonly=True)
-
-Signed = tuple[float, float, float, float]
-"""Signed distance [m] and the unit vector (3) along which it grows."""
 
 _STACK = 64
 
@@ -55,8 +43,8 @@ class DistanceTables(NamedTuple):
         kinds: Kind of each body, shape (n,).
         obstacles: Index of the obstacle that it belongs to, shape (n,).
         placements: Rotation and translation of its frame in the world, shape (n, 3, 4) [m].
-        sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z (0 for
-            a sphere). A half-space is z <= 0.
+        sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
+            (0 for a sphere). A half-space is z <= 0.
         bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
         spans: Of a surface, where its tree stands: first node, leaves, first triangle, triangles; shape (n, 4).
         nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
@@ -87,8 +75,8 @@ def distance_at_points(
         cutoff: Distance beyond which nothing is looked for [m].
 
     Returns:
-        Distance [m], shape (n,), infinite beyond the cutoff; the unit vector along which it grows, shape (n, 3), zero there;
-        index of the obstacle, shape (n,), -1 there.
+        Distance [m], shape (n,); the unit vector along which it grows, shape (n, 3); index of the obstacle, shape (n,).
+        Beyond the cutoff they are infinite, zero and -1.
 
     Raises:
         ValueError: if `points` is not of shape (n, 3) or not finite.
@@ -101,50 +89,6 @@ def distance_at_points(
     distances, normals, bodies = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros(len(points), np.int64)
     _distance_at_points(points, tables, cutoff, distances, normals, bodies)
     return distances, normals, np.where(bodies < 0, -1, np.append(tables.obstacles, -1)[bodies])
-
-
-@inlined
-def box_distance(p: Vector3, half: Vector3) -> Signed:
-    """Box of half extents `half` about the origin."""
-    ex, ey, ez = abs(p[0]) - half[0], abs(p[1]) - half[1], abs(p[2]) - half[2]
-    sx = 1.0 if p[0] >= 0.0 else -1.0
-    sy = 1.0 if p[1] >= 0.0 else -1.0
-    sz = 1.0 if p[2] >= 0.0 else -1.0
-    if ex <= 0.0 and ey <= 0.0 and ez <= 0.0:
-        if ex >= ey and ex >= ez:
-            return ex, sx, 0.0, 0.0
-        return (ey, 0.0, sy, 0.0) if ey >= ez else (ez, 0.0, 0.0, sz)
-    ex, ey, ez = max(ex, 0.0), max(ey, 0.0), max(ez, 0.0)
-    distance = math.sqrt(ex * ex + ey * ey + ez * ez)
-    over = 1.0 / distance
-    return distance, over * ex * sx, over * ey * sy, over * ez * sz
-
-
-@inlined
-def cylinder_distance(p: Vector3, radius: float, half: float) -> Signed:
-    """Cylinder with flat ends along z, from -half to half."""
-    rho = math.sqrt(p[0] * p[0] + p[1] * p[1])
-    rx = p[0] / rho if rho > 0.0 else 1.0
-    ry = p[1] / rho if rho > 0.0 else 0.0
-    side, end = rho - radius, abs(p[2]) - half
-    sz = 1.0 if p[2] >= 0.0 else -1.0
-    if side <= 0.0 and end <= 0.0:
-        return (side, rx, ry, 0.0) if side >= end else (end, 0.0, 0.0, sz)
-    side, end = max(side, 0.0), max(end, 0.0)
-    distance = math.sqrt(side * side + end * end)
-    over = 1.0 / distance
-    return distance, over * side * rx, over * side * ry, over * end * sz
-
-
-@inlined
-def capsule_distance(p: Vector3, radius: float, half: float) -> Signed:
-    """Capsule about the segment from -half to half of the z axis."""
-    dz = p[2] - min(max(p[2], -half), half)
-    distance = math.sqrt(p[0] * p[0] + p[1] * p[1] + dz * dz)
-    if distance == 0.0:
-        return -radius, 1.0, 0.0, 0.0
-    over = 1.0 / distance
-    return distance - radius, over * p[0], over * p[1], over * dz
 
 
 @inlined

@@ -2,8 +2,8 @@
 
 J = sum over segments of (z_{k+1} - z_k)^T S (z_{k+1} - z_k) / 2 + sum over samples of w barrier(z).
 
-A sample lies on a segment, at the fraction t from its start k to its end k + 1; it moves with both, by 1 - t and t. So the
-Hessian couples neighbours only: it is block tridiagonal.
+A sample lies on a segment, at the fraction t from its start k to its end k + 1; it moves with both, by 1 - t and t. So
+the Hessian couples neighbours only: it is block tridiagonal.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.barrier import ROBOT, SampledRobot, barrier_at, workspace
 from guidefield.kernels.distance import TABLES, DistanceTables
+from guidefield.kernels.robot_barrier import robot_barrier
+from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, Floats, compiled
 from guidefield.kernels.tree_kinematics import BLOCKS_OUT, INDICES
 
@@ -94,7 +95,7 @@ def objective(
         k, t, w = samples.segments[s], samples.fractions[s], samples.weights[s]
         for j in range(nv):
             z[j] = path[k, j] + t * (path[k + 1, j] - path[k, j])
-        value = barrier_at(robot, tables, z, samples.ranges[s], clearance, work, gradient, hessian)
+        value = robot_barrier(robot, tables, z, samples.ranges[s], clearance, work, gradient, hessian)
         if value == 0.0:
             continue
         total += w * value

@@ -1,10 +1,10 @@
-"""Distance of a point to a surface of triangles, signed where the surface is closed; a tree of boxes finds the nearest.
+"""Distance of a point to a surface of triangles, signed where it is closed; a tree of boxes finds the nearest triangle.
 
-The sign is that of (p - c).n, c the closest point of the surface and n the pseudonormal of the face, edge or corner that c
-lies on: the face's normal, the sum of the normals of the edge's faces, the sum of those of the corner's faces weighted by
-their angles there. For a closed surface without self-contact it is right everywhere. Source: J. A. Baerentzen and
-H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE Transactions on Visualization and
-Computer Graphics 11(3), 2005. The closest point: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
+The sign is that of (p - c).n, c the closest point of the surface and n the pseudonormal of the face, edge or corner
+that c lies on: the face's normal, the sum of the normals of the edge's faces, the sum of those of the corner's faces
+weighted by their angles there. For a closed surface without self-contact it is right everywhere. Source: J. A. Baerentzen
+and H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE Transactions on Visualization
+and Computer Graphics 11(3), 2005. The closest point: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
 """
 
 from __future__ import annotations
@@ -62,11 +62,12 @@ def box_gap_squared(x: float, y: float, z: float, boxes: Floats, i: int) -> floa
     dx = max(boxes[i, 0] - x, x - boxes[i, 3], 0.0)
     dy = max(boxes[i, 1] - y, y - boxes[i, 4], 0.0)
     dz = max(boxes[i, 2] - z, z - boxes[i, 5], 0.0)
-    return dx * dx + dy * dy + dz * dz
+    square: float = dx * dx + dy * dy + dz * dz
+    return square
 
 
 @inlined
-def _closest(p: Vector3, corners: Floats, i: int) -> tuple[float, float, int]:
+def _closest(p: Vector3, corners: Floats, i: int) -> tuple[float, float, int]:  # noqa: PLR0911 - one for each part
     """The point of triangle i that is closest to p: shares of its edges b - a and c - a, and the part it lies on."""
     ax, ay, az = p[0] - corners[i, 0], p[1] - corners[i, 1], p[2] - corners[i, 2]
     ux, uy, uz = corners[i, 3], corners[i, 4], corners[i, 5]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.kernels.barrier import SampledRobot
 from guidefield.kernels.block_tridiagonal import solve_free
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.relaxation import Samples, objective
+from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.planner.path_samples import path_samples
 from guidefield.planner.plane_crossing import PlaneCrossing
 from guidefield.planner.problem import Problem
@@ -137,10 +137,10 @@ class Chain:
         """Waypoints after a step that is taken `stride` times, or as far as the largest step lets it be.
 
         Returns:
-            Within limits, on guide planes, what stays bit for bit; None if a waypoint can't be brought back to its plane.
+            Within limits, on guide planes, what stays bit for bit; None if a waypoint can't be brought back.
         """
-        longest = float(np.abs(step / self.units).max())
-        moved: np.ndarray = np.clip(path + step * min(stride, LARGEST_STEP / max(longest, 1e-300)), self.lower, self.upper)
+        longest = max(float(np.abs(step / self.units).max()), 1e-300)
+        moved: np.ndarray = np.clip(path + step * min(stride, LARGEST_STEP / longest), self.lower, self.upper)
         moved[self.held] = path[self.held]
         for k, crossing in self.crossings.items():
             back = crossing.brought_back(moved[k])

@@ -37,9 +37,7 @@ def path_samples(segments: int, held: list[int]) -> Samples:
     dense = np.flatnonzero(stays[:-1] | stays[1:])
     plain = np.setdiff1d(np.arange(segments), dense)
     waypoints = np.flatnonzero(~stays)
-    at = np.concatenate(
-        [waypoints, plain + 0.5, (dense[:, None] + (np.arange(DENSE) + 0.5) / DENSE).ravel()]
-    )
+    at = np.concatenate([waypoints, plain + 0.5, (dense[:, None] + (np.arange(DENSE) + 0.5) / DENSE).ravel()])
     weights = np.concatenate([np.ones(len(waypoints) + len(plain)), np.full(DENSE * len(dense), 2.0 / DENSE)])
     order = np.argsort(at, kind="stable")
     at, weights = at[order], weights[order]

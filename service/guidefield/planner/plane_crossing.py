@@ -36,7 +36,7 @@ class PlaneCrossing:
 
     @classmethod
     def through(cls, problem: Problem, plane: GuidePlane, z: np.ndarray) -> PlaneCrossing:
-        """The crossing of a plane at chart coordinates (nv,): half the inset that the guide keeps, or less if it has less."""
+        """The crossing of a plane at chart coordinates (nv,), with half the guide's inset or what it has, if less."""
         tip = problem.kinematics.tip_position(problem.group.from_chart(z))
         depth = float((plane.inward @ _foot(plane, tip) - plane.offsets).min())
         return cls(problem, plane, min(0.5 * inset_of(problem, plane), max(depth, 0.0)))
@@ -44,8 +44,8 @@ class PlaneCrossing:
     def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
         """Directions of the chart in which the waypoint must not move, orthonormal rows, shape (r, nv).
 
-        The plane's normal, carried to the joints; where the tip is at an edge of the inset polygon and the descent leads out
-        over it, that edge's normal too.
+        The plane's normal, carried to the joints; where the tip is at an edge of the inset polygon and the descent
+        leads out over it, that edge's normal too.
 
         Args:
             z: Chart coordinates with the tip on the plane, shape (nv,).

@@ -4,11 +4,11 @@ The path becomes a chain of waypoints that descends
 
     J = lambda (K - 1) / 2 sum |z_{k+1} - z_k|^2 + mean over samples of sum over points of w b(d / range)
 
-by Newton's method on a block-tridiagonal system, with Levenberg's damping. The barrier b is the field's near-surface law on
-the exact signed distance d of points on the links, cut off smoothly at a range (kernels/barrier.py). Descending the plain
-potential instead was measured to make paths worse: its far field outvotes the one gap that matters.
+by Newton's method on a block-tridiagonal system, with Levenberg's damping. The barrier b is the field's near-surface
+law on the exact signed distance d of points on the links, cut off smoothly at a range (kernels/barrier.py). Descending
+the plain potential instead was measured to make paths worse: its far field outvotes the one gap that matters.
 
-What comes out is a proposal: it was looked at between its samples as little as between the points. The certificate judges.
+What comes out is a proposal: between the samples, and between the points, nobody has looked. The certificate judges.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ def relax(
 ) -> Relaxed:
     """Relax a path that was found, within the problem's budget.
 
-    Both ends stay bit for bit, and so do waypoints that are fixed. A waypoint on a guide plane keeps its tip on the plane,
-    inside the polygon; if it is an end, or on two planes at once, it stays. All others are spread evenly first.
+    Both ends stay bit for bit, and so do waypoints that are fixed. A waypoint on a guide plane keeps its tip on the
+    plane, inside the polygon; if it is an end, or on two planes at once, it stays. All others are spread evenly first.
 
     Args:
         problem: Robot, world, guide planes and budget.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kernels.barrier import SELF_RANGE, SampledRobot, pair_distances
 from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.sampled_robot import SampledRobot
+from guidefield.kernels.self_barrier import SELF_RANGE, pair_distances
 from guidefield.planner.problem import Problem
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.surface_samples import surface_samples
@@ -17,8 +18,8 @@ WEIGHT = 100.0
 def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) -> SampledRobot:
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
-    Bodies that stand still don't count, nor do pairs that the world doesn't test. A capsule is wider than the link in it:
-    links that are within range of each other at an end of a path are let in that far all along it.
+    Bodies that stand still don't count, nor do pairs that the world doesn't test. A capsule is wider than the link in
+    it: links that are within range of each other at an end of a path are let in that far all along it.
 
     Args:
         problem: Robot, world and field.
@@ -77,7 +78,8 @@ def _points(problem: Problem, moving: list[int]) -> list[np.ndarray]:
 def _ball(points: np.ndarray) -> np.ndarray:
     """Centre and radius of a ball about points."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return np.r_[centre, np.linalg.norm(points - centre, axis=1).max()]
+    ball: np.ndarray = np.r_[centre, np.linalg.norm(points - centre, axis=1).max()]
+    return ball
 
 
 def _ignored(problem: Problem, moving: list[int]) -> np.ndarray:
@@ -90,7 +92,7 @@ def _ignored(problem: Problem, moving: list[int]) -> np.ndarray:
 
 
 def _pairs(problem: Problem, moving: list[int]) -> np.ndarray:
-    """Moving body (its place in `moving`) and capsule of the pairs that repel each other and are tested, shape (k, 2)."""
+    """Moving body (its place in `moving`) and capsule (k, 2) of the pairs that repel each other and are tested."""
     indices = _indices(problem)
     repelling = {frozenset(pair) for pair in robot_charges(problem.group.robot).repelling}
     place = {body: index for index, body in enumerate(moving)}

@@ -23,9 +23,9 @@ def with_ball_joints(name: str, model: Any, marked: Collection[str]) -> Any:
     """
     for joint in marked:
         if not model.existJointName(joint):
-            raise RobotInvalid(f"robot {name!r} has no joint {joint!r}, which its card marks as a ball joint", joint=joint)
+            raise RobotInvalid(f"robot {name!r} has no joint {joint!r}, which its card marks as a ball", joint=joint)
         if model.joints[model.getJointId(joint)].shortname() != "JointModelFreeFlyer":
-            raise RobotInvalid(f"joint {joint!r} of robot {name!r} is marked as a ball joint but isn't floating", joint=joint)
+            raise RobotInvalid(f"robot {name!r}: joint {joint!r} is marked as a ball but isn't floating", joint=joint)
     if not marked:
         return model
     balled = pin.Model()

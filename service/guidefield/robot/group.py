@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.errors import InvalidGroup
 from guidefield.robot import chart
-from guidefield.robot.frames import frame_index
-from guidefield.robot.groups import joints_to
 from guidefield.robot.model import Joint, LimitSource, RobotModel
 
 ROAM = 2.0
@@ -87,7 +84,7 @@ class PlanningGroup:
 
     def part_of(self, q_whole: np.ndarray) -> np.ndarray:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot."""
-        return _reference(self.space, self.robot, q_whole)
+        return reference_of(self.space, self.robot, q_whole)
 
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Configuration reached from q along the tangent v."""
@@ -230,65 +227,6 @@ class PlanningGroup:
         )
 
 
-def select(
-    robot: RobotModel, group: str | Sequence[str] | None, tip: str | None, q_reference: np.ndarray, placement: Any
-) -> PlanningGroup:
-    """Reduce a robot to the joints that are planned for.
-
-    Args:
-        robot: The robot.
-        group: Joint names, the name of a group, or None for every joint between the root and the tip.
-        tip: Frame that goals are about; None for the robot's own.
-        q_reference: Configuration of the whole robot, shape (robot.model.nq,); joints outside the group keep it.
-        placement: Placement of the robot's root in the world, pinocchio.SE3.
-
-    Raises:
-        InvalidGroup: if the group or a joint is unknown, or a joint can't be planned for.
-        UnknownFrame: if the robot has no such tip.
-    """
-    tip = robot.tip if tip is None else tip
-    robot.frame_id(tip)
-    planned = _planned_joints(robot, group, tip)
-    followers = {joint.name for joint in robot.joints if joint.mimic and _driver(robot, joint) in planned}
-    model, geometry = _placed(robot, placement)
-    locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
-    model, geometry = _reduced(model, geometry, locked, q_reference)
-    space = model
-    if followers:
-        indices = [model.getJointId(name) for name in followers]
-        space = pin.buildReducedModel(model, indices, _reference(model, robot, q_reference))
-    joints = _regrouped(robot, space)
-    matrix, offset = _expansion(robot, model, space)
-    arrays = {
-        "lower": np.concatenate([j.lower for j in joints]),
-        "upper": np.concatenate([j.upper for j in joints]),
-        "velocity_limits": np.concatenate([j.velocity for j in joints]),
-        "acceleration_limits": np.concatenate([j.acceleration for j in joints]),
-        "expand_velocity": matrix,
-        "expand_offset": offset,
-        "q_reference": np.array(q_reference, float),
-        "q_origin": _reference(space, robot, q_reference),
-    }
-    for array in arrays.values():
-        array.setflags(write=False)
-    return PlanningGroup(
-        robot=robot,
-        model=model,
-        geometry=geometry,
-        space=space,
-        joints=joints,
-        tip=tip,
-        tip_id=_tip_index(model, tip),
-        **arrays,
-    )
-
-
-def _tip_index(model: Any, tip: str) -> int:
-    index = frame_index(model, tip)
-    assert index is not None, "the robot has the frame, so its reduced model has it"
-    return index
-
-
 def _at_q(joint: Joint) -> slice:
     return slice(joint.idx_q, joint.idx_q + joint.nq)
 
@@ -304,73 +242,7 @@ def _random_rotation(rng: np.random.Generator) -> np.ndarray:
     return rotation
 
 
-def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
-    """Names of the planned joints, in Pinocchio's order."""
-    if isinstance(group, str):
-        if group not in robot.groups:
-            available = sorted(robot.groups)
-            raise InvalidGroup(
-                f"robot {robot.name!r} has no group {group!r}; it has {', '.join(available) or 'none'}",
-                group=group,
-                available=available,
-            )
-        names = robot.groups[group]
-    elif group is not None:
-        names = tuple(group)
-    elif tip == robot.tip and "default" in robot.groups:
-        names = robot.groups["default"]
-    else:
-        names = tuple(name for name in joints_to(robot.model, tip) if (j := robot.joint(name)) and j.mimic is None)
-    for name in names:
-        joint = robot.joint(name)
-        if joint is None:
-            available = [j.name for j in robot.joints]
-            raise InvalidGroup(
-                f"robot {robot.name!r} has no movable joint {name!r}; it has {', '.join(available)}",
-                joint=name,
-                available=available,
-            )
-        if joint.mimic is not None:
-            raise InvalidGroup(
-                f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name
-            )
-    if not names:
-        raise InvalidGroup(f"no joint moves {tip!r}: there is nothing to plan for", tip=tip)
-    return tuple(joint.name for joint in robot.joints if joint.name in names)
-
-
-def _driver(robot: RobotModel, joint: Joint) -> str:
-    """The joint at the end of a chain of mimics."""
-    while joint.mimic is not None:
-        driver = robot.joint(joint.mimic.driver)
-        assert driver is not None, "loading checks that what is mimicked moves"
-        joint = driver
-    return joint.name
-
-
-def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
-    """Copies of the robot's models with its root at a placement in the world."""
-    model, geometry = robot.model.copy(), robot.geometry.copy()
-    for index in range(1, model.njoints):
-        if model.parents[index] == 0:
-            model.jointPlacements[index] = placement * model.jointPlacements[index]
-    for frame in list(model.frames)[1:]:
-        if frame.parentJoint == 0:
-            frame.placement = placement * frame.placement
-    for shape in geometry.geometryObjects:
-        if shape.parentJoint == 0:
-            shape.placement = placement * shape.placement
-    return model, geometry
-
-
-def _reduced(model: Any, geometry: Any, locked: list[int], q_reference: np.ndarray) -> tuple[Any, Any]:
-    if not locked:
-        return model, geometry
-    reduced: tuple[Any, Any] = pin.buildReducedModel(model, geometry, locked, q_reference)
-    return reduced
-
-
-def _reference(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:
+def reference_of(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:
     """The part of a whole configuration that a reduced model has."""
     q: np.ndarray = pin.neutral(model)
     for index in range(1, model.njoints):
@@ -378,32 +250,3 @@ def _reference(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.nda
         assert whole is not None, "a reduced model has the robot's joints"
         q[joint.idx_q : joint.idx_q + joint.nq] = q_reference[whole.idx_q : whole.idx_q + whole.nq]
     return q
-
-
-def _regrouped(robot: RobotModel, space: Any) -> tuple[Joint, ...]:
-    """The robot's joints with the indices that they have in the space of planned joints."""
-    regrouped = []
-    for index in range(1, space.njoints):
-        joint, whole = space.joints[index], robot.joint(space.names[index])
-        assert whole is not None, "a reduced model has the robot's joints"
-        regrouped.append(dataclasses.replace(whole, index=index, idx_q=joint.idx_q, idx_v=joint.idx_v))
-    return tuple(regrouped)
-
-
-def _expansion(robot: RobotModel, model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The affine map from the chart of the planned joints to that of the model with followers."""
-    matrix, offset = np.zeros((model.nv, space.nv)), np.zeros(model.nv)
-    for index in range(1, model.njoints):
-        joint = robot.joint(model.names[index])
-        assert joint is not None, "a reduced model has the robot's joints"
-        row, multiplier, shift = model.joints[index].idx_v, 1.0, 0.0
-        while joint.mimic is not None:
-            shift += multiplier * joint.mimic.offset
-            multiplier *= joint.mimic.multiplier
-            driver = robot.joint(joint.mimic.driver)
-            assert driver is not None, "loading checks that what is mimicked moves"
-            joint = driver
-        column = space.joints[space.getJointId(joint.name)].idx_v
-        matrix[row : row + joint.nv, column : column + joint.nv] = multiplier * np.eye(joint.nv)
-        offset[row] = shift
-    return matrix, offset

@@ -178,6 +178,7 @@ def _rest(name: str, model: Any, joints: tuple[Joint, ...], described: srdf.Srdf
     moving = {joint.name for joint in joints}
     for joint in joints:
         if joint.mimic is not None and joint.mimic.driver not in moving:
-            raise RobotInvalid(f"robot {name!r}: joint {joint.name!r} mimics {joint.mimic.driver!r}, which doesn't move")
+            followed = joint.mimic.driver
+            raise RobotInvalid(f"robot {name!r}: joint {joint.name!r} mimics {followed!r}, which doesn't move")
     follow(joints, q)
     return q

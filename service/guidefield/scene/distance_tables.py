@@ -72,42 +72,41 @@ def distance_tables(scene: Scene) -> DistanceTables:
     )
 
 
-def _box(obstacle: Obstacle, message: messages.Box) -> list[_Body]:
-    half = 0.5 * np.array(message.size)
-    return [_primitive(obstacle, BOX, tuple(half.tolist()), half)]
+def _box(obstacle: Obstacle) -> list[_Body]:
+    half = np.array(obstacle.shape.halfSide)
+    return [_primitive(obstacle, BOX, (half[0], half[1], half[2]), half)]
 
 
-def _cylinder(obstacle: Obstacle, message: messages.Cylinder) -> list[_Body]:
-    radius, half = message.radius, 0.5 * message.length
+def _cylinder(obstacle: Obstacle) -> list[_Body]:
+    radius, half = obstacle.shape.radius, obstacle.shape.halfLength
     return [_primitive(obstacle, CYLINDER, (radius, half, 0.0), np.array([radius, radius, half]))]
 
 
-def _capsule(obstacle: Obstacle, message: messages.Capsule) -> list[_Body]:
-    radius, half = message.radius, 0.5 * message.length
+def _capsule(obstacle: Obstacle) -> list[_Body]:
+    radius, half = obstacle.shape.radius, obstacle.shape.halfLength
     return [_primitive(obstacle, CAPSULE, (radius, half, 0.0), np.array([radius, radius, half + radius]))]
 
 
-def _sphere(obstacle: Obstacle, message: messages.Sphere) -> list[_Body]:
-    return [_primitive(obstacle, CAPSULE, (message.radius, 0.0, 0.0), np.full(3, message.radius))]
+def _sphere(obstacle: Obstacle) -> list[_Body]:
+    radius = obstacle.shape.radius
+    return [_primitive(obstacle, CAPSULE, (radius, 0.0, 0.0), np.full(3, radius))]
 
 
-def _half_space(obstacle: Obstacle, message: messages.HalfSpace) -> list[_Body]:
-    length = float(np.linalg.norm(message.normal))
-    normal = np.array(message.normal) / length
-    placement = np.column_stack([*axes_across(normal), normal, message.offset / length * normal])
+def _half_space(obstacle: Obstacle) -> list[_Body]:
+    normal = np.array(obstacle.shape.n)
+    placement = np.column_stack([*axes_across(normal), normal, obstacle.shape.d * normal])
     bounds = np.array([-np.inf, -np.inf, -np.inf, np.inf, np.inf, 0.0])
     return [_Body(HALF_SPACE, placement, (0.0, 0.0, 0.0), bounds)]
 
 
-def _triangles(obstacle: Obstacle, message: messages.Mesh | messages.Polygon) -> list[_Body]:
-    rotation, translation = obstacle.placement.rotation, obstacle.placement.translation
-    vertices = (obstacle.vertices - translation) @ rotation
+def _triangles(obstacle: Obstacle) -> list[_Body]:
+    vertices = (obstacle.vertices - obstacle.placement.translation) @ obstacle.placement.rotation
     triangles = _with_area(vertices, obstacle.triangles)
     parts = _solids(vertices, triangles) if obstacle.solid else [triangles]
     return [
         _Body(
             SOLID if obstacle.solid else SHEET,
-            np.column_stack([rotation, translation]),
+            _rows(obstacle),
             (0.0, 0.0, 0.0),
             np.r_[vertices[part].min(axis=(0, 1)), vertices[part].max(axis=(0, 1))],
             (vertices, part),
@@ -116,26 +115,25 @@ def _triangles(obstacle: Obstacle, message: messages.Mesh | messages.Polygon) ->
     ]
 
 
-def _surface_body(build: Callable[..., list[_Body]]) -> Callable[[Obstacle], list[_Body]]:
-    return lambda obstacle: build(obstacle, obstacle.message)
-
-
 BODIES: dict[type[messages.Obstacle], Callable[[Obstacle], list[_Body]]] = {
-    messages.Box: _surface_body(_box),
-    messages.Sphere: _surface_body(_sphere),
-    messages.Cylinder: _surface_body(_cylinder),
-    messages.Capsule: _surface_body(_capsule),
-    messages.Mesh: _surface_body(_triangles),
-    messages.Polygon: _surface_body(_triangles),
-    messages.HalfSpace: _surface_body(_half_space),
+    messages.Box: _box,
+    messages.Sphere: _sphere,
+    messages.Cylinder: _cylinder,
+    messages.Capsule: _capsule,
+    messages.Mesh: _triangles,
+    messages.Polygon: _triangles,
+    messages.HalfSpace: _half_space,
 }
 """The bodies of an obstacle, by kind of message."""
 
 
-def _primitive(obstacle: Obstacle, kind: int, size: tuple[float, ...], half: np.ndarray) -> _Body:
-    placement = np.column_stack([obstacle.placement.rotation, obstacle.placement.translation])
-    a, b, c = size
-    return _Body(kind, placement, (a, b, c), np.r_[-half, half])
+def _primitive(obstacle: Obstacle, kind: int, size: tuple[float, float, float], half: np.ndarray) -> _Body:
+    return _Body(kind, _rows(obstacle), size, np.r_[-half, half])
+
+
+def _rows(obstacle: Obstacle) -> np.ndarray:
+    """Rotation and translation of an obstacle's frame, shape (3, 4)."""
+    return np.column_stack([obstacle.placement.rotation, obstacle.placement.translation])
 
 
 def _boxes_in_world(bodies: list[_Body]) -> tuple[np.ndarray, np.ndarray]:
@@ -172,7 +170,8 @@ def _with_area(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     across = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.maximum.reduce([np.linalg.norm(edge, axis=1) for edge in (b - a, c - b, a - c)])
-    return triangles[across > 1e-12 * longest**2]
+    solid: np.ndarray = triangles[across > 1e-12 * longest**2]
+    return solid
 
 
 def _solids(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:

@@ -1,0 +1,87 @@
+"""The barrier of a robot against obstacles and against itself at one configuration, with gradient and Hessian."""
+
+from __future__ import annotations
+
+from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.obstacle_barrier import obstacle_barrier
+from guidefield.kernels.sampled_robot import SampledRobot, Workspace, place
+from guidefield.kernels.self_barrier import self_barrier
+from guidefield.kernels.signatures import Floats, inlined
+from guidefield.kernels.tree_kinematics import JointTable
+
+
+@inlined
+def robot_barrier(
+    robot: SampledRobot,
+    tables: DistanceTables,
+    z: Floats,
+    reach: float,
+    clearance: float,
+    work: Workspace,
+    gradient_out: Floats,
+    hessian_out: Floats,
+) -> float:
+    """The barrier of a robot at one configuration.
+
+    Args:
+        robot: The robot.
+        tables: Obstacles.
+        z: Chart coordinates, shape (nv,) [rad or m].
+        reach: Range of the barrier against obstacles [m], positive.
+        clearance: Distance from obstacles at which its wall stands [m].
+        work: Scratch.
+        gradient_out: Its gradient by z, shape (nv,).
+        hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv).
+
+    Returns:
+        Sum of the weighted barriers of all points.
+    """
+    place(robot, z, work)
+    work.forces[:, :] = 0.0
+    work.inertias[:, :, :] = 0.0
+    total = obstacle_barrier(robot, tables, reach, clearance, work)
+    _carry(robot.joints, work)
+    total += self_barrier(robot, work)
+    gradient_out[:] = 0.0
+    hessian_out[:, :] = 0.0
+    for i in range(robot.drivers.shape[0]):
+        row, m = robot.drivers[i], robot.multipliers[i]
+        gradient_out[row] += m * work.gradient[i]
+        for j in range(robot.drivers.shape[0]):
+            hessian_out[row, robot.drivers[j]] += m * robot.multipliers[j] * work.hessian[i, j]
+    return total
+
+
+@inlined
+def _carry(joints: JointTable, work: Workspace) -> None:
+    """Carry forces and inertias to the root; gradient and Hessian by the model's joint values."""
+    S = work.subspaces
+    work.hessian[:, :] = 0.0
+    for i in range(joints.parents.shape[0] - 1, 0, -1):
+        row, A = joints.idx_v[i], work.inertias[i]
+        value = 0.0
+        for c in range(6):
+            value += S[row, c] * work.forces[i, c]
+        work.gradient[row] = value
+        r0 = r1 = r2 = r3 = r4 = r5 = 0.0
+        for c in range(6):
+            s = S[row, c]
+            r0 += s * A[0, c]
+            r1 += s * A[min(1, c), max(1, c)]
+            r2 += s * A[min(2, c), max(2, c)]
+            r3 += s * A[min(3, c), max(3, c)]
+            r4 += s * A[min(4, c), max(4, c)]
+            r5 += s * A[c, 5]
+        j = i
+        while j > 0:
+            column = joints.idx_v[j]
+            value = S[column, 0] * r0 + S[column, 1] * r1 + S[column, 2] * r2
+            value += S[column, 3] * r3 + S[column, 4] * r4 + S[column, 5] * r5
+            work.hessian[row, column] = value
+            work.hessian[column, row] = value
+            j = joints.parents[j]
+        parent = joints.parents[i]
+        for r in range(6):
+            work.forces[parent, r] += work.forces[i, r]
+            for c in range(r, 6):
+                work.inertias[parent, r, c] += A[r, c]
