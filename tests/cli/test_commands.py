@@ -69,6 +69,13 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     assert "nothing.json" in done.stderr
 
 
+def test_a_place_that_cannot_be_written_is_said(request_file: Path, tmp_path: Path) -> None:
+    done = guidefield("plan", str(request_file), "-o", str(tmp_path / "nowhere" / "reply.json"))
+    assert done.returncode == 2
+    assert done.stderr.startswith("FileNotFoundError")
+    assert "Traceback" not in done.stderr
+
+
 def test_nobody_to_query_is_said(request_file: Path) -> None:
     done = guidefield("query", str(request_file), "--connect", f"tcp/127.0.0.1:{free_port()}")
     assert done.returncode == 2

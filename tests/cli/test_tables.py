@@ -69,18 +69,21 @@ def test_an_honest_no_is_a_table_too() -> None:
     assert "recording" not in text
 
 
-def test_a_recording_that_was_fetched_is_named_where_it_is() -> None:
-    reply = msgspec.structs.replace(plan_reply("r1"), recording="guidefield/local/runs/r1/recording")
-    assert "to open it" not in _text(plan_table(reply))
-    assert "show 'over here.rrd'" in _text(plan_table(reply, recording="over here.rrd"))
+def _recorded(where: str) -> str:
+    return _text(plan_table(msgspec.structs.replace(plan_reply("r1"), recording=where)))
+
+
+def test_a_recording_in_a_file_is_said_how_to_open() -> None:
+    assert "to open it" not in _recorded("guidefield/local/runs/r1/recording")
+    assert "show 'over here.rrd'" in _recorded("over here.rrd")
 
 
 def test_the_command_to_type_is_one_that_exists(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda _name: "/usr/bin/guidefield")
-    assert "guidefield show a.rrd" in _text(plan_table(plan_reply("r1"), recording="a.rrd"))
+    assert "guidefield show a.rrd" in _recorded("a.rrd")
     monkeypatch.setattr("shutil.which", lambda _name: None)
     monkeypatch.chdir(Path(sys.executable).parent.parent)
-    assert "bin/guidefield show a.rrd" in _text(plan_table(plan_reply("r1"), recording="a.rrd"))
+    assert "bin/guidefield show a.rrd" in _recorded("a.rrd")
 
 
 def test_robots_that_cannot_be_used_are_listed_with_the_reason() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -91,14 +90,16 @@ def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeU
     velocities[[0, -1]] = 0.0
     trajectory = Trajectory(times=times, positions=waypoints, velocities=velocities)
     profile = _profile(group, trajectory, rng)
-    reply = _reply(group, scene, trajectory, waypoints, status)
-    goal = JointsGoal(positions=dict(zip(group.position_names, waypoints[-1].tolist(), strict=True)))
+    reply = _reply(group, scene, trajectory, status)
+    goal = JointsGoal(positions={group.joints[0].name: 0.1})
     request = PlanRequest(robot=name, scene=scene.message, goal=goal, min_clearance=MIN_CLEARANCE, seed=3)
     events = (
         StageEntered("guide", "two guide planes to cross"),
         *(
             Step(kind, group.from_chart(z), f"step {i}", potential=None if i == 2 else 4.0 - 0.1 * i, plane=0)
-            for i, (kind, z) in enumerate(zip(("start", "advance", "slide", "reorient", "advance"), waypoints, strict=False))
+            for i, (kind, z) in enumerate(
+                zip(("start", "advance", "slide", "reorient", "advance"), waypoints, strict=False)
+            )
         ),
         Note("something odd", warning=True),
         StageLeft("guide", "reached", 0.008, plane=1),
@@ -129,24 +130,34 @@ def _profile(group: PlanningGroup, trajectory: Trajectory, rng: np.random.Genera
 
 
 def _reply(
-    group: PlanningGroup, scene: Scene, trajectory: Trajectory, path: np.ndarray, status: replies.Outcome | None
+    group: PlanningGroup, scene: Scene, trajectory: Trajectory, status: replies.Outcome | None
 ) -> replies.PlanReply:
-    arrays = (trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    path = [group.wire_positions(z) for z in trajectory.positions]
+    maps = [group.tangent_map(z) for z in trajectory.positions]
     return replies.PlanReply(
         run_id="run-1",
         status=status or replies.Outcome(code=1, name="SUCCESS", message="the tip reaches GP 2"),
         position_names=group.position_names,
         velocity_names=group.velocity_names,
-        path=path.tolist(),
-        trajectory=_trajectory(arrays),
+        path=path,
+        trajectory=replies.Trajectory(
+            times=trajectory.times.tolist(),
+            positions=path,
+            velocities=[(T @ v).tolist() for T, v in zip(maps, trajectory.velocities, strict=True)],
+            accelerations=[(T @ a).tolist() for T, a in zip(maps, trajectory.accelerations, strict=True)],
+        ),
         guide_planes=list(scene.message.guide_planes),
         stages=[replies.Stage(name="guide", outcome="reached", seconds=0.008, plane=0)],
         clearance=replies.ClearanceFigures(
             minimum=0.031, mean=0.09, inner=None, ends=0.031, pair=["panda_hand", "box / lid"], time=1.2
         ),
         self_clearance=replies.SelfClearance(minimum=0.021, pair=None),
-        certificate=replies.CertificateFigures(collision_free=True, method="made up", covers="trajectory", evaluations=7),
-        metrics=replies.Metrics(joint_path_length=3.2, tip_path_length=0.9, duration=2.4, peak_jerk=40.0, smoothness=0.2),
+        certificate=replies.CertificateFigures(
+            collision_free=True, method="made up", covers="trajectory", evaluations=7
+        ),
+        metrics=replies.Metrics(
+            joint_path_length=3.2, tip_path_length=0.9, duration=2.4, peak_jerk=40.0, smoothness=0.2
+        ),
         timing=replies.Timing(guide=0.008, total=0.011),
         counters=replies.Counters(iterations=12, potential_evaluations=340, collision_checks=56),
         seed=3,
@@ -154,11 +165,6 @@ def _reply(
         recording=None,
         warnings=["the start was clamped"],
     )
-
-
-def _trajectory(arrays: Sequence[np.ndarray]) -> replies.Trajectory:
-    times, positions, velocities, accelerations = (array.tolist() for array in arrays)
-    return replies.Trajectory(times=times, positions=positions, velocities=velocities, accelerations=accelerations)
 
 
 class Recording:
@@ -181,7 +187,8 @@ class Recording:
         found = [
             chunk.to_record_batch()
             for chunk in self.chunks
-            if chunk.entity_path == entity and (chunk.is_static if timeline is None else timeline in chunk.timeline_names)
+            if chunk.entity_path == entity
+            and (chunk.is_static if timeline is None else timeline in chunk.timeline_names)
         ]
         assert len(found) == 1, (entity, timeline, len(found))
         return found[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +14,8 @@ from guidefield.robot.ball_joints import with_ball_joints
 from guidefield.robot.configuration import configuration_from_wire
 from guidefield.robot.model import JointKind
 from tests.robots import box_arm, load, robot
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_marked_joints_only_turn_and_the_rest_stays_as_it_is() -> None:
@@ -47,10 +49,8 @@ def test_the_seeds_chains_are_balls(name: str) -> None:
 
 
 def test_the_seeds_chains_start_where_the_seed_draws_them() -> None:
-    drawn = json.loads((files("guidefield.robots") / "seed_robots.json").read_text())["seed_a_gates"]["joints"]
-    request = json.loads(
-        (files("guidefield.robots") / ".." / "tools" / "examples" / "requests" / "seed_a_gates.json").read_text()
-    )
+    drawn = json.loads((ROOT / "robots" / "seed_robots.json").read_text())["seed_a_gates"]["joints"]
+    request = json.loads((ROOT / "tools" / "examples" / "requests" / "seed_a_gates.json").read_text())
     chain = robot(request["robot"])
     data = chain.model.createData()
     pin.framesForwardKinematics(chain.model, data, configuration_from_wire(chain, request["start"]))

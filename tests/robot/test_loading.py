@@ -141,3 +141,38 @@ def test_every_summary_says_what_can_be_planned_or_what_is_wrong() -> None:
     assert len(summaries) >= 69
     assert 0 < len(problems) <= 8
     assert all(summary.dof is not None for summary in summaries.values() if not summary.problem)
+
+
+def test_an_srdf_that_hides_contacts_is_told_on() -> None:
+    """Panda's SRDF disables its hand against its fifth link; they do touch."""
+    warned = [warning for warning in robot("panda").warnings if "SRDF disables" in warning]
+    assert any("panda_hand and panda_link5" in warning for warning in warned)
+    model = robot("panda").model
+    bare, geometry = model.copy(), robot("panda").geometry.copy()
+    pairs = [
+        (i, j)
+        for i in range(geometry.ngeoms)
+        for j in range(i)
+        if {robot("panda").link_of_geometry(i), robot("panda").link_of_geometry(j)} == {"panda_hand", "panda_link5"}
+    ]
+    geometry.removeAllCollisionPairs()
+    for i, j in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(i, j))
+    data, geometry_data = bare.createData(), geometry.createData()
+    rng = np.random.default_rng(1)
+    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    hits = [pin.computeCollisions(bare, data, geometry, geometry_data, rng.uniform(low, high), True) for _ in range(500)]
+    assert 0.04 < np.mean(hits) < 0.2
+
+
+def test_links_that_always_touch_are_left_out_even_where_the_srdf_tests_them() -> None:
+    box = '<link name="{0}"><collision><geometry><box size="0.5 0.5 0.5"/></geometry></collision></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    text = "".join(box.format(f"l{i}") for i in range(3)) + joint.format(0, 1) + joint.format(1, 2)
+    srdf = '<robot name="stack"><disable_collisions link1="l0" link2="l1" reason="Adjacent"/></robot>'
+    arm = load(UrdfText(text=f'<robot name="stack">{text}</robot>', srdf=srdf))
+    assert not list(arm.geometry.collisionPairs)
+    assert sum("always touch" in warning for warning in arm.warnings) == 2

@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 
 from guidefield.cli import demonstration, serving
+from guidefield.cli.recording import fetch_recording
 from guidefield.cli.tables import plan_table, robots_table
 from guidefield.client import Client
 from guidefield.endpoint.service import DEFAULT_LISTEN, CannotServe, ServiceSettings
@@ -42,10 +43,10 @@ ReplyFile = Annotated[Path | None, typer.Option("--output", "-o", help="Write th
 
 
 def main() -> None:
-    """Run the command line; errors of the service's own kind become one line and exit code 2."""
+    """Run the command line; what is wrong with a request, a service or a file becomes one line and exit code 2."""
     try:
         app()
-    except (GuidefieldError, CannotServe) as error:
+    except (GuidefieldError, CannotServe, OSError) as error:
         err.print(f"[red]{_name(error)}[/red]: {error}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
@@ -79,9 +80,8 @@ def query(
             reply = client.kinematics(asked)
         else:
             raise MalformedRequest(f"a request file holds a plan or a kinematics request, not {type(asked).__name__}")
-        if record is not None and isinstance(reply, PlanReply) and reply.recording is not None:
-            record.write_bytes(client.recording(reply.run_id))
-            reply = msgspec.structs.replace(reply, recording=str(record))
+        if record is not None and isinstance(reply, PlanReply):
+            reply = fetch_recording(client, reply, record)
     _report(reply, output)
 
 

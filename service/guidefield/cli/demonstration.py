@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from guidefield import demo
+from guidefield.cli.recording import fetch_recording
 from guidefield.cli.serving import service_in_child
 from guidefield.cli.tables import plan_table
 from guidefield.client import Client
@@ -31,10 +32,7 @@ def run(folder: Path, out: Console) -> int:
     ):
         for name, (title, request) in demo.REQUESTS.items():
             out.print(f"\nplanning: {title} …", style="dim", highlight=False)
-            reply = client.plan(request)
-            file = folder / f"{name}.rrd"
-            if reply.recording is not None:
-                file.write_bytes(client.recording(reply.run_id))
-            out.print(plan_table(reply, title, None if reply.recording is None else str(file)))
+            reply = fetch_recording(client, client.plan(request), folder / f"{name}.rrd")
+            out.print(plan_table(reply, title))
             codes.append(reply.status.code)
     return 0 if all(code == Status.SUCCESS for code in codes) else 1

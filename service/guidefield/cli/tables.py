@@ -17,18 +17,17 @@ from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply, RobotsReply, RobotSummary, Stage, Timing
 
 
-def plan_table(reply: PlanReply, title: str = "plan", recording: str | None = None) -> RenderableType:
+def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
     """What became of a plan: outcome, motion, clearance and where, certificate, time by stage, and the recording.
 
     Args:
         reply: The reply.
         title: What the table is headed with.
-        recording: File that the recording is in, if it isn't where the reply says.
     """
     table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
-    for name, value in _rows(reply, recording or reply.recording):
+    for name, value in _rows(reply):
         table.add_row(name, value)
     return table
 
@@ -47,7 +46,7 @@ def robots_table(reply: RobotsReply) -> RenderableType:
     return Group(table, Text("These can't be used:", style="bold"), *problems)
 
 
-def _rows(reply: PlanReply, recording: str | None) -> list[tuple[str, RenderableType]]:
+def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
     style = "bold green" if reply.status.code == Status.SUCCESS else "bold red"
     rows: list[tuple[str, RenderableType]] = [
         ("status", Text.assemble((reply.status.name, style), f"  {reply.status.message}")),
@@ -75,10 +74,10 @@ def _rows(reply: PlanReply, recording: str | None) -> list[tuple[str, Renderable
     rows.extend(("stage", Text(_stage(reply, stage))) for stage in reply.stages)
     rows.append(("time", Text(_timing(reply.timing))))
     rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
-    if recording is not None:
-        rows.append(("recording", Text(recording)))
-        if recording.endswith(".rrd"):
-            rows.append(("to open it", Text(f"{_this_command()} show {shlex.quote(recording)}")))
+    if reply.recording is not None:
+        rows.append(("recording", Text(reply.recording)))
+        if reply.recording.endswith(".rrd"):
+            rows.append(("to open it", Text(f"{_this_command()} show {shlex.quote(reply.recording)}")))
     return rows
 
 

@@ -54,32 +54,32 @@ def robot_barrier(
 
 @inlined
 def _carry(joints: JointTable, work: Workspace) -> None:
-    """Carry forces and inertias to the root; gradient and Hessian by the model's joint values."""
+    """Carry forces and inertias to the root; gradient and Hessian by the model's chart coordinates."""
     S = work.subspaces
     work.hessian[:, :] = 0.0
     for i in range(joints.parents.shape[0] - 1, 0, -1):
-        row, A = joints.idx_v[i], work.inertias[i]
-        value = 0.0
-        for c in range(6):
-            value += S[row, c] * work.forces[i, c]
-        work.gradient[row] = value
-        r0 = r1 = r2 = r3 = r4 = r5 = 0.0
-        for c in range(6):
-            s = S[row, c]
-            r0 += s * A[0, c]
-            r1 += s * A[min(1, c), max(1, c)]
-            r2 += s * A[min(2, c), max(2, c)]
-            r3 += s * A[min(3, c), max(3, c)]
-            r4 += s * A[min(4, c), max(4, c)]
-            r5 += s * A[c, 5]
-        j = i
-        while j > 0:
-            column = joints.idx_v[j]
-            value = S[column, 0] * r0 + S[column, 1] * r1 + S[column, 2] * r2
-            value += S[column, 3] * r3 + S[column, 4] * r4 + S[column, 5] * r5
-            work.hessian[row, column] = value
-            work.hessian[column, row] = value
-            j = joints.parents[j]
+        A = work.inertias[i]
+        for row in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
+            value = 0.0
+            r0 = r1 = r2 = r3 = r4 = r5 = 0.0
+            for c in range(6):
+                s = S[row, c]
+                value += s * work.forces[i, c]
+                r0 += s * A[0, c]
+                r1 += s * A[min(1, c), max(1, c)]
+                r2 += s * A[min(2, c), max(2, c)]
+                r3 += s * A[min(3, c), max(3, c)]
+                r4 += s * A[min(4, c), max(4, c)]
+                r5 += s * A[c, 5]
+            work.gradient[row] = value
+            j = i
+            while j > 0:
+                for column in range(joints.idx_v[j], joints.idx_v[j] + joints.nv[j]):
+                    value = S[column, 0] * r0 + S[column, 1] * r1 + S[column, 2] * r2
+                    value += S[column, 3] * r3 + S[column, 4] * r4 + S[column, 5] * r5
+                    work.hessian[row, column] = value
+                    work.hessian[column, row] = value
+                j = joints.parents[j]
         parent = joints.parents[i]
         for r in range(6):
             work.forces[parent, r] += work.forces[i, r]

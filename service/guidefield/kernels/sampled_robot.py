@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
+from guidefield.kernels.chart import configuration, subspaces_by_chart
 from guidefield.kernels.distance import INDEX_MATRIX, INDICES_OUT, DistanceTables
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, Vector3, inlined
 from guidefield.kernels.tree_kinematics import (
     BLOCKS,
     BLOCKS_OUT,
-    CONTINUOUS,
     INDICES,
     JointTable,
     joint_placements,
@@ -25,11 +24,13 @@ JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, I
 
 
 class SampledRobot(NamedTuple):
-    """A robot as points on its surface and capsules about its links; revolute, continuous and prismatic joints.
+    """A robot as points on its surface and capsules about its links.
 
     Attributes:
         joints: Joints of the robot's model, followers included.
-        drivers, multipliers, offsets: (model nv,) value i of the model is multipliers[i] z[drivers[i]] + offsets[i].
+        drivers, multipliers, offsets: (model nv,) chart coordinate i of the model, followers included, is
+            multipliers[i] z[drivers[i]] + offsets[i].
+        origin: (model nq,) configuration from which the chart's rotation vectors start.
         points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together.
         weights: (p,) how much each counts.
         groups: (g, 3) joint, first point, one past the last point.
@@ -45,6 +46,7 @@ class SampledRobot(NamedTuple):
     drivers: np.ndarray
     multipliers: Floats
     offsets: Floats
+    origin: Floats
     points: Floats
     weights: Floats
     groups: np.ndarray
@@ -58,7 +60,7 @@ class SampledRobot(NamedTuple):
 
 ROBOT = types.NamedTuple(
     (
-        *(JOINTS, INDICES, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS),
+        *(JOINTS, INDICES, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS),
         *(MATRIX, INDICES, INDEX_MATRIX, VECTOR),
     ),
     SampledRobot,
@@ -70,11 +72,11 @@ class Workspace(NamedTuple):
 
     Attributes:
         q: Configuration of the model.
-        values: Values of the model's joints.
-        row: Gradient of one distance by those values.
-        gradient, hessian: Sums by those values.
+        values: Chart coordinates of the model.
+        row: Gradient of one distance by them.
+        gradient, hessian: Sums by them.
         world: Placements of the joints.
-        subspaces: Their motion subspaces.
+        subspaces: What chart velocities cause, as twists at the world's origin, (nv, 6).
         forces, inertias: What has gathered at each joint, (n, 6) and (n, 6, 6) of which the upper triangle is used.
         candidates: Bodies near a group.
         gaps: Square of the distance from a group's points to the nearest box about a body.
@@ -116,7 +118,7 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
     """Scratch for a robot among some bodies."""
     n, nv = robot.joints.parents.shape[0], robot.offsets.shape[0]
     return Workspace(
-        np.empty(2 * nv),
+        np.empty(robot.origin.shape[0]),
         np.empty(nv),
         np.empty(nv),
         np.empty(nv),
@@ -142,16 +144,11 @@ def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
 
 @inlined
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
-    """Placements and motion subspaces of the joints at chart coordinates z."""
+    """Placements of the joints at chart coordinates z, and motion subspaces by the chart of the model's joints."""
     joints = robot.joints
     for i in range(robot.offsets.shape[0]):
         work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
-    for i in range(1, joints.parents.shape[0]):
-        value, at = work.values[joints.idx_v[i]], joints.idx_q[i]
-        if joints.kinds[i] == CONTINUOUS:
-            work.q[at] = math.cos(value)
-            work.q[at + 1] = math.sin(value)
-        else:
-            work.q[at] = value
+    configuration(joints, work.values, robot.origin, work.q)
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, work.q, work.world)
     motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
+    subspaces_by_chart(joints, work.values, work.q, work.subspaces)

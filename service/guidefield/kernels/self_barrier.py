@@ -81,9 +81,9 @@ def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, wo
     for sign, end in ((1.0, joint), (-1.0, other)):
         j = end
         while j > 0:
-            v = idx_v[j]
-            linear = S[v, 0] * n[0] + S[v, 1] * n[1] + S[v, 2] * n[2]
-            work.row[v] += sign * (linear + S[v, 3] * m[0] + S[v, 4] * m[1] + S[v, 5] * m[2])
+            for v in range(idx_v[j], idx_v[j] + robot.joints.nv[j]):
+                linear = S[v, 0] * n[0] + S[v, 1] * n[1] + S[v, 2] * n[2]
+                work.row[v] += sign * (linear + S[v, 3] * m[0] + S[v, 4] * m[1] + S[v, 5] * m[2])
             j = parents[j]
 
 

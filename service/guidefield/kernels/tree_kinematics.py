@@ -47,7 +47,7 @@ class JointTable(NamedTuple):
 
 
 @inlined
-def _axis_rotation(ax: float, ay: float, az: float, c: float, s: float, rotation_out: Floats) -> None:
+def axis_rotation(ax: float, ay: float, az: float, c: float, s: float, rotation_out: Floats) -> None:
     """Rodrigues: rotation about a unit axis by an angle of cosine c and sine s."""
     d = 1.0 - c
     rotation_out[0, 0] = c + ax * ax * d
@@ -119,13 +119,13 @@ def joint_placements(
                 rotation[k, k] = 1.0
                 translation[k] = axes[i, k] * q[at]
         elif kind == REVOLUTE:
-            _axis_rotation(axes[i, 0], axes[i, 1], axes[i, 2], math.cos(q[at]), math.sin(q[at]), rotation)
+            axis_rotation(axes[i, 0], axes[i, 1], axes[i, 2], math.cos(q[at]), math.sin(q[at]), rotation)
         elif kind == CONTINUOUS:
-            _axis_rotation(axes[i, 0], axes[i, 1], axes[i, 2], q[at], q[at + 1], rotation)
+            axis_rotation(axes[i, 0], axes[i, 1], axes[i, 2], q[at], q[at + 1], rotation)
         elif kind == PLANAR:
             translation[0] = q[at]
             translation[1] = q[at + 1]
-            _axis_rotation(0.0, 0.0, 1.0, q[at + 2], q[at + 3], rotation)
+            axis_rotation(0.0, 0.0, 1.0, q[at + 2], q[at + 3], rotation)
         elif kind == SPHERICAL:
             _quaternion_rotation(q[at], q[at + 1], q[at + 2], q[at + 3], rotation)
         else:

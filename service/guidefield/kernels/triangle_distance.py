@@ -2,7 +2,7 @@
 
 The sign is that of (p - c).n, c the closest point of the surface and n the pseudonormal of the face, edge or corner
 that c lies on: the face's normal, the sum of the normals of the edge's faces, the sum of those of the corner's faces
-weighted by their angles there. For a closed surface without self-contact it is right everywhere. Source: J. A. Baerentzen
+weighted by their angles there. Right everywhere for a closed surface without self-contact. Source: J. A. Baerentzen
 and H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE Transactions on Visualization
 and Computer Graphics 11(3), 2005. The closest point: C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
 """

@@ -15,7 +15,7 @@ from guidefield.planner.path_samples import path_samples
 from guidefield.planner.plane_crossing import PlaneCrossing
 from guidefield.planner.problem import Problem
 from guidefield.planner.sampled_robot import sampled_robot
-from guidefield.robot.model import JointKind
+from guidefield.robot.chart import TRANSLATION
 from guidefield.scene.distance_tables import distance_tables
 
 LAMBDA = 0.1
@@ -86,8 +86,7 @@ class Chain:
         tables, group = distance_tables(problem.scene), problem.group
         units = np.ones(group.nv)
         for joint in group.joints:
-            if joint.kind is JointKind.PRISMATIC:
-                units[joint.idx_v] = SLIDING_UNIT
+            units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
         segments = len(path) - 1
         return cls(
             robot=sampled_robot(problem, tables, path[held]),

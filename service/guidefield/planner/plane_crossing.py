@@ -51,9 +51,9 @@ class PlaneCrossing:
             z: Chart coordinates with the tip on the plane, shape (nv,).
             descent: Where the waypoint wants to go, shape (nv,).
         """
-        q, plane = self.problem.group.from_chart(z), self.plane
-        J = self.problem.kinematics.tip_jacobian(q)[:3]
-        depths = plane.inward @ _foot(plane, self.problem.kinematics.tip_position(q)) - plane.offsets - self.inset
+        plane = self.plane
+        tip, J = self._tip(z)
+        depths = plane.inward @ _foot(plane, tip) - plane.offsets - self.inset
         edges = (plane.inward[depths <= AT_EDGE] @ plane.flat.axes) @ J
         return _orthonormal(np.vstack([plane.normal @ J, edges[edges @ descent < 0.0]]))
 
@@ -63,20 +63,24 @@ class PlaneCrossing:
         Args:
             z: Chart coordinates, shape (nv,).
         """
-        group, kinematics = self.problem.group, self.problem.kinematics
+        group = self.problem.group
         for _ in range(CORRECTIONS):
-            q = group.from_chart(z)
-            tip = kinematics.tip_position(q)
+            tip, J = self._tip(z)
             error = self.plane.closest_point(tip, self.inset) - tip
             if np.linalg.norm(error) <= ON_PLANE:
                 return z
-            J = kinematics.tip_jacobian(q)[:3]
             move = np.linalg.pinv(J, rcond=1e-6) @ error
             stuck = ((z <= group.lower) & (move < 0.0)) | ((z >= group.upper) & (move > 0.0))
             if stuck.any():
                 move = np.linalg.pinv(np.where(stuck, 0.0, J), rcond=1e-6) @ error
             z = np.clip(z + move, group.lower, group.upper)
         return None
+
+    def _tip(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position of the tip, shape (3,), and its derivative by the chart coordinates, shape (3, nv)."""
+        group, kinematics = self.problem.group, self.problem.kinematics
+        q = group.from_chart(z)
+        return kinematics.tip_position(q), kinematics.tip_jacobian(q)[:3] @ group.tangent_map(z)
 
 
 def _foot(plane: GuidePlane, point: np.ndarray) -> np.ndarray:

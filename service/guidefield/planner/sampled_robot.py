@@ -38,6 +38,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         drivers=np.abs(group.expand_velocity).argmax(axis=1),
         multipliers=group.expand_velocity.sum(axis=1),
         offsets=group.expand_offset,
+        origin=group.expand(group.q_origin),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
         weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
         groups=np.column_stack([np.array(joints, np.int64), last - counts, last]),

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.errors import InvalidConfiguration
 from guidefield.messages import replies as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.trajectory import Trajectory
+from guidefield.robot.configuration import LENGTHS, values_from_wire
 from guidefield.robot.group import PlanningGroup
 
 SHOWN_SPEED = 1.0
@@ -57,47 +59,89 @@ def shown_motion(
     if profile is not None and len(profile.times):
         return Motion(profile.times, profile.configurations, timed=True)
     if reply.trajectory is not None and reply.trajectory.times:
-        times, positions, _, _ = curves(reply.trajectory)
-        return Motion(times, np.array([group.from_chart(row) for row in positions]), timed=True)
+        return _between_knots(group, reply.trajectory)
     if reply.path:
-        return _untimed(group, np.array(reply.path))
-    q = start if start is not None else reference_configuration(group)
+        return _untimed(group, reply.path)
+    q = group.q_origin if start is None else start
     return Motion(np.zeros(1), q[None], timed=False)
 
 
-def curves(trajectory: messages.Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A reply's trajectory as smooth curves: what happens between its knots too.
+def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> np.ndarray:
+    """Configurations (n, nq) of a reply's rows of position columns."""
+    return np.array([_configuration(group, row) for row in rows])
 
-    Returns:
-        Times (n,) [s]; positions, velocities and accelerations (n, nv).
+
+def position_rows(group: PlanningGroup, configurations: np.ndarray) -> np.ndarray:
+    """The wire's position columns (n, k) of configurations (n, nq) in order, angles unwrapped."""
+    return np.array([group.wire_positions(z) for z in group.chart_path(list(configurations))])
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """A trajectory as it is plotted.
+
+    Attributes:
+        times: Shape (n,) [s].
+        positions: In the wire's position columns, shape (n, k).
+        velocities, accelerations: In the tangent space, shape (n, nv).
     """
-    knots = Trajectory(
-        times=np.array(trajectory.times),
-        positions=np.array(trajectory.positions),
-        velocities=np.array(trajectory.velocities),
-    )
-    count = int(np.clip(np.ceil(knots.duration * SHOWN_RATE), *FRAMES))
-    times = np.union1d(np.linspace(knots.times[0], knots.times[-1], count), knots.times)
-    return times, *knots.evaluate(times)
+
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    accelerations: np.ndarray
 
 
-def reference_configuration(group: PlanningGroup) -> np.ndarray:
-    """The group's part (nq,) of the configuration that it was selected at."""
-    q = np.empty(group.nq)
+def curves(group: PlanningGroup, trajectory: messages.Trajectory) -> Curves:
+    """A reply's trajectory, between its knots too where its columns are plain coordinates."""
+    knots = Curves(*(np.array(getattr(trajectory, name)) for name in trajectory.__struct_fields__))
+    if not group.is_euclidean:
+        return knots
+    curve = Trajectory(times=knots.times, positions=knots.positions, velocities=knots.velocities)
+    times = _shown_times(curve.times)
+    return Curves(times, *curve.evaluate(times))
+
+
+def _configuration(group: PlanningGroup, row: Sequence[float]) -> np.ndarray:
+    parts, at = [], 0
     for joint in group.joints:
-        whole = group.robot.joint(joint.name)
-        assert whole is not None, "a group's joints are the robot's"
-        q[joint.idx_q : joint.idx_q + joint.nq] = group.q_reference[whole.idx_q : whole.idx_q + whole.nq]
-    return q
+        count = LENGTHS.get(joint.kind, 1)
+        value = list(row[at : at + count]) if joint.kind in LENGTHS else row[at]
+        parts.append(values_from_wire(joint, value, InvalidConfiguration))
+        at += count
+    return np.concatenate(parts)
 
 
-def _untimed(group: PlanningGroup, path: np.ndarray) -> Motion:
-    """A path of chart rows (n, nv), filled in evenly and shown at an even pace."""
-    lengths = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
+def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> Motion:
+    """A trajectory without samples: by its curve where that is known, else straight from knot to knot."""
+    if group.is_euclidean:
+        plotted = curves(group, trajectory)
+        return Motion(plotted.times, configurations_of(group, plotted.positions.tolist()), timed=True)
+    knots, qs = np.array(trajectory.times), configurations_of(group, trajectory.positions)
+    times = _shown_times(knots)
+    before = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, max(len(knots) - 2, 0))
+    after = np.minimum(before + 1, len(knots) - 1)
+    shares = (times - knots[before]) / np.where(after > before, knots[after] - knots[before], 1.0)
+    between = zip(before, after, shares, strict=True)
+    return Motion(
+        times, np.array([group.interpolate(qs[i], qs[j], float(share)) for i, j, share in between]), timed=True
+    )
+
+
+def _shown_times(knots: np.ndarray) -> np.ndarray:
+    """Times [s] at which a trajectory is shown, its knots (n,) among them."""
+    count = int(np.clip(np.ceil((knots[-1] - knots[0]) * SHOWN_RATE), *FRAMES))
+    return np.union1d(np.linspace(knots[0], knots[-1], count), knots)
+
+
+def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> Motion:
+    """A path of position rows, filled in evenly and shown at an even pace."""
+    rows = group.chart_path(list(configurations_of(group, path)))
+    lengths = np.abs(np.diff(rows, axis=0)).max(axis=1, initial=0.0)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
     shown = np.linspace(0.0, arc[-1], 1 + int(np.ceil(arc[-1] / SHOWN_STEP)))
-    rows = np.column_stack([np.interp(shown, arc, column) for column in path.T])
-    return Motion(shown / SHOWN_SPEED, np.array([group.from_chart(row) for row in rows]), timed=False)
+    filled = np.column_stack([np.interp(shown, arc, column) for column in rows.T])
+    return Motion(shown / SHOWN_SPEED, np.array([group.from_chart(row) for row in filled]), timed=False)
 
 
 @dataclass(frozen=True, eq=False)

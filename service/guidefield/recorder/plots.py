@@ -13,7 +13,7 @@ from rerun.chunk import Chunk
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.recorder.chunks import STEP, path_times, still, timed
-from guidefield.recorder.motion import Motion, curves
+from guidefield.recorder.motion import Motion, curves, position_rows
 from guidefield.robot.group import PlanningGroup
 
 Color = tuple[int, int, int, int]
@@ -63,26 +63,27 @@ def closest_pair(profile: ClearanceProfile) -> Chunk:
 
 def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
     """Joint positions and velocities, and velocities and accelerations as shares of their limits."""
-    colors = palette(group.nv)
-    positions = group.chart_path(list(motion.configurations))
-    yield from _curves("/plots/position", path_times(motion.times), positions, group.position_names, colors)
+    names, rates = group.position_names, group.velocity_names
     if trajectory is None or not trajectory.times:
+        rows = position_rows(group, motion.configurations)
+        yield from _curves("/plots/position", path_times(motion.times), rows, names, palette(len(names)))
         return
-    moments, _, velocities, accelerations = curves(trajectory)
-    times, ends = path_times(moments), path_times(moments[[0, -1]])
-    yield from _curves("/plots/velocity", times, velocities, group.velocity_names, colors)
+    curve = curves(group, trajectory)
+    times, ends = path_times(curve.times), path_times(curve.times[[0, -1]])
+    yield from _curves("/plots/position", times, curve.positions, names, palette(len(names)))
+    yield from _curves("/plots/velocity", times, curve.velocities, rates, palette(len(rates)))
     for kind, values in (
-        ("velocity", velocities / group.velocity_limits),
-        ("acceleration", accelerations / group.acceleration_limits),
+        ("velocity", curve.velocities / group.velocity_limits),
+        ("acceleration", curve.accelerations / group.acceleration_limits),
     ):
-        yield from _curves(f"/plots/use/{kind}", times, values, group.velocity_names, colors)
+        yield from _curves(f"/plots/use/{kind}", times, values, rates, palette(len(rates)))
         bounds = np.tile([-1.0, 1.0], (2, 1))
         yield from _curves(f"/plots/use/{kind}/limits", ends, bounds, ["limit", "limit"], [LIMIT_COLOR] * 2)
 
 
 def step_positions(group: PlanningGroup, configurations: np.ndarray, times: rr.TimeColumn) -> Chunk:
     """Joint positions at the planner's steps, configurations (n, nq): `/plots/position` on another timeline."""
-    return timed("/plots/position", [times], _rows(group.chart_path(list(configurations))))
+    return timed("/plots/position", [times], _rows(position_rows(group, configurations)))
 
 
 def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:

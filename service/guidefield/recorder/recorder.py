@@ -18,7 +18,7 @@ from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies import RobotBodies
 from guidefield.recorder.camera import Eye, choose_eye
 from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
-from guidefield.recorder.motion import Motion, Poses, poses, shown_motion
+from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, shown_motion
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import Scene
@@ -81,8 +81,8 @@ class Recorder:
         yield from robot_entities.joint_motion(self._group, at, path_times(motion.times))
         yield robot_entities.tip_trace(at.tip)
         if reply.path:
-            waypoints = [self._group.from_chart(np.array(row)) for row in reply.path]
-            yield from robot_entities.planned_path(poses(self._group, waypoints).tip)
+            waypoints = poses(self._group, configurations_of(self._group, reply.path))
+            yield from robot_entities.planned_path(waypoints.tip)
         yield from plots.joints(self._group, motion, reply.trajectory)
         if profile is not None and len(profile.times):
             yield plots.closest_pair(profile)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 import rerun_bindings as bindings
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import Chunk
 
 APPLICATION_ID = "guidefield"
 
@@ -32,30 +31,32 @@ def write_recording(path: Path, recording_id: str, chunks: Iterable[Chunk], layo
     Raises:
         OSError: if the file cannot be written; nothing is left of it, and an older one stays as it was.
     """
+    # Encoded in memory: Rerun's own file writer may wait for ever on a disk that is full.
+    content = encode_recording(recording_id, chunks, layout)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}.draft")
     try:
-        _write(draft, recording_id, chunks, layout)
-        RrdReader(draft).store()  # reads the footer, which a write that failed at the very end would lack
+        draft.write_bytes(content)
         draft.replace(path)
-    except (RuntimeError, ValueError) as error:  # what Rerun raises for a missing folder or a full disk
-        raise OSError(f"the recording {path} could not be written: {error}") from error
     finally:
         draft.unlink(missing_ok=True)
 
 
-def _write(path: Path, recording_id: str, chunks: Iterable[Chunk], layout: rrb.Blueprint) -> None:
+def encode_recording(recording_id: str, chunks: Iterable[Chunk], layout: rrb.Blueprint) -> bytes:
+    """The content of a recording's file; the arguments are those of `write_recording`."""
     application_id = f"{APPLICATION_ID}-{recording_id}"
     with _disconnected_after(rr.RecordingStream(application_id, recording_id=recording_id)) as recording:
+        memory = recording.memory_recording()
         with _disconnected_after(_layout_stream(layout, application_id)) as layout_stream:
             storage = layout_stream.memory_recording().storage
-            bindings.save(os.fspath(path), default_blueprint=storage, recording=recording.to_native())
+            bindings.send_blueprint(storage, make_active=False, make_default=True, recording=recording.to_native())
         recording.send_chunks(chunks)
-        recording.flush()
+        content: bytes = memory.drain_as_bytes()
+    return content
 
 
 def _layout_stream(layout: rrb.Blueprint, application_id: str) -> rr.RecordingStream:
-    # What `RecordingStream.save(default_blueprint=…)` does inside, but with a handle on the stream: left alone, its
-    # memory sink keeps it alive for ever, two threads included.
+    # What `RecordingStream.send_blueprint` does inside, but with a handle on the stream: left alone, its memory sink
+    # keeps it alive for ever, two threads included.
     native = bindings.new_blueprint(
         application_id=application_id, make_default=False, make_thread_default=False, default_enabled=True
     )
@@ -72,7 +73,6 @@ def _disconnected_after(stream: rr.RecordingStream) -> Iterator[Any]:
     try:
         yield stream
     finally:
-        with contextlib.suppress(RuntimeError):  # a failed flush has been raised already
-            stream.disconnect()
+        stream.disconnect()
         del stream
         bindings.flush_and_cleanup_orphaned_recordings()

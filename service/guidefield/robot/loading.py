@@ -69,7 +69,7 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     joints = tuple(_joint(model, index, facts, card) for index in range(1, model.njoints))
     groups = resolve_groups(model, described, joints)
     rest = _rest(name, model, joints, described, card)
-    left_out = pairs.settle(model, geometry, [choice.link for choice in choices], described.disabled, rest)
+    settled = pairs.settle(model, geometry, [choice.link for choice in choices], described.disabled, rest)
     rest.setflags(write=False)
     return RobotModel(
         name=name,
@@ -81,8 +81,8 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
         groups=groups if card.group is None else {"default": tuple(card.group), **groups},
         rest=rest,
         geometry_choices=choices,
-        pairs_left_out=left_out,
-        warnings=tuple(facts.warnings),
+        pairs_left_out=settled.left_out,
+        warnings=(*facts.warnings, *settled.warnings),
         source=source,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,66 +15,94 @@ SAMPLES = 200
 """Random configurations that tell whether two links always touch."""
 
 
+ALWAYS, OFTEN = 0.95, 0.05
+"""Shares of those configurations: links that touch in more always touch; an SRDF that disables more hides something."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The pairs of links that are left out, and what was odd about the SRDF."""
+
+    left_out: tuple[PairLeftOut, ...]
+    warnings: tuple[str, ...]
+
+
 def settle(
     model: Any, geometry: Any, links: Sequence[str], disabled: Mapping[frozenset[str], str], rest: np.ndarray
-) -> tuple[PairLeftOut, ...]:
-    """Choose the collision pairs of a geometry model in place, and list the pairs of links left out.
+) -> Settled:
+    """Choose the collision pairs of a geometry model in place.
 
-    Pairs that the SRDF disables are left out. Without any, pairs are left out that are adjacent (joined by one joint)
-    or that touch in nearly every one of `SAMPLES` random configurations.
+    Pairs that the SRDF disables are left out; without any, those that are adjacent (joined by one joint); and always
+    those that touch in nearly every one of `SAMPLES` random configurations, for a plan would be impossible otherwise.
+    Pairs that no sample found touching stay in: samples prove nothing, and a test costs a microsecond.
 
     Args:
         model: Pinocchio model.
         geometry: Collision geometry; its pairs are replaced.
         links: Link of each shape of `geometry`.
         disabled: Pairs of links that the SRDF disables, with its reasons.
-        rest: Configuration, shape (nq,), at which a robot does not touch itself unless it always does.
+        rest: Configuration, shape (nq,), that is looked at besides the random ones.
     """
     geometry.removeAllCollisionPairs()
     geometry.addAllCollisionPairs()  # leaves out shapes on the same joint
-    left_out = {pair: f"SRDF: {reason}" for pair, reason in disabled.items()}
-    if not disabled:
-        left_out = _adjacent(model, geometry, links)
-        left_out |= _always_touching(model, geometry, links, left_out, rest)
-    kept, gone = [], set()
-    for pair in geometry.collisionPairs:
-        names = frozenset((links[pair.first], links[pair.second]))
-        if names in left_out:
-            gone.add(names)
-        else:
-            kept.append((pair.first, pair.second))
+    tested = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    adjacent = _adjacent(model, geometry, links)
+    reasons = {pair: f"SRDF: {reason}" for pair, reason in disabled.items()} or dict.fromkeys(adjacent, "adjacent")
+    for first, second in tested:  # of neighbours that are left out nobody asks how often they touch
+        if (names := frozenset((links[first], links[second]))) in adjacent and names in reasons:
+            geometry.removeCollisionPair(pin.CollisionPair(first, second))
+    touching = _shares_touching(model, geometry, links, rest)
+    warnings = [
+        f"the SRDF disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
+        for pair in sorted(disabled, key=sorted)
+        if pair not in adjacent and OFTEN < touching.get(pair, 0.0) <= ALWAYS
+    ]
+    for pair in sorted(touching, key=sorted):
+        if touching[pair] > ALWAYS and pair not in reasons:
+            reasons[pair] = f"touching in {_percent(touching[pair])}"
+            if disabled:
+                warnings.append(f"{' and '.join(sorted(pair))} always touch, though the SRDF has them tested; left out")
     geometry.removeAllCollisionPairs()
-    for first, second in kept:
-        geometry.addCollisionPair(pin.CollisionPair(first, second))
-    return tuple(PairLeftOut(tuple(sorted(pair)), left_out[pair]) for pair in sorted(gone, key=sorted))
+    for first, second in tested:
+        if frozenset((links[first], links[second])) not in reasons:
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+    present = {frozenset((links[first], links[second])) for first, second in tested}
+    gone = sorted((pair for pair in reasons if pair in present), key=sorted)
+    return Settled(tuple(PairLeftOut(_named(pair), reasons[pair]) for pair in gone), tuple(warnings))
 
 
-def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> dict[frozenset[str], str]:
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} % of random configurations"
+
+
+def _named(pair: frozenset[str]) -> tuple[str, str]:
+    first, *others = sorted(pair)
+    return first, others[0] if others else first
+
+
+def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> set[frozenset[str]]:
+    """Pairs of links whose joints are parent and child."""
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     return {
-        frozenset((links[pair.first], links[pair.second])): "adjacent"
+        frozenset((links[pair.first], links[pair.second]))
         for pair in geometry.collisionPairs
         if model.parents[joints[pair.first]] == joints[pair.second]
         or model.parents[joints[pair.second]] == joints[pair.first]
     }
 
 
-def _always_touching(
-    model: Any, geometry: Any, links: Sequence[str], known: Mapping[frozenset[str], str], rest: np.ndarray
-) -> dict[frozenset[str], str]:
+def _shares_touching(model: Any, geometry: Any, links: Sequence[str], rest: np.ndarray) -> dict[frozenset[str], float]:
+    """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
     data, geometry_data = model.createData(), geometry.createData()
     rng = np.random.default_rng(0)
-    counts = np.zeros(len(geometry.collisionPairs), int)
-    configurations = [rest, *(_random_configuration(model, rng) for _ in range(SAMPLES))]
-    for q in configurations:
+    names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
+    counts = dict.fromkeys(names, 0)
+    for q in [rest, *(_random_configuration(model, rng) for _ in range(SAMPLES))]:
         pin.computeCollisions(model, data, geometry, geometry_data, q, False)
-        counts += np.array([result.isCollision() for result in geometry_data.collisionResults], int)
-    return {
-        names: f"touching in {100 * count / len(configurations):.0f} % of random configurations"
-        for pair, count in zip(geometry.collisionPairs, counts, strict=True)
-        if (names := frozenset((links[pair.first], links[pair.second]))) not in known
-        and count > 0.95 * len(configurations)
-    }
+        hits = zip(names, geometry_data.collisionResults, strict=True)
+        for pair in {pair for pair, result in hits if result.isCollision()}:
+            counts[pair] += 1
+    return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 
 def _random_configuration(model: Any, rng: np.random.Generator) -> np.ndarray:

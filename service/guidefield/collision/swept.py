@@ -1,0 +1,83 @@
+"""A fast yes about motions: capsules about the links keep apart; what they can't tell is Coal's to judge."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.swept import SweptRobot, motion_apart
+from guidefield.robot.charges import robot_charges
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.tables import joint_table
+from guidefield.scene.distance_tables import distance_tables
+
+SELF_MARGIN = 1e-4
+"""What capsules of the robot keep from each other [m]."""
+
+FLOOR = 5e-4
+"""Motions that the capsules can't tell apart are halved down to this [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SweptWorld:
+    """A robot as capsules among obstacles.
+
+    Attributes:
+        group: The robot.
+        robot: Its capsules.
+        tables: The obstacles.
+        exact: Whether the capsules are the robot's very shapes and every pair counts: then a no is a no.
+    """
+
+    group: PlanningGroup
+    robot: SweptRobot
+    tables: DistanceTables
+    exact: bool
+
+    def apart(self, z0: np.ndarray, z1: np.ndarray, margin: float) -> bool:
+        """Whether all stays apart along the straight motion between two points (nv,) of the group's chart.
+
+        True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
+
+        Args:
+            z0: Start.
+            z1: End.
+            margin: What robot and obstacles have to keep apart [m].
+        """
+        E, offset = self.group.expand_velocity, self.group.expand_offset
+        return bool(motion_apart(self.robot, self.tables, E @ z0 + offset, E @ z1 + offset, margin, SELF_MARGIN, FLOOR))
+
+
+@functools.lru_cache(maxsize=4)
+def swept_world(world: World) -> SweptWorld:
+    """The capsules of a world; computed once for each."""
+    group = world.group
+    charges = robot_charges(group.robot)
+    shapes = list(group.geometry.geometryObjects)
+    capsules, carriers = [], []
+    for charged, shape in zip(charges.shapes, shapes, strict=True):
+        ends = [shape.placement.act(end) for end in (charged.capsule.p0, charged.capsule.p1)]
+        capsules.append(np.r_[ends[0], ends[1], charged.capsule.radius])
+        carriers.append(shape.parentJoint)
+    moved = np.zeros((len(shapes), group.model.njoints), np.int64)
+    for row, carrier in enumerate(carriers):
+        moved[row, [joint for joint in group.model.supports[carrier] if joint]] = 1
+    robot = SweptRobot(
+        joints=joint_table(group.model),
+        origin=group.expand(group.q_origin),
+        capsules=np.array(capsules, float).reshape(-1, 7),
+        carriers=np.array(carriers, np.int64),
+        moved=moved,
+        own=np.ascontiguousarray(world.pairs[: world.n_self], np.int64).reshape(-1, 2),
+    )
+    for array in (robot.capsules, robot.carriers, robot.moved, robot.own, robot.origin):
+        array.setflags(write=False)
+    moving = sum(carrier != 0 for carrier in carriers)
+    every_pair = len(world.pairs) - world.n_self == moving * len(world.scene.obstacles)
+    exact = every_pair and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)
+    return SweptWorld(group, robot, distance_tables(world.scene), exact)

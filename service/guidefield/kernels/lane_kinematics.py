@@ -1,0 +1,98 @@
+"""Forward kinematics of sixteen configurations at once, in float32, from tables: one compiled kernel for every robot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types, void
+from numpy.typing import NDArray
+
+from guidefield.kernels.lane_math import Floats32, cosine_and_sine
+from guidefield.kernels.lanes import FLOATS, FLOATS_OUT, LANES, Vector, lane_kernel, lane_part, load, number, splat, store
+from guidefield.kernels.tree_kinematics import INDICES
+
+Integers = NDArray[np.int64]
+
+POSE = 12 * LANES
+"""Floats of sixteen placements: rotation and translation row by row, each number in sixteen lanes."""
+
+TURNING, SLIDING = range(2)
+"""Kinds of joints: about z, along z. Every joint's frame is turned so that its axis is z."""
+
+JOINT = 14
+"""Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value."""
+
+
+class LaneJoints(NamedTuple):
+    """Joints with one degree of freedom each, parents before children; row 0 is the world, which never moves.
+
+    Attributes:
+        parents: (n,) index of each joint's parent.
+        kinds: (n,) `TURNING` or `SLIDING`.
+        drivers: (n,) which coordinate moves it; joints that mimic others share one.
+        numbers: (n * JOINT,) placements, multipliers, offsets: the joint's value is multiplier * coordinate + offset.
+    """
+
+    parents: np.ndarray
+    kinds: np.ndarray
+    drivers: np.ndarray
+    numbers: np.ndarray
+
+
+LANE_JOINTS = types.NamedTuple([INDICES, INDICES, INDICES, FLOATS], LaneJoints)
+
+
+@lane_part
+def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
+    """Where a point (3) of a joint's moved frame is in the world, at each of sixteen placements."""
+    at = joint * POSE
+    return (
+        load(poses, at) * x + load(poses, at + 16) * y + load(poses, at + 32) * z + load(poses, at + 48),
+        load(poses, at + 64) * x + load(poses, at + 80) * y + load(poses, at + 96) * z + load(poses, at + 112),
+        load(poses, at + 128) * x + load(poses, at + 144) * y + load(poses, at + 160) * z + load(poses, at + 176),
+    )
+
+
+@lane_kernel(void(FLOATS_OUT))
+def place_world(poses_out: Floats32) -> None:
+    """Write the world's own placement, the identity, into the first place."""
+    for entry in range(12):
+        store(poses_out, entry * LANES, splat(1.0 if entry in (0, 5, 10) else 0.0))
+
+
+@lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
+def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
+    """World placements of all joints' moved frames at sixteen configurations.
+
+    Args:
+        joints: The joints.
+        coordinates: Sixteen values of each coordinate, flat, (nv * 16).
+        poses_out: (n * POSE); the world's place must have been written by `place_world`.
+    """
+    parents, kinds, drivers, numbers = joints
+    for i in range(1, parents.shape[0]):
+        base, here, there = i * JOINT, i * POSE, parents[i] * POSE
+        value = load(coordinates, drivers[i] * LANES) * number(numbers, base + 12) + number(numbers, base + 13)
+        turning = kinds[i] == TURNING
+        c, s = splat(1.0), splat(0.0)
+        if turning:
+            c, s = cosine_and_sine(value)
+        for r in range(3):
+            row = there + r * 4 * LANES
+            p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
+            r0 = p0 * number(numbers, base) + p1 * number(numbers, base + 4) + p2 * number(numbers, base + 8)
+            r1 = p0 * number(numbers, base + 1) + p1 * number(numbers, base + 5) + p2 * number(numbers, base + 9)
+            r2 = p0 * number(numbers, base + 2) + p1 * number(numbers, base + 6) + p2 * number(numbers, base + 10)
+            t = p0 * number(numbers, base + 3) + p1 * number(numbers, base + 7) + p2 * number(numbers, base + 11)
+            t = t + load(poses_out, row + 48)
+            row = here + r * 4 * LANES
+            if turning:
+                store(poses_out, row, r0 * c + r1 * s)
+                store(poses_out, row + 16, r1 * c - r0 * s)
+            else:
+                store(poses_out, row, r0)
+                store(poses_out, row + 16, r1)
+                t = t + r2 * value
+            store(poses_out, row + 32, r2)
+            store(poses_out, row + 48, t)
