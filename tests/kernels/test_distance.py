@@ -218,7 +218,8 @@ def test_a_hollow_is_outside_and_its_wall_inside() -> None:
 
 def test_pieces_of_a_mesh_that_overlap_are_one_solid() -> None:
     vertices, triangles = box_mesh(1.0)
-    both = np.vstack([vertices, vertices + [0.8, 0.0, 0.0]]), np.vstack([triangles, triangles + len(vertices)])
+    other = vertices + np.array([0.8, 0.0, 0.0])
+    both = np.vstack([vertices, other]), np.vstack([triangles, triangles + len(vertices)])
     tables = tables_of(mesh_message(*both))
     # the first is inside one cube, next to a face of the other that lies within
     points = np.array([[0.28, 0.0, 0.0], [0.4, 0.0, 0.0], [1.0, 0.0, 0.0], [1.5, 0.0, 0.0]])

@@ -16,6 +16,7 @@ from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.values import Placement
+from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.quality import ClearanceProfile, clearance_profile
@@ -78,6 +79,7 @@ def answer_plan(
     q_whole, warnings = _start(request, robot)
     group = select(robot, request.group, request.tip, q_whole, _placement(request.robot_placement))
     group = _limited(group, request)
+    attempts = ATTEMPTS[request.minimizer](group)
     planes = _guide_planes(request, scene)
     recording = record(group, scene, planes)
     problem = Problem(
@@ -95,7 +97,7 @@ def answer_plan(
         observer=recording or Silent(),
     )
     load_seconds += time.monotonic() - begin
-    made = _refusal(problem) or plan(problem, Planner(request.planner))
+    made = _refusal(problem) or plan(problem, Planner(request.planner), attempts)
     profile = None
     if made.trajectory is not None:
         profile = clearance_profile(made.trajectory, problem.world, problem.robot_field)
@@ -111,7 +113,6 @@ def _require_served(request: PlanRequest) -> None:
         "attached_objects": bool(request.attached_objects),
         "path_constraints": bool(request.path_constraints),
         "leave_start_contact": request.leave_start_contact,
-        'minimizer "univariate"': request.minimizer == "univariate",
         'guide_planes "auto"': request.guide_planes == "auto",
         "jerk limits": any(limits.jerk is not None for limits in request.limits.values()),
     }

@@ -9,7 +9,18 @@ from numba import types, void
 from numpy.typing import NDArray
 
 from guidefield.kernels.lane_math import Floats32, cosine_and_sine
-from guidefield.kernels.lanes import FLOATS, FLOATS_OUT, LANES, Vector, lane_kernel, lane_part, load, number, splat, store
+from guidefield.kernels.lanes import (
+    FLOATS,
+    FLOATS_OUT,
+    LANES,
+    Vector,
+    lane_kernel,
+    lane_part,
+    load,
+    number,
+    splat,
+    store,
+)
 from guidefield.kernels.tree_kinematics import INDICES
 
 Integers = NDArray[np.int64]

@@ -66,9 +66,7 @@ def cosine_and_sine(angle: Vector) -> tuple[Vector, Vector]:
 
 
 @lane_part
-def near_primitive(
-    kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector, reach: float
-) -> int:
+def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Mask of the points closer than `reach` [m] to a primitive, or in it; `at` is where its numbers begin."""
     dx = x - number(primitives, at + 9)
     dy = y - number(primitives, at + 10)

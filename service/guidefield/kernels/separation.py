@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, types
 
-from guidefield.kernels.lane_kinematics import Integers
 from guidefield.kernels.lane_math import BOX, CYLINDER, HALF_SPACE, Floats32
 from guidefield.kernels.lanes import (
     ALL_LANES,
@@ -47,7 +46,10 @@ ROUNDS = 32
 
 WORK = 512
 """Numbers of scratch space: simplex, poses of a and b, the last separating axis, a stack."""
-_POSE_A, _POSE_B, _AXIS, _STACK = 16, 28, 40, 64
+_POSE_A, _POSE_B, _STACK = 16, 28, 64
+
+AXIS = 40
+"""Where in the scratch space the last separating axis stands; zero where there is none."""
 
 
 class Parts(NamedTuple):
@@ -103,7 +105,9 @@ def _support(
     if part >= 0:  # else a ball's centre
         kind, at = number(parts.shapes, 3 * part), part * PART
         if kind == POLYTOPE:
-            px, py, pz = _farthest_vertex(parts.vertices, number(parts.shapes, 3 * part + 1), number(parts.shapes, 3 * part + 2), x, y, z)
+            px, py, pz = _farthest_vertex(
+                parts.vertices, number(parts.shapes, 3 * part + 1), number(parts.shapes, 3 * part + 2), x, y, z
+            )
         else:
             pz = math.copysign(number(parts.numbers, at + 14), z)
             if kind == BOX:
@@ -114,15 +118,21 @@ def _support(
                 px, py = x * scale, y * scale
     return (
         number(work, pose) * px + number(work, pose + 1) * py + number(work, pose + 2) * pz + number(work, pose + 3),
-        number(work, pose + 4) * px + number(work, pose + 5) * py + number(work, pose + 6) * pz + number(work, pose + 7),
-        number(work, pose + 8) * px + number(work, pose + 9) * py + number(work, pose + 10) * pz + number(work, pose + 11),
+        number(work, pose + 4) * px
+        + number(work, pose + 5) * py
+        + number(work, pose + 6) * pz
+        + number(work, pose + 7),
+        number(work, pose + 8) * px
+        + number(work, pose + 9) * py
+        + number(work, pose + 10) * pz
+        + number(work, pose + 11),
     )
 
 
 @lane_kernel(boolean(PARTS, types.int64, PARTS, types.int64, types.float64, VECTOR_OUT))
 def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats) -> bool:
     """Whether two parts, placed by the poses in `work`, are farther apart than a margin >= 0; starts from the last axis."""
-    vx, vy, vz = work[_AXIS], work[_AXIS + 1], work[_AXIS + 2]
+    vx, vy, vz = work[AXIS], work[AXIS + 1], work[AXIS + 2]
     if part_b >= 0 and b.shapes[3 * part_b] == HALF_SPACE:
         nx, ny, nz = b.numbers[PART * part_b], b.numbers[PART * part_b + 1], b.numbers[PART * part_b + 2]
         px, py, pz = _support(a, part_a, work, _POSE_A, -nx, -ny, -nz)
@@ -136,7 +146,7 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
         wx, wy, wz = ax - bx, ay - by, az - bz
         along = vx * wx + vy * wy + vz * wz
         if along > margin * math.sqrt(square):
-            work[_AXIS], work[_AXIS + 1], work[_AXIS + 2] = vx, vy, vz
+            work[AXIS], work[AXIS + 1], work[AXIS + 2] = vx, vy, vz
             return True
         if rounds > 0 and square - along <= 1e-9 * square:
             return False
@@ -187,9 +197,7 @@ def _balls_apart(work: Floats, reach: float) -> bool:
     return bool(x * x + y * y + z * z > reach * reach)
 
 
-@lane_kernel(
-    boolean(PARTS, types.int64, VECTOR_OUT, PARTS, types.int64, VECTOR_OUT, types.float64, VECTOR_OUT)
-)
+@lane_kernel(boolean(PARTS, types.int64, VECTOR_OUT, PARTS, types.int64, VECTOR_OUT, types.float64, VECTOR_OUT))
 def bodies_apart(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:

@@ -7,16 +7,18 @@ accepted step belongs to the path.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from guidefield.collision.ball import obstacle_touched
-from guidefield.collision.certificate import Verdict
 from guidefield.errors import Status
 from guidefield.planner.problem import Problem
-from guidefield.planner.steps import MARGIN, Blocks, Walker
+from guidefield.planner.settling import Minimizer
+from guidefield.planner.projected import Blocks, Projected
+from guidefield.planner.steps import MARGIN, Walker
 from guidefield.planner.trace import Note, Step
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.chart import TRANSLATION
@@ -40,13 +42,17 @@ CREEPING_ROUNDS = 3
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way of trying a plane: how slide and reorient are done, and the length of an advance [m]."""
+    """One way of trying a plane: who minimises, and the length of an advance [m]."""
 
-    blocks: Blocks
+    minimizer: Minimizer
     step: float
 
 
-ATTEMPTS = (Attempt(Blocks.ONE, FIRST_STEP), Attempt(Blocks.TWO, FIRST_STEP), Attempt(Blocks.ONE, FIRST_STEP / 2))
+PROJECTED = (
+    Attempt(Projected(Blocks.ONE), FIRST_STEP),
+    Attempt(Projected(Blocks.TWO), FIRST_STEP),
+    Attempt(Projected(Blocks.ONE), FIRST_STEP / 2),
+)
 """Tried in this order until one crosses the plane."""
 
 
@@ -67,7 +73,9 @@ class Crossing:
     details: dict[str, Any] = field(default_factory=dict)
 
 
-def cross(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int) -> Crossing:
+def cross(
+    problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempts: Sequence[Attempt] = PROJECTED
+) -> Crossing:
     """Bring the tip onto a guide plane: each attempt from the same start, until one succeeds.
 
     Args:
@@ -75,6 +83,7 @@ def cross(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int) -> Cro
         q: Where to start, shape (nq,).
         plane: The plane.
         index: Which one of the request's it is, for reports.
+        attempts: Tried in order.
 
     Returns:
         The first attempt that succeeds, else the one that came nearest.
@@ -85,9 +94,9 @@ def cross(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int) -> Cro
         details = {"stage": "guide", "plane": index, "guide_plane": plane.name, **details}
         return Crossing(Status.GUIDE_PLANE_UNREACHABLE, f"guide plane {plane.name!r}: {reason}", q[None], details)
     best: Crossing | None = None
-    for number, attempt in enumerate(ATTEMPTS):
+    for number, attempt in enumerate(attempts):
         if number:
-            problem.tell(Note(f"again, {attempt.blocks.value} block(s), steps of {1000 * attempt.step:.0f} mm"))
+            problem.tell(Note(f"again, {attempt.minimizer.name}, steps of {1000 * attempt.step:.0f} mm"))
         outcome = _attempt(problem, q, plane, index, attempt)
         if outcome.status in (Status.SUCCESS, Status.TIMED_OUT, Status.PREEMPTED):
             return outcome
@@ -130,15 +139,20 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
             return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
         target = plane.closest_point(walker.tip, inset)
         direction = (target - walker.tip) / distance
-        moved = walker.advance(direction, min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance))
+        since = len(walker.path) - 1
+        step, smallest = min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance)
+        moved = walker.advance(direction, step, smallest, attempt.minimizer.reach)
         if moved.q is None:
-            return _blocked(walker, plane, index, inset, moved.refusal)
+            return _blocked(walker, plane, index, inset)
         gained = distance - plane.distance(walker.tip, inset)
         farthest = distance - GUARD * gained
         if moved.step >= distance - ON_PLANE:  # arrived: minimise in the guide plane itself, inside its polygon
-            walker.settle(plane.centroid, plane.normal, attempt.blocks, lambda p: plane.contains(p, 0.5 * inset))
+            inside = _Inside(plane, 0.5 * inset)
+            attempt.minimizer.settle(walker, plane.centroid, plane.normal, inside)
+            walker.straighten(since)
             return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
-        walker.settle(walker.tip, direction, attempt.blocks, _Within(plane, inset, farthest))
+        attempt.minimizer.settle(walker, walker.tip, direction, _Within(plane, inset, farthest))
+        walker.straighten(since)
         kept = distance - plane.distance(walker.tip, inset)
         creeping = creeping + 1 if kept < CREEPING * min(attempt.step, distance) else 0
         if creeping >= CREEPING_ROUNDS:
@@ -161,9 +175,21 @@ class _Within:
         return self.plane.distance(point, self.inset) <= self.farthest
 
 
-def _blocked(walker: Walker, plane: GuidePlane, index: int, inset: float, refusal: Verdict | None) -> Crossing:
+@dataclass(frozen=True, eq=False)
+class _Inside:
+    """A point on the plane may not come nearer to the polygon's edges than this [m]."""
+
+    plane: GuidePlane
+    inset: float
+
+    def __call__(self, point: np.ndarray) -> bool:
+        return self.plane.contains(point, self.inset)
+
+
+def _blocked(walker: Walker, plane: GuidePlane, index: int, inset: float) -> Crossing:
     """No advance is possible: held by an obstacle it is stuck, out of reach the plane is unreachable from here."""
     left = 1000 * plane.distance(walker.tip, inset)
+    refusal = walker.refusal()
     if refusal is None:
         return _given_up(
             Status.GUIDE_PLANE_UNREACHABLE,
@@ -179,7 +205,7 @@ def _blocked(walker: Walker, plane: GuidePlane, index: int, inset: float, refusa
 
 
 def _given_up(status: Status, message: str, walker: Walker, plane: GuidePlane, index: int, inset: float) -> Crossing:
-    group = walker.problem.group
+    group, refusal = walker.problem.group, walker.refusal()
     z = group.chart(walker.q)
     at_limit = [
         j.name for j in group.joints if min(z[j.idx_v] - group.lower[j.idx_v], group.upper[j.idx_v] - z[j.idx_v]) < 1e-6
@@ -190,7 +216,7 @@ def _given_up(status: Status, message: str, walker: Walker, plane: GuidePlane, i
         "guide_plane": plane.name,
         "distance": plane.distance(walker.tip, inset),
         "potential": walker.problem.robot_field.potential(walker.q),
-        "pair": list(walker.refusal.pair) if walker.refusal is not None and walker.refusal.pair else None,
+        "pair": list(refusal.pair) if refusal is not None and refusal.pair else None,
         "joints_at_limit": at_limit,
     }
     return Crossing(status, message, np.array(walker.path), details)

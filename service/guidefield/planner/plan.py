@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ from guidefield.errors import Status
 from guidefield.planner.connect import connect, shortcut
 from guidefield.planner.ends import check_start, goal_points, tip_points
 from guidefield.planner.finish import Finished, finish
-from guidefield.planner.guide import Crossing, cross, inset_of
+from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross, inset_of
 from guidefield.planner.problem import Problem
 from guidefield.planner.stages import Stage, StageFailed, Stages
 from guidefield.planner.trace import StageLeft
@@ -71,12 +72,13 @@ class _Found:
         self.path = np.concatenate([self.path, points[1:]])
 
 
-def plan(problem: Problem, planner: Planner = Planner.AUTO) -> Plan:
+def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:
     """Plan a motion.
 
     Args:
         problem: Robot, scene, start, goal, guide planes, budget.
         planner: Which stages find it.
+        attempts: How each guide plane is tried.
     """
     stages = Stages(problem)
     found = _Found(problem.group.chart(problem.q_start)[None])
@@ -88,7 +90,7 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO) -> Plan:
                 "the start is free" if goals is None else f"start free, {len(goals)} free configurations at the goal"
             )
         if planner is not Planner.TREE:
-            _cross_planes(problem, found, stages, planner)
+            _cross_planes(problem, found, stages, planner, attempts)
         if goals is not None:
             with stages.entered("connect", "to the goal") as stage:
                 _connect(problem, found, goals, stage)
@@ -103,12 +105,14 @@ def refused(problem: Problem, status: Status, message: str, details: dict[str, A
     return _partial(problem, start, StageFailed(status, message, **details), Stages(problem))
 
 
-def _cross_planes(problem: Problem, found: _Found, stages: Stages, planner: Planner) -> None:
+def _cross_planes(
+    problem: Problem, found: _Found, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
+) -> None:
     """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
     group = problem.group
     for index, plane in enumerate(problem.guide_planes):
         with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
-            crossing = cross(problem, group.from_chart(found.path[-1]), plane, index)
+            crossing = cross(problem, group.from_chart(found.path[-1]), plane, index, attempts)
             stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
         if crossing.status is Status.SUCCESS:
             found.extend(group.chart_path(list(crossing.path), found.path[-1]))

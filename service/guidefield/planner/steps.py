@@ -1,19 +1,17 @@
-"""The seed's three steps towards a guide plane: advance the tip, then slide and reorient to reduce the potential.
+"""Steps towards a guide plane: advances of the tip, and every accepted configuration, which together are the path.
 
 planner.md section 3; findings-seed.md sections 2 and 3.
 """
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from guidefield.collision.certificate import Verdict, motion_free
-from guidefield.planner.constraints import OnPlane, Reorienting, Sliding, TipConstraint
-from guidefield.planner.minimizer import descend
+from guidefield.collision.swept import swept_world
 from guidefield.planner.problem import Problem
 from guidefield.planner.trace import Step
 from guidefield.robot.chart import TRANSLATION
@@ -23,17 +21,9 @@ MARGIN = 2e-3
 NEWTON_STEPS = 30
 ARRIVED = 1e-6
 """How exactly an advance reaches its point [m]."""
-MOST_ROUNDS = 6
-"""Rounds of slide and reorient on one plane."""
-NEGLIGIBLE = 2e-3
-"""Rounds end where U falls by less than this share."""
 
-
-class Blocks(enum.Enum):
-    """How slide and reorient are done: both at once, or in turn (a second try where the first got stuck)."""
-
-    ONE = "one"
-    TWO = "two"
+Reach = Callable[[Problem, np.ndarray, np.ndarray], Iterable[np.ndarray]]
+"""Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +33,10 @@ class Moved:
     Attributes:
         q: Configuration after it; None if no step was feasible.
         step: Distance that the tip moved [m].
-        refusal: Why the last trial was refused: the certificate's verdict, or None where the arm couldn't reach.
     """
 
     q: np.ndarray | None
     step: float
-    refusal: Verdict | None
 
 
 class Walker:
@@ -58,6 +46,7 @@ class Walker:
         problem: What is planned.
         q: Where to start, shape (nq,).
         margin: Distance to keep from obstacles [m].
+        plane: Index of the guide plane that is approached, for reports.
     """
 
     def __init__(self, problem: Problem, q: np.ndarray, margin: float, plane: int) -> None:
@@ -65,7 +54,7 @@ class Walker:
         self.path = [q]
         self.margin = margin
         self.plane = plane
-        self.refusal: Verdict | None = None
+        self._refused: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def q(self) -> np.ndarray:
@@ -79,70 +68,66 @@ class Walker:
 
     def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
         """Whether the straight joint motion between two configurations is free over its whole length."""
-        group = self.problem.group
+        group, world = self.problem.group, self.problem.world
+        swept = swept_world(world)
         z0 = group.chart(q0)
-        verdict = motion_free(self.problem.world, z0, group.unwrapped(group.chart(q1), z0), self.margin)
+        z1 = group.unwrapped(group.chart(q1), z0)
+        self.problem.counters.collision_checks += 1
+        if swept.apart(z0, z1, self.margin):
+            return True
+        if swept.exact:
+            self._refused = (z0, z1)
+            return False
+        verdict = motion_free(world, z0, z1, self.margin)
         self.problem.counters.collision_checks += verdict.evaluations
         if not verdict.free:
-            self.refusal = verdict
+            self._refused = (z0, z1)
         return verdict.free
+
+    def straighten(self, since: int) -> None:
+        """Go straight from an earlier configuration of the path to the last one, where that motion is free.
+
+        Advances lead to the walls and descents back: from one plane's minimum to the next one's the straight motion is
+        shorter and farther from the obstacles. It need not be free, so every step is kept until this is known.
+
+        Args:
+            since: Index in the path of the earlier configuration.
+        """
+        if len(self.path) - since > 2 and self.free(self.path[since], self.q):
+            del self.path[since + 1 : -1]
+
+    def refusal(self) -> Verdict | None:
+        """Why the last motion that was not free was refused: the certificate's verdict; None if there was none.
+
+        Where the fast judgement is stricter than the certificate by a hair, the verdict may be that it is free.
+        """
+        if self._refused is None:
+            return None
+        return motion_free(self.problem.world, *self._refused, self.margin)
 
     def take(self, q: np.ndarray, kind: str, message: str, potential: float | None = None) -> None:
         """Accept a configuration."""
         self.path.append(q)
         self.problem.tell(Step(kind, q, message, potential, self.plane))
 
-    def advance(self, direction: np.ndarray, step: float, smallest: float) -> Moved:
+    def advance(self, direction: np.ndarray, step: float, smallest: float, reach: Reach) -> Moved:
         """Move the tip along a direction: the largest of step, step/2, step/4 .. that is feasible and free.
 
         Args:
             direction: Unit vector, shape (3,).
             step: How far at most [m].
             smallest: Below this the advance is given up [m].
+            reach: How configurations with the tip at a point are found.
         """
         start, tried = self.tip, step
-        self.refusal = None
+        self._refused = None
         while tried >= smallest or tried == step:
-            q = reach_point(self.problem, self.q, start + tried * direction)
-            if q is not None and self.free(self.q, q):
-                self.take(q, "advance", f"tip {1000 * tried:.0f} mm towards the plane")
-                return Moved(q, tried, None)
+            for q in reach(self.problem, self.q, start + tried * direction):
+                if self.free(self.q, q):
+                    self.take(q, "advance", f"tip {1000 * tried:.0f} mm towards the plane")
+                    return Moved(q, tried)
             tried *= 0.5
-        return Moved(None, 0.0, self.refusal)
-
-    def settle(
-        self, point: np.ndarray, normal: np.ndarray, blocks: Blocks, guard: Callable[[np.ndarray], bool]
-    ) -> None:
-        """Slide and reorient on the plane through `point` until U falls no more.
-
-        Args:
-            point: A point of the plane that the tip is on, shape (3,) [m].
-            normal: The plane's unit normal, shape (3,).
-            blocks: At once, or in turn.
-            guard: Whether the tip may be at a point, shape (3,).
-        """
-        kinematics = self.problem.kinematics
-
-        def accept(q0: np.ndarray, q1: np.ndarray) -> bool:
-            return guard(kinematics.tip_position(q1)) and self.free(q0, q1)
-
-        if blocks is Blocks.ONE:
-            self._descend(OnPlane(kinematics, point, normal), accept, "descend")
-            return
-        before = self.problem.robot_field.potential(self.q)
-        for _ in range(MOST_ROUNDS):
-            rotation = kinematics.frame_placement(self.q, self.problem.group.tip_id).rotation
-            self._descend(Sliding(kinematics, point, normal, rotation), accept, "slide")
-            after = self._descend(Reorienting(kinematics, self.tip), accept, "reorient")
-            if before - after < NEGLIGIBLE * before or self.problem.budget.spent():
-                return
-            before = after
-
-    def _descend(self, constraint: TipConstraint, accept: Callable[[np.ndarray, np.ndarray], bool], kind: str) -> float:
-        descent = descend(self.problem, self.q, constraint, accept)
-        for q in descent.path:
-            self.take(q, kind, f"{kind} to U = {descent.potential:.4g}", descent.potential)
-        return descent.potential
+        return Moved(None, 0.0)
 
 
 def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarray | None:

@@ -127,7 +127,7 @@ class Slot:
                 self._pid, self._pool = pid.result(), pool
                 return
         except (ProcessExpired, BrokenProcessPool, RuntimeError, OSError):
-            _log.exception("a worker process could not be prepared")
+            _log.error("a worker process could not be prepared")
         _end(pool)
 
     def _stop_worker(self) -> None:

@@ -28,6 +28,9 @@ SKETCH_VERTICES = 40
 SIDES = 48
 """Sides of a drawn cylinder."""
 
+TEXTURE_SIZE = 512
+"""Longest side of a texture, in pixels."""
+
 GREY = (204, 204, 208, 255)
 """Colour of a body that has none of its own (RGBA)."""
 
@@ -121,20 +124,55 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
         override: RGBA that replaces the file's colours, shape (4,); None keeps them.
 
     Returns:
-        A coloured surface; or, where the file has textures that count, the whole of it as GLB.
+        A coloured surface; or, where the file has textures that count, the whole of it as a GLB file with small ones.
 
     Raises:
         ValueError: if there is nothing to draw in it.
     """
-    scene = trimesh.load_scene(path)
-    scene.apply_transform(np.diag([*scale, 1.0]))
-    meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    meshes = _file_meshes(path)
     if not meshes:
-        raise ValueError(f"{path.name} has no triangles")
+        return _read_plainly(path, scale).colored(GREY if override is None else override)
+    for mesh in meshes:
+        mesh.apply_scale(scale)
     if override is None and any(_texture(mesh) is not None for mesh in meshes):
-        glb: bytes = trimesh.Scene(meshes).export(file_type="glb")
-        return glb
+        return _as_glb(meshes)
     return joined([_colored(mesh, override) for mesh in meshes])
+
+
+def _file_meshes(path: Path) -> list[trimesh.Trimesh]:
+    """The meshes of a file, each where the file has it; none where trimesh can't make sense of it."""
+    try:
+        parts = trimesh.load_scene(path).dump()
+    except (KeyError, IndexError, AttributeError, TypeError, ValueError):  # what its readers raise for odd files
+        return []
+    return [mesh for mesh in parts if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+
+
+def _read_plainly(path: Path, scale: np.ndarray) -> Surface:
+    """The bare triangles of a file, by the reader that reads it for collisions.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    vertices, triangles = triangulation(coal.MeshLoader().load(str(path), scale))
+    if not len(triangles):
+        raise ValueError(f"{path.name} has no triangles")
+    return shaded(vertices, triangles)
+
+
+def _as_glb(meshes: list[trimesh.Trimesh]) -> bytes:
+    """Textured meshes as a GLB file, their textures reduced to `TEXTURE_SIZE`."""
+    for mesh in meshes:
+        if (image := _texture(mesh)) is not None:
+            small = image.convert("RGB")
+            small.thumbnail((TEXTURE_SIZE, TEXTURE_SIZE))
+            small.format = "JPEG"
+            material = trimesh.visual.material.PBRMaterial(
+                baseColorTexture=small, metallicFactor=0.0, roughnessFactor=0.8
+            )
+            mesh.visual = trimesh.visual.TextureVisuals(uv=mesh.visual.uv, material=material)
+    glb: bytes = trimesh.Scene(meshes).export(file_type="glb")
+    return glb
 
 
 def _colored(mesh: trimesh.Trimesh, override: Sequence[int] | None) -> Surface:

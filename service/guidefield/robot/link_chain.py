@@ -9,6 +9,7 @@ import numpy as np
 
 from guidefield.errors import InvalidGroup
 from guidefield.kernels.link_chain import BALL, FREE, UNIVERSAL, LinkChain
+from guidefield.kernels.tree_kinematics import JointTable, joint_placements
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import JointKind
@@ -27,12 +28,14 @@ class Chain:
 
     Attributes:
         group: The joints.
+        joints: The joints of its model.
         table: The chain as the kernels read it.
         leads: Whether its first joint is the tip, and nothing holds it (a moving base); else the last link ends in it.
         joint_of_link: Index in the group's model of the joint that carries each link, shape (n,).
     """
 
     group: PlanningGroup
+    joints: JointTable
     table: LinkChain
     leads: bool
     joint_of_link: np.ndarray
@@ -42,8 +45,11 @@ class Chain:
         """How many links."""
         return len(self.joint_of_link)
 
-    def places(self, q: np.ndarray, placements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n + 1, 3) of joints and rotations (n, 3, 3) of links, from placements (njoints, 3, 4) at q."""
+    def places(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (n + 1, 3) of joints [m] and rotations (n, 3, 3) of links in the world, at a configuration (nq,)."""
+        placements = np.empty((len(self.joints.parents), 3, 4))
+        parents, kinds, axes, fixed, idx_q, _, _ = self.joints
+        joint_placements(parents, kinds, axes, fixed, idx_q, q, placements)
         links = placements[self.joint_of_link]
         rotations = np.ascontiguousarray(links[:, :, :3])
         end = rotations[-1] @ self.table.links[-1] + links[-1, :, 3]
@@ -84,7 +90,7 @@ def link_chain(group: PlanningGroup) -> Chain:
     )
     for array in chain:
         array.setflags(write=False)
-    return Chain(group, chain, leads, np.array(ends))
+    return Chain(group, table, chain, leads, np.array(ends))
 
 
 def _links_of(group: PlanningGroup) -> tuple[list[int], list[int], list[tuple[int, int]]]:

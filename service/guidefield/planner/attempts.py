@@ -1,0 +1,32 @@
+"""How each guide plane is tried, and tried again, with the minimizer that a request asks for."""
+
+from __future__ import annotations
+
+from guidefield.errors import InvalidGroup
+from guidefield.planner.guide import FIRST_STEP, PROJECTED, Attempt
+from guidefield.planner.univariate import Univariate
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.link_chain import link_chain
+
+
+def projected(group: PlanningGroup) -> tuple[Attempt, ...]:
+    """Projected in one block, in two, with shorter advances; then, where it is for such a robot, Univariate."""
+    try:
+        chain = link_chain(group)
+    except InvalidGroup:
+        return PROJECTED
+    return (*PROJECTED, Attempt(Univariate(chain), FIRST_STEP))
+
+
+def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
+    """Univariate, then with shorter advances.
+
+    Raises:
+        InvalidGroup: if the group isn't a chain of ball or universal joints.
+    """
+    minimizer = Univariate(link_chain(group))
+    return Attempt(minimizer, FIRST_STEP), Attempt(minimizer, FIRST_STEP / 2)
+
+
+ATTEMPTS = {"projected": projected, "univariate": univariate}
+"""By the name that a request gives."""

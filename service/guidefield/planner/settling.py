@@ -1,0 +1,40 @@
+"""What a minimizer does for the guided planner: it reaches points with the tip, and lowers the potential on a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+import numpy as np
+
+from guidefield.planner.problem import Problem
+from guidefield.planner.steps import Walker
+
+MOST_ROUNDS = 6
+"""Rounds of slide and reorient on one plane."""
+NEGLIGIBLE = 2e-3
+"""Rounds end where U falls by less than this share."""
+
+Guard = Callable[[np.ndarray], bool]
+"""Whether the tip may be at a point, shape (3,) [m]."""
+
+
+class Minimizer(Protocol):
+    """Lowers the potential of the robot while its tip stays on a plane: the seed's slide and reorient."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for reports."""
+
+    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterable[np.ndarray]:
+        """Configurations near q whose tip is at a point (3,) [m]: those that an advance tries, in order."""
+
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: Guard) -> None:
+        """Slide and reorient on a plane until U falls no more; the walker takes every step.
+
+        Args:
+            walker: The robot, with its tip on the plane.
+            point: A point of the plane, shape (3,) [m].
+            normal: The plane's unit normal, shape (3,).
+            guard: Where the tip may be.
+        """

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from hypothesis import given, settings, strategies as st
+
+from guidefield.messages import scene as messages
+from guidefield.recorder.camera import choose_eye
+from guidefield.scene.scene import build
+
+WAY = np.linspace([0.3, 0.0, 0.5], [0.7, 0.0, 0.5], 30)
+JOINTS = np.linspace([0.0, 0.0, 0.0], [0.3, 0.0, 0.5], 5)
+
+
+def walls(*boxes: tuple[str, tuple, tuple]) -> tuple:
+    """Obstacles: boxes by name, size and position."""
+    obstacles = [messages.Box(name=name, size=size, position=position) for name, size, position in boxes]
+    return build(messages.Scene(name="walls", obstacles=obstacles)).obstacles
+
+
+def hidden(eye: np.ndarray, points: np.ndarray, obstacles: tuple) -> dict[str, np.ndarray]:
+    """Which points (n, 3) each obstacle hides from an eye, by trimesh's rays."""
+    found = {}
+    for obstacle in obstacles:
+        mesh = trimesh.Trimesh(obstacle.vertices, obstacle.triangles, process=False)
+        rays = points - eye
+        places, index, _ = trimesh.ray.ray_triangle.RayMeshIntersector(mesh).intersects_location(
+            np.tile(eye, (len(points), 1)), rays
+        )
+        before = (
+            np.linalg.norm(np.reshape(places, (-1, 3)) - eye, axis=1)
+            < np.linalg.norm(rays[index.astype(int)], axis=1) - 1e-6
+        )
+        found[obstacle.name] = np.bincount(index[before].astype(int), minlength=len(points)) > 0
+    return found
+
+
+def test_looks_past_a_wall_on_either_side():
+    for side in (-1.0, 1.0):
+        obstacles = walls(("wall", (4.0, 0.02, 4.0), (0.5, 0.3 * side, 0.5)))
+        eye = choose_eye(WAY, JOINTS, obstacles)
+        assert not hidden(eye.position, WAY, obstacles)["wall"].any()
+        assert eye.hiding == frozenset()
+
+
+def test_names_what_hides_the_way_in_a_closed_room():
+    room = walls(
+        *((f"x{s}", (0.02, 1.5, 1.5), (0.35 + 0.5 * s, 0.0, 0.3)) for s in (-1, 1)),
+        *((f"y{s}", (1.5, 0.02, 1.5), (0.35, 0.3 * s, 0.3)) for s in (-1, 1)),
+        *((f"z{s}", (1.5, 1.5, 0.02), (0.35, 0.0, 0.3 + 0.35 * s)) for s in (-1, 1)),
+    )
+    eye = choose_eye(WAY, JOINTS, room)
+    expected = {name for name, points in hidden(eye.position, WAY, room).items() if points.mean() > 0.2}
+    assert expected
+    assert expected <= eye.hiding
+    assert len(eye.hiding) <= 3
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_what_hides_nothing_is_not_named(seed):
+    rng = np.random.default_rng(seed)
+    boxes = [(f"b{i}", tuple(rng.uniform(0.05, 0.4, 3)), tuple(rng.uniform(-0.8, 1.2, 3))) for i in range(8)]
+    obstacles = walls(*boxes)
+    eye = choose_eye(WAY, JOINTS, obstacles)
+    assert np.isfinite(eye.position).all()
+    assert eye.position[2] > eye.target[2]
+    seen = np.vstack([WAY, JOINTS])
+    assert (eye.target >= seen.min(axis=0)).all()
+    assert (eye.target <= seen.max(axis=0)).all()
+    shares = {name: points.mean() for name, points in hidden(eye.position, WAY, obstacles).items()}
+    assert all(shares[name] > 0.0 for name in eye.hiding)
+
+
+def test_an_empty_scene_and_a_robot_at_rest_have_a_view_too():
+    eye = choose_eye(WAY[:1], JOINTS[:1], ())
+    assert np.linalg.norm(eye.position - eye.target) > 0.3

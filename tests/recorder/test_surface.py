@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import networkx
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings, strategies as st
+from PIL import Image
+
+from guidefield.recorder import surface
+from guidefield.recorder.surface import Surface
+from guidefield.robot.meshes import catalog_share
+
+SHAPES = {
+    "box": (coal.Box(0.2, 0.3, 0.4), 0.2 * 0.3 * 0.4, 24),
+    "sphere": (coal.Sphere(0.1), 4.0 / 3.0 * np.pi * 0.1**3, None),
+    "cylinder": (coal.Cylinder(0.1, 0.5), np.pi * 0.1**2 * 0.5, None),
+    "capsule": (coal.Capsule(0.1, 0.5), np.pi * 0.1**2 * 0.5 + 4.0 / 3.0 * np.pi * 0.1**3, None),
+    "ellipsoid": (coal.Ellipsoid(0.1, 0.2, 0.3), 4.0 / 3.0 * np.pi * 0.1 * 0.2 * 0.3, None),
+}
+
+
+def closed(drawn: Surface) -> trimesh.Trimesh:
+    return trimesh.Trimesh(drawn.vertices, drawn.triangles, merge_norm=True, merge_tex=True)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_is_drawn_with_its_volume_and_its_bounds(name):
+    shape, volume, vertices = SHAPES[name]
+    drawn = surface.of_shape(shape)
+    mesh = closed(drawn)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(volume, rel=0.02)
+    shape.computeLocalAABB()
+    assert np.allclose(mesh.bounds, [shape.aabb_local.min_, shape.aabb_local.max_], atol=1e-3)
+    assert vertices is None or len(drawn.vertices) == vertices
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_normals_are_unit_and_point_outwards(name):
+    drawn = surface.of_shape(SHAPES[name][0])
+    assert np.allclose(np.linalg.norm(drawn.normals, axis=1), 1.0, atol=1e-5)
+    facing = np.einsum("tik,tk->ti", drawn.normals[drawn.triangles], closed_face_normals(drawn))
+    assert facing.min() > np.cos(surface.CREASE)
+
+
+def closed_face_normals(drawn: Surface) -> np.ndarray:
+    a, b, c = (drawn.vertices[drawn.triangles[:, i]].astype(float) for i in range(3))
+    normals = np.cross(b - a, c - a)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1), crease=st.floats(0.1, 1.5))
+def test_creases_part_the_corners_at_a_vertex(seed, crease):
+    """Two triangles share a corner's normal exactly if smooth edges lead from one to the other around it."""
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.Trimesh(np.round(rng.normal(size=(30, 3)), 4)).convex_hull
+    around = [networkx.Graph() for _ in mesh.vertices]
+    for number, face in enumerate(mesh.faces):
+        for vertex in face:
+            around[vertex].add_node(number)
+    for faces, edge, angle in zip(
+        mesh.face_adjacency, mesh.face_adjacency_edges, mesh.face_adjacency_angles, strict=True
+    ):
+        for vertex in edge:
+            if angle < crease:
+                around[vertex].add_edge(*faces)
+    drawn = surface.shaded(mesh.vertices, mesh.faces, crease)
+    assert len(drawn.vertices) == sum(networkx.number_connected_components(graph) for graph in around)
+    assert len(drawn.triangles) == len(mesh.faces)
+    assert trimesh.Trimesh(drawn.vertices, drawn.triangles).area == pytest.approx(mesh.area, rel=1e-4)
+
+
+def test_shading_forgets_triangles_without_an_area():
+    drawn = surface.shaded(
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0]], float), np.array([[0, 1, 2], [1, 2, 3]])
+    )
+    assert len(drawn.triangles) == 1
+
+
+def test_a_sketch_is_a_hull_of_few_points_inside_the_shape():
+    drawn = surface.of_shape(coal.Capsule(0.1, 0.5))
+    mesh = closed(surface.sketch(drawn))
+    assert len(mesh.vertices) <= surface.SKETCH_VERTICES
+    assert mesh.is_convex
+    assert 0.8 * closed(drawn).volume < mesh.volume <= closed(drawn).volume
+
+
+def test_a_shape_that_nobody_knows_is_refused():
+    with pytest.raises(ValueError, match="Halfspace"):
+        surface.of_shape(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".glb", ".dae", ".ply"])
+def test_reads_every_kind_of_mesh_file_at_its_scale(suffix, tmp_path):
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    path = tmp_path / f"box{suffix}"
+    box.export(path)
+    drawn = surface.read_mesh(path, np.array([0.001, 0.001, 0.002]), (10, 20, 30, 255))
+    assert np.allclose(np.ptp(drawn.vertices, axis=0), [0.001, 0.002, 0.006])
+    assert (drawn.colors == (10, 20, 30, 255)).all()
+
+
+def test_keeps_the_colours_of_the_file(tmp_path):
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[200, 100, 50, 255])
+    box = trimesh.creation.box()
+    box.visual = trimesh.visual.TextureVisuals(material=material)
+    box.export(tmp_path / "box.glb")
+    drawn = surface.read_mesh(tmp_path / "box.glb", np.ones(3), None)
+    assert np.abs(drawn.colors.astype(int) - (200, 100, 50, 255)).max() <= 1
+
+
+def test_keeps_colours_by_face(tmp_path):
+    box = trimesh.creation.box()
+    box.visual.face_colors = np.tile([[255, 0, 0, 255], [0, 0, 255, 255]], (6, 1))
+    box.export(tmp_path / "box.ply")
+    drawn = surface.read_mesh(tmp_path / "box.ply", np.ones(3), None)
+    assert {tuple(color) for color in drawn.colors.tolist()} == {(255, 0, 0, 255), (0, 0, 255, 255)}
+    assert trimesh.Trimesh(drawn.vertices, drawn.triangles).volume == pytest.approx(1.0)
+
+
+def test_a_textured_file_stays_what_it_is(tmp_path):
+    box = trimesh.creation.box()
+    image = Image.fromarray(np.random.default_rng(0).integers(0, 255, (8, 8, 3), np.uint8))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=image)
+    box.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(1).uniform(size=(8, 2)), material=material)
+    box.export(tmp_path / "box.glb")
+    content = surface.read_mesh(tmp_path / "box.glb", np.full(3, 2.0), None)
+    assert isinstance(content, bytes)
+    again = tmp_path / "again.glb"
+    again.write_bytes(content)
+    mesh = trimesh.load_scene(again).to_geometry()
+    assert np.allclose(np.ptp(mesh.bounds, axis=0), 2.0)
+    assert mesh.visual.material.baseColorTexture.size == (8, 8)
+    assert isinstance(surface.read_mesh(tmp_path / "box.glb", np.ones(3), (1, 2, 3, 255)), Surface)
+
+
+def test_a_file_with_nothing_to_draw_is_refused(tmp_path):
+    path = Path(tmp_path / "points.obj")
+    path.write_text("v 0 0 0\nv 1 0 0\n")
+    with pytest.raises(ValueError, match=r"points\.obj"):
+        surface.read_mesh(path, np.ones(3), None)
+
+
+def test_a_file_that_trimesh_finds_empty_is_read_as_it_is_for_collisions():
+    """A real one: its triangles hang on a node that trimesh doesn't reach."""
+    robots = catalog_share() / "example-robot-data" / "robots"
+    path = robots / "anymal_b_simple_description" / "meshes" / "foot" / "anymal_foot.dae"
+    drawn = surface.read_mesh(path, np.full(3, 2.0), None)
+    expected = coal.MeshLoader().load(str(path), np.full(3, 2.0))
+    expected.computeLocalAABB()
+    box = expected.aabb_local
+    assert np.allclose([drawn.vertices.min(axis=0), drawn.vertices.max(axis=0)], [box.min_, box.max_], atol=1e-6)
