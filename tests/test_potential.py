@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.field import potential_at_points
+from guidefield.kernels.field import field_at_points
 from guidefield.kernels.primitives import capsule_at
 from guidefield.messages import scene as messages
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.selection import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
@@ -73,7 +73,7 @@ def test_the_backward_pass_equals_a_sum_over_points_with_pinocchios_jacobians(na
     q = random_configuration(planned, 7)
     positions, _ = world_points(field, q)
     moving = field.charged.point_joints > 0
-    potential, gradient, _ = potential_at_points(field.tables, positions)
+    potential, gradient, _, _ = field_at_points(field.tables, positions)
     self_potential, self_force = _self_repulsion_by_points(field, q)
     weights = field.charged.weights * moving
     expected = np.zeros(planned.model.nv)
@@ -121,18 +121,18 @@ def test_the_metric_is_symmetric_and_positive_semidefinite(name: str) -> None:
 def test_the_metric_is_the_curvature_of_nearby_faces_seen_by_the_joints() -> None:
     planned = grouped(box_arm("oblique", 3))
     field = RobotField(planned, far_scene())
-    field.charged = field.charged._replace(pairs=np.empty((0, 3), np.int64))
+    none = np.empty((0, 3), np.int64)
+    none.setflags(write=False)
+    field.charged = field.charged._replace(pairs=none)
     q = random_configuration(planned, 1)
     positions, data = world_points(field, q)
     pin.computeJointJacobians(planned.model, data, q)
-    from guidefield.kernels.field import field_at
-
+    curvature = field_at_points(field.tables, positions).curvature
     expected = np.zeros((planned.nv, planned.nv))
     for i in np.flatnonzero(field.charged.point_joints):
-        curvature = field_at(*positions[i], *field.tables)[4]
         J = pin.getJointJacobian(planned.model, data, int(field.charged.point_joints[i]), pin.ReferenceFrame.WORLD)
         linear = J[:3] - pin.skew(positions[i]) @ J[3:]
-        expected += field.charged.weights[i] * curvature * linear.T @ linear
+        expected += field.charged.weights[i] * curvature[i] * linear.T @ linear
     np.testing.assert_allclose(field.evaluate(q).metric, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -170,10 +170,12 @@ def test_moving_robot_and_scene_together_changes_nothing() -> None:
 def test_link_wrenches_are_forces_and_torques_about_the_joints() -> None:
     planned = group("panda")
     field = RobotField(planned, far_scene())
-    field.charged = field.charged._replace(pairs=np.empty((0, 3), np.int64))
+    none = np.empty((0, 3), np.int64)
+    none.setflags(write=False)
+    field.charged = field.charged._replace(pairs=none)
     q = random_configuration(planned, 5)
     positions, data = world_points(field, q)
-    _, gradient, _ = potential_at_points(field.tables, positions)
+    gradient = field_at_points(field.tables, positions).gradient
     wrenches = field.link_wrenches(q)
     on_link4 = field.charged.point_joints == 4
     forces = -field.charged.weights[on_link4, None] * gradient[on_link4]
@@ -199,3 +201,26 @@ def test_charged_points_carry_the_area_of_the_collision_shapes() -> None:
     field = RobotField(select(arm, None, None, arm.rest, pin.SE3.Identity()), build(library.read("table")))
     side, length = 0.04, 0.27
     assert field.charged.weights.sum() == pytest.approx(3 * (2 * side * side + 4 * side * length), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["panda", "mimic"])
+def test_potentials_of_many_configurations_are_those_of_each(name: str) -> None:
+    planned = GROUPS[name]()
+    field = RobotField(planned, far_scene())
+    qs = np.array([random_configuration(planned, seed) for seed in range(5)])
+    values = field.potentials(qs)
+    np.testing.assert_array_equal(values, [field.potential(q) for q in qs])
+    np.testing.assert_allclose(values, [field.evaluate(q).potential for q in qs], rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_single_precision_agrees(name: str) -> None:
+    planned = group(name)
+    double, single = (RobotField(planned, far_scene(), precision) for precision in Precision)
+    q = planned.integrate(rest(planned), 0.2 * np.ones(planned.nv))
+    exact, rough = double.evaluate(q), single.evaluate(q)
+    assert rough.potential == pytest.approx(exact.potential, rel=1e-4)
+    assert single.potential(q) == pytest.approx(rough.potential, rel=1e-5)
+    for ours, theirs in ((rough.gradient, exact.gradient), (rough.metric, exact.metric), (rough.wrenches, exact.wrenches)):
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-3 * np.abs(theirs).max())
+    np.testing.assert_array_equal(single.evaluate(q).gradient, rough.gradient)

@@ -8,11 +8,11 @@ import numpy as np
 from hypothesis import strategies as st
 
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field import field_at
+from guidefield.kernels.field import field_at_points, potential_at_points
 
 
 class Field(NamedTuple):
-    """What `field_at` returns, the gradient as an array."""
+    """What `field_at_points` returns, of one point."""
 
     potential: float
     gradient: np.ndarray
@@ -22,8 +22,8 @@ class Field(NamedTuple):
 
 def field(point: np.ndarray, triangles: np.ndarray | None = None, **charged: Any) -> Field:
     """Field of charged surfaces, in the arguments of `field_tables`, at a point."""
-    potential, gx, gy, gz, curvature, winding = field_at(*map(float, point), *field_tables(triangles, **charged))
-    return Field(potential, np.array([gx, gy, gz]), curvature, winding)
+    at = field_at_points(field_tables(triangles, **charged), np.array([point], float))
+    return Field(float(at.potential[0]), at.gradient[0], float(at.curvature[0]), float(at.winding[0]))
 
 
 def gradient_by_differences(point: np.ndarray, step: float, **charged: Any) -> np.ndarray:
@@ -31,7 +31,7 @@ def gradient_by_differences(point: np.ndarray, step: float, **charged: Any) -> n
     tables = field_tables(**charged)
 
     def potential(p: np.ndarray) -> float:
-        return float(field_at(*map(float, p), *tables)[0])
+        return float(potential_at_points(tables, np.array([p]))[0])
 
     return np.array(
         [

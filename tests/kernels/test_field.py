@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
-from numba import njit
+from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field import field_at, potential_at_points
+from guidefield.kernels.field import field_at_points, potential_at_points
+from guidefield.kernels.field_tables import single_precision
 from tests.kernels.evaluation import field, vectors
 
 TRIANGLES = surfaces.box((0.4, 1.0, 0.6)).corners
@@ -20,7 +20,8 @@ PLANES = [[0.0, 0.0, 1.0, -1.0, 0.7]]
 @given(st.lists(vectors(3.0), min_size=1, max_size=5))
 def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
     tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
-    potential, gradient, winding = potential_at_points(tables, np.array(points))
+    potential, gradient, _, winding = field_at_points(tables, np.array(points))
+    assert potential_at_points(tables, np.array(points)) == pytest.approx(potential, rel=1e-14)
     for i, point in enumerate(points):
         kinds = [
             field(point, TRIANGLES),
@@ -37,42 +38,62 @@ def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
 
 
 def test_nothing_charged_has_no_field() -> None:
-    potential, gradient, winding = potential_at_points(field_tables(), np.zeros((3, 3)))
+    potential, gradient, _, winding = field_at_points(field_tables(), np.zeros((3, 3)))
     assert not potential.any()
     assert not gradient.any()
     assert not winding.any()
 
 
 def test_no_points_give_empty_answers() -> None:
-    potential, gradient, winding = potential_at_points(field_tables(TRIANGLES), np.zeros((0, 3)))
+    potential, gradient, _, winding = field_at_points(field_tables(TRIANGLES), np.zeros((0, 3)))
     assert (potential.shape, gradient.shape, winding.shape) == ((0,), (0, 3), (0,))
 
 
 @pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 4)), np.array([[0.0, np.nan, 0.0]])])
 def test_points_that_are_none_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="`points` must"):
-        potential_at_points(field_tables(TRIANGLES), points)
+        field_at_points(field_tables(TRIANGLES), points)
 
 
-def test_other_kernels_can_call_it() -> None:
-    @njit
-    def potentials(points, triangles, spheres, capsules, planes):  # type: ignore[no-untyped-def]
-        total = 0.0
-        for i in range(points.shape[0]):
-            total += field_at(points[i, 0], points[i, 1], points[i, 2], triangles, spheres, capsules, planes)[0]
-        return total
-
+def test_the_number_of_points_does_not_matter() -> None:
     tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
-    points = np.array([[1.0, 1.0, 1.0], [0.5, -2.0, 0.3]])
-    assert potentials(points, *tables) == pytest.approx(potential_at_points(tables, points)[0].sum(), rel=1e-14)
+    points = np.random.default_rng(1).uniform(-2.0, 2.0, (37, 3))
+    together = field_at_points(tables, points)
+    for i in (0, 7, 8, 16, 36):
+        alone = field_at_points(tables, points[i : i + 1])
+        assert alone.potential[0] == together.potential[i]
+        assert (alone.gradient[0] == together.gradient[i]).all()
 
 
-def test_single_precision_is_refused() -> None:
-    tables = field_tables(TRIANGLES)
-    with pytest.raises(TypeError):
-        field_at(0.0, 0.0, 2.0, tables.triangles.astype(np.float32), *tables[1:])
+BOXES = [[0.3, -0.2, 0.5, 1, 0, 0, 0, 0.6, 0.8, 0, -0.8, 0.6, 0.3, 0.7, 0.2, 1.3]]
 
 
-def test_kernel_runs_undecorated() -> None:
-    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
-    assert field_at.py_func(0.5, 0.6, 0.7, *tables) == pytest.approx(field_at(0.5, 0.6, 0.7, *tables), rel=1e-12)
+@settings(deadline=None, max_examples=60)
+@given(vectors(2.5))
+def test_single_precision_agrees(point: np.ndarray) -> None:
+    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES, boxes=BOXES)
+    exact = field_at_points(tables, point[None])
+    # Distance to everything, from the nearest: the potential is at most 2 pi/d of each of about ten faces.
+    assume(exact.potential[0] < 200.0)
+    rough = field_at_points(single_precision(tables, np.array([0.1, 0.2, 0.3])), point[None])
+    assert rough.potential[0] == pytest.approx(exact.potential[0], rel=3e-5)
+    scale = exact.potential[0] ** 2
+    assert rough.gradient[0] == pytest.approx(exact.gradient[0], rel=0.0, abs=1e-4 * scale)
+    assert rough.winding[0] == pytest.approx(exact.winding[0], abs=1e-5)
+    assert potential_at_points(single_precision(tables, np.zeros(3)), point[None])[0] == pytest.approx(
+        exact.potential[0], rel=3e-5
+    )
+
+
+@pytest.mark.parametrize("precise", [True, False])
+def test_finite_on_every_surface(precise: bool) -> None:
+    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES, boxes=BOXES, cloud=[[0, 0, 0, 1e-4, 0.01]])
+    centre, axes, half = np.array(BOXES[0][:3]), np.array(BOXES[0][3:12]).reshape(3, 3), 0.5 * np.array(BOXES[0][12:15])
+    signs = np.array([(a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1)], float)
+    points = [*(centre + (signs * half) @ axes), *TRIANGLES.reshape(-1, 3), *TRIANGLES.mean(axis=1)]
+    points += [[1.2, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 1.0], [0.0, 0.5, 1.1], [0.3, 0.4, -1.0], [0.0, 0.0, 0.0]]
+    at = field_at_points(tables if precise else single_precision(tables, np.zeros(3)), np.array(points))
+    for values in at:
+        assert np.isfinite(values).all()
+    assert (at.potential > 0.0).all()
+    assert (at.curvature >= 0.0).all()

@@ -8,14 +8,16 @@ from itertools import pairwise
 import numpy as np
 
 from guidefield.collision.world import World
-from guidefield.messages import scene as messages
+from guidefield.messages import codec, scene as messages
 from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
 from guidefield.planner.trace import Event
 from guidefield.potential import RobotField
+from guidefield.robot.configuration import configuration_from_wire
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.kinematics import Kinematics
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
+from tests.examples import example
 from tests.robots import group, rest
 
 
@@ -60,6 +62,15 @@ def problem(
         goal=goal or LastPlaneGoal(),
         guide_planes=scene.guide_planes if planes is None else planes,
         **{"budget": Budget(), "observer": Listener(), **options},
+    )
+
+
+def seed_problem(title: str) -> Problem:
+    """The problem of a request that ships as an example."""
+    request = codec.decode_request(example(title))
+    planned = group(request.robot)
+    return problem(
+        planned, request.scene, q_start=planned.part_of(configuration_from_wire(planned.robot, request.start))
     )
 
 

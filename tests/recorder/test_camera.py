@@ -9,6 +9,7 @@ from guidefield.recorder.camera import choose_eye
 from guidefield.scene.scene import build
 
 WAY = np.linspace([0.3, 0.0, 0.5], [0.7, 0.0, 0.5], 30)
+NONE = np.empty((0, 3))
 JOINTS = np.linspace([0.0, 0.0, 0.0], [0.3, 0.0, 0.5], 5)
 
 
@@ -38,7 +39,7 @@ def hidden(eye: np.ndarray, points: np.ndarray, obstacles: tuple) -> dict[str, n
 def test_looks_past_a_wall_on_either_side():
     for side in (-1.0, 1.0):
         obstacles = walls(("wall", (4.0, 0.02, 4.0), (0.5, 0.3 * side, 0.5)))
-        eye = choose_eye(WAY, JOINTS, obstacles)
+        eye = choose_eye(WAY, JOINTS, NONE, obstacles)
         assert not hidden(eye.position, WAY, obstacles)["wall"].any()
         assert eye.hiding == frozenset()
 
@@ -49,7 +50,7 @@ def test_names_what_hides_the_way_in_a_closed_room():
         *((f"y{s}", (1.5, 0.02, 1.5), (0.35, 0.3 * s, 0.3)) for s in (-1, 1)),
         *((f"z{s}", (1.5, 1.5, 0.02), (0.35, 0.0, 0.3 + 0.35 * s)) for s in (-1, 1)),
     )
-    eye = choose_eye(WAY, JOINTS, room)
+    eye = choose_eye(WAY, JOINTS, NONE, room)
     expected = {name for name, points in hidden(eye.position, WAY, room).items() if points.mean() > 0.2}
     assert expected
     assert expected <= eye.hiding
@@ -62,7 +63,7 @@ def test_what_hides_nothing_is_not_named(seed):
     rng = np.random.default_rng(seed)
     boxes = [(f"b{i}", tuple(rng.uniform(0.05, 0.4, 3)), tuple(rng.uniform(-0.8, 1.2, 3))) for i in range(8)]
     obstacles = walls(*boxes)
-    eye = choose_eye(WAY, JOINTS, obstacles)
+    eye = choose_eye(WAY, JOINTS, NONE, obstacles)
     assert np.isfinite(eye.position).all()
     assert eye.position[2] > eye.target[2]
     seen = np.vstack([WAY, JOINTS])
@@ -73,5 +74,13 @@ def test_what_hides_nothing_is_not_named(seed):
 
 
 def test_an_empty_scene_and_a_robot_at_rest_have_a_view_too():
-    eye = choose_eye(WAY[:1], JOINTS[:1], ())
+    eye = choose_eye(WAY[:1], JOINTS[:1], NONE, ())
     assert np.linalg.norm(eye.position - eye.target) > 0.3
+
+
+def test_landmarks_are_in_the_picture():
+    far = np.array([[3.0, 2.0, 1.0]])
+    near, wide = (choose_eye(WAY, JOINTS, points, ()) for points in (NONE, far))
+    assert np.linalg.norm(wide.position - wide.target) > 2.0 * np.linalg.norm(near.position - near.target)
+    middle = 0.5 * (np.vstack([WAY, JOINTS, far]).min(axis=0) + far[0])
+    assert np.allclose(wide.target, middle)

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import SceneInvalid
-from guidefield.kernels.field import potential_at_points
+from guidefield.kernels.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
 from tests.scene.solids import box_mesh, l_prism, mesh_message
@@ -25,7 +25,7 @@ POINTS = np.random.default_rng(5).uniform([-1.2, -1.2, -0.7], [0.3, 0.3, 1], (40
 
 
 def field(obstacles, points=POINTS):
-    potential, gradient, winding = potential_at_points(
+    potential, gradient, _, winding = field_at_points(
         build(messages.Scene(name="s", obstacles=obstacles)).tables, points
     )
     return potential, gradient, winding

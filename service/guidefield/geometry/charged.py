@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kernels.field import FieldTables
+from guidefield.geometry.charge_tree import LEAST_FACES, Opening, clusters, expansion, never
+from guidefield.geometry.surfaces import Integers
+from guidefield.kernels.faces import HALF_ROWS
+from guidefield.kernels.field_tables import NODE_COLUMNS, QUAD_COLUMNS, TRIANGLE_COLUMNS, FieldTables, frozen
 from guidefield.kernels.signatures import Floats
-from guidefield.kernels.triangle import ROWS
 
-__all__ = ["FieldTables", "field_tables"]
-
-_LANES = 8
-"""Columns come in multiples of it: what the widest vector unit evaluates at once."""
-
-_PAGE = 512
-"""Columns that fill a whole number of memory pages would have all rows compete for the same lines of the cache."""
+__all__ = ["FieldTables", "convex_quads", "field_tables"]
 
 
 def field_tables(
@@ -23,10 +19,17 @@ def field_tables(
     spheres: Floats | None = None,
     capsules: Floats | None = None,
     planes: Floats | None = None,
+    *,
+    triangle_owner: Integers | None = None,
+    quads: Floats | None = None,
+    quad_charge: Floats | None = None,
+    boxes: Floats | None = None,
+    cloud: Floats | None = None,
+    opening: Opening = never,
 ) -> FieldTables:
     """Tables of what is charged; all in one frame, lengths in m, charges per area.
 
-    Triangles without area are left out: they have no charge.
+    Faces without area are left out: they have no charge.
 
     Args:
         triangles: Corners, counter-clockwise from outside, shape (n, 3, 3).
@@ -34,27 +37,140 @@ def field_tables(
         spheres: x, y, z, radius, charge; shape (m, 5).
         capsules: x0, y0, z0, x1, y1, z1, radius, charge; shape (c, 8).
         planes: Normal (3), offset, charge; shape (p, 5). The points with ``normal . x < offset`` are behind.
+        triangle_owner: Which surface each triangle belongs to, shape (n,); all to one if not given. A large one becomes
+            a tree.
+        quads: Corners of flat convex quadrilaterals, counter-clockwise from outside, shape (k, 4, 3).
+        quad_charge: Charge of each quad, shape (k,); 1 if not given.
+        boxes: Centre (3), unit axes (3 x 3), full sizes along them (3), charge; shape (b, 16).
+        cloud: x, y, z, area it stands for times charge, softening length; shape (s, 5).
+        opening: From where on expansions stand for the faces of large surfaces, one of `charge_tree`.
 
     Raises:
-        ValueError: if an array has another shape, is not finite, a radius is not positive or a normal not a unit one.
+        ValueError: if an array has another shape, is not finite, a radius or size is not positive or a normal not a
+            unit one.
     """
     corners = _checked("triangles", triangles, (3, 3))
-    charge = np.ones(len(corners)) if triangle_charge is None else _checked("triangle_charge", triangle_charge, ())
-    if len(charge) != len(corners):
-        raise ValueError(f"`triangle_charge` must be as many as `triangles` ({len(corners)}), got {len(charge)}")
-    balls = _checked("spheres", spheres, (5,))
-    pills = _checked("capsules", capsules, (8,))
-    walls = _checked("planes", planes, (5,))
-    for name, radius in (("spheres", balls[:, 3]), ("capsules", pills[:, 6])):
-        if (radius <= 0.0).any():
-            raise ValueError(f"`{name}` must have positive radii, got {radius.min()}")
-    if (np.abs(np.linalg.norm(walls[:, :3], axis=1) - 1.0) > 1e-9).any():
-        raise ValueError("`planes` must have unit normals")
-    return FieldTables(_triangle_table(corners, charge), *(_frozen(rows.T) for rows in (balls, pills, walls)))
+    fours = _checked("quads", quads, (4, 3))
+    charge = _charges("triangle", triangle_charge, len(corners))
+    four_charge = _charges("quad", quad_charge, len(fours))
+    owners = np.zeros(len(corners), np.int64) if triangle_owner is None else np.asarray(triangle_owner, np.int64)
+    balls, pills = _checked("spheres", spheres, (5,)), _checked("capsules", capsules, (8,))
+    walls, crates = _checked("planes", planes, (5,)), _checked("boxes", boxes, (16,))
+    points = _checked("cloud", cloud, (5,)).copy()
+    for name, size in (("spheres", balls[:, 3]), ("capsules", pills[:, 6]), ("cloud", points[:, 4])):
+        if (size <= 0.0).any():
+            raise ValueError(f"`{name}` must have positive radii, got {size.min()}")
+    if (crates[:, 12:15] <= 0.0).any():
+        raise ValueError(f"`boxes` must have positive sizes, got {crates[:, 12:15].min()}")
+    for name, units in (("planes", walls[:, :3]), ("boxes", crates[:, 3:12].reshape(-1, 3))):
+        if (np.abs(np.linalg.norm(units, axis=1) - 1.0) > 1e-9).any():
+            raise ValueError(f"`{name}` must have unit normals")
+    points[:, 4] **= 2
+    faces = _faces(corners, charge, owners, fours, four_charge, opening)
+    return FieldTables(
+        origin=frozen(np.zeros(3)),
+        boxes=frozen(_box_rows(crates)),
+        spheres=frozen(balls),
+        capsules=frozen(pills),
+        planes=frozen(walls),
+        cloud=frozen(points),
+        **{name: frozen(array) for name, array in faces.items()},
+    )
 
 
-def _triangle_table(corners: Floats, charge: Floats) -> Floats:
-    """The table of kernels/triangle.py, shape (ROWS, n padded).
+def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
+    """A flat convex polygon, shape (k, 3), in quads (n, 4, 3) and, of an odd number of corners, a triangle (m, 3, 3).
+
+    Each costs one arctangent: a polygon as a product of all its triangles saves nothing where gradients are asked for.
+    """
+    last = len(vertices) - 1
+    quads = [[vertices[0], vertices[i], vertices[i + 1], vertices[i + 2]] for i in range(1, last - 1, 2)]
+    rest = [[vertices[0], vertices[last - 1], vertices[last]]] if last % 2 == 0 else []
+    return np.array(quads).reshape(-1, 4, 3), np.array(rest).reshape(-1, 3, 3)
+
+
+def _faces(
+    corners: Floats,
+    charge: Floats,
+    owners: Integers,
+    fours: Floats,
+    four_charge: Floats,
+    opening: Opening,
+) -> dict[str, np.ndarray]:
+    """What `FieldTables` holds of triangles and quads."""
+    one, other = fours[:, [0, 1, 2]], fours[:, [0, 2, 3]]
+    whole = (_areas(one) > 0.0) & (_areas(other) > 0.0)
+    # A quad with a flat half is a triangle.
+    corners = np.concatenate([corners, one[~whole], other[~whole]])
+    charge = np.concatenate([charge, four_charge[~whole], four_charge[~whole]])
+    next_owner = owners.max(initial=-1) + 1
+    owners = np.concatenate([owners, np.full(2 * (~whole).sum(), next_owner)])
+    solid = _areas(corners) > 0.0
+    corners, charge, owners = corners[solid], charge[solid], owners[solid]
+    one, other, four_charge = one[whole], other[whole], four_charge[whole]
+    normal, half, ordered = _halves(corners)
+    triangles = np.concatenate([normal, charge[:, None], half], axis=1)
+    normal1, half1, ordered1 = _halves(one)
+    _, half2, ordered2 = _halves(other)
+    quads = np.concatenate([normal1, four_charge[:, None], half1, half2], axis=1)
+    pairs = np.concatenate([ordered1, ordered2], axis=1)
+    centroids = np.concatenate([ordered.mean(axis=1), pairs.mean(axis=1)])
+    owners = np.concatenate([owners, np.full(len(quads), next_owner)])
+    return _blocks(ordered, triangles, pairs, quads, centroids, owners, opening)
+
+
+def _blocks(
+    ordered: Floats,
+    triangles: Floats,
+    pairs: Floats,
+    quads: Floats,
+    centroids: Floats,
+    owners: Integers,
+    opening: Opening,
+) -> dict[str, np.ndarray]:
+    """The faces in the order of the leaves of their trees."""
+    nodes = clusters(centroids, owners, np.inf if opening is never else LEAST_FACES)
+    rows, links = np.zeros((len(nodes), NODE_COLUMNS)), np.zeros((len(nodes), 7), np.int64)
+    radii, spreads = np.full(len(nodes), np.inf), np.ones(len(nodes))
+    vertices: list[Floats] = [np.empty((0, 3))]
+    order: tuple[list[Integers], list[Integers]] = ([np.empty(0, np.int64)], [np.empty(0, np.int64)])
+    corners: tuple[list[Integers], list[Integers]] = ([np.empty((0, 3), np.int64)], [np.empty((0, 6), np.int64)])
+    vertex, counts = 0, [0, 0]
+    for m, node in enumerate(nodes):
+        links[m, 0] = node.skip
+        kinds = node.faces[node.faces < len(triangles)], node.faces[node.faces >= len(triangles)] - len(triangles)
+        if node.expandable:
+            below = np.concatenate([ordered[kinds[0]], pairs[kinds[1], :3], pairs[kinds[1], 3:]])
+            charge = np.concatenate([triangles[kinds[0], 3], quads[kinds[1], 3], quads[kinds[1], 3]])
+            rows[m], radii[m], spreads[m] = expansion(below, charge)
+        if not node.leaf:
+            continue
+        used = np.concatenate([ordered[kinds[0]].reshape(-1, 3), pairs[kinds[1]].reshape(-1, 3)])
+        unique, index = np.unique(used, axis=0, return_inverse=True)
+        index = index.reshape(-1)
+        vertices.append(unique)
+        links[m, 1:3] = vertex, vertex + len(unique)
+        vertex += len(unique)
+        cut = 3 * len(kinds[0])
+        for k, part in enumerate((index[:cut].reshape(-1, 3), index[cut:].reshape(-1, 6))):
+            corners[k].append(part)
+            order[k].append(kinds[k])
+            links[m, 3 + 2 * k : 5 + 2 * k] = counts[k], counts[k] + len(part)
+            counts[k] += len(part)
+    return {
+        "vertices": np.concatenate(vertices),
+        "triangle_corners": np.concatenate(corners[0]),
+        "triangles": triangles[np.concatenate(order[0])].reshape(-1, TRIANGLE_COLUMNS),
+        "quad_corners": np.concatenate(corners[1]),
+        "quads": quads[np.concatenate(order[1])].reshape(-1, QUAD_COLUMNS),
+        "nodes": rows,
+        "links": links,
+        "reach": opening(radii, spreads),
+    }
+
+
+def _halves(corners: Floats) -> tuple[Floats, Floats, Floats]:
+    """Unit normals, rows of kernels/faces.py and corners, longest edge first, of triangles (n, 3, 3).
 
     In extended precision where the machine has it, and normal and area from the two shortest edges: from the others
     a sliver would lose its length over its width in digits.
@@ -63,21 +179,15 @@ def _triangle_table(corners: Floats, charge: Floats) -> Floats:
     edge = v[:, 1] - v[:, 0]
     arm = v[:, 2] - v[:, 0]
     across = np.cross(v[:, 0] - v[:, 2], v[:, 1] - v[:, 2])
-    twice_area = _lengths(across)
-    solid = twice_area > 0.0
-    v, edge, arm, across, twice_area = v[solid], edge[solid], arm[solid], across[solid], twice_area[solid]
-    length = _lengths(edge)
+    twice_area = np.sqrt(_squares(across))
+    length = np.sqrt(_squares(edge))
     t = edge / length[:, None]
     tau = (arm * t).sum(axis=1)
-    e = arm - tau[:, None] * t
-    normal = across / twice_area[:, None]
-    squares = np.stack([_squares(v[:, (i + 2) % 3] - v[:, (i + 1) % 3]) for i in range(3)])
-    rows = [v.reshape(-1, 9).T, t.T, length, tau, e.T, normal.T, 2.0 * twice_area, squares, charge[solid]]
-    columns = _LANES * -(-len(v) // _LANES)
-    columns += _LANES if columns and columns % _PAGE == 0 else 0
-    table = np.zeros((ROWS, columns))
-    table[:, : len(v)] = np.vstack(rows)
-    return _frozen(table)
+    squares = np.stack([_squares(v[:, (i + 2) % 3] - v[:, (i + 1) % 3]) for i in range(3)], axis=1)
+    rows = np.zeros((len(v), HALF_ROWS))
+    rows[:, :3], rows[:, 3], rows[:, 4] = t, length, tau
+    rows[:, 5:8], rows[:, 8], rows[:, 9:12] = arm - tau[:, None] * t, twice_area, 0.5 * squares
+    return (across / twice_area[:, None]).astype(np.float64), rows, v.astype(np.float64)
 
 
 def _longest_edge_first(v: np.ndarray) -> np.ndarray:
@@ -87,14 +197,30 @@ def _longest_edge_first(v: np.ndarray) -> np.ndarray:
     return np.take_along_axis(v, order[:, :, None], axis=1)
 
 
+def _areas(corners: Floats) -> np.ndarray:
+    v = corners.astype(np.longdouble)
+    v = _longest_edge_first(v)
+    return _squares(np.cross(v[:, 0] - v[:, 2], v[:, 1] - v[:, 2]))
+
+
+def _box_rows(boxes: Floats) -> Floats:
+    """Rows of kernels/box.py: axes from the longest side to the shortest, half sides."""
+    order = np.argsort(-boxes[:, 12:15], axis=1, kind="stable")
+    axes = np.take_along_axis(boxes[:, 3:12].reshape(-1, 3, 3), order[:, :, None], axis=1).reshape(-1, 9)
+    halves = 0.5 * np.take_along_axis(boxes[:, 12:15], order, axis=1)
+    return np.concatenate([boxes[:, :3], axes, halves, boxes[:, 15:]], axis=1)
+
+
 def _squares(vectors: np.ndarray) -> np.ndarray:
     squares: np.ndarray = (vectors * vectors).sum(axis=1)
     return squares
 
 
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    lengths: np.ndarray = np.sqrt(_squares(vectors))
-    return lengths
+def _charges(kind: str, given: Floats | None, count: int) -> Floats:
+    charge = np.ones(count) if given is None else _checked(f"{kind}_charge", given, ())
+    if len(charge) != count:
+        raise ValueError(f"`{kind}_charge` must be as many as `{kind}s` ({count}), got {len(charge)}")
+    return charge
 
 
 def _checked(name: str, values: Floats | None, shape: tuple[int, ...]) -> Floats:
@@ -104,10 +230,4 @@ def _checked(name: str, values: Floats | None, shape: tuple[int, ...]) -> Floats
         raise ValueError(f"`{name}` must have shape {('n', *shape)}, got {array.shape}")
     if not np.isfinite(array).all():
         raise ValueError(f"`{name}` must be finite")
-    return array
-
-
-def _frozen(values: Floats) -> Floats:
-    array = np.ascontiguousarray(values)
-    array.setflags(write=False)
     return array

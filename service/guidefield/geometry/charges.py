@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
+from guidefield.kernels.farthest import farthest_first
 
 _CANDIDATES_PER_POINT = 64
 """Candidates per chosen point: shares of the area come in steps of about its inverse."""
@@ -80,17 +81,21 @@ def _uniform(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Intege
 
 def _farthest_first(candidates: Floats, spacing: float) -> tuple[Integers, Integers]:
     """Indices of the chosen candidates, and how many candidates are nearest to each."""
-    offsets = candidates - candidates.mean(axis=0)
-    chosen = [int((offsets * offsets).sum(axis=1).argmax())]
-    nearest = np.full(len(candidates), np.inf)
-    owner = np.zeros(len(candidates), dtype=np.int64)
-    while True:
-        offsets = candidates - candidates[chosen[-1]]
-        squares = (offsets * offsets).sum(axis=1)
-        closer = squares < nearest
-        nearest[closer] = squares[closer]
-        owner[closer] = len(chosen) - 1
-        farthest = int(nearest.argmax())
-        if nearest[farthest] < spacing * spacing:
-            return np.array(chosen), np.bincount(owner, minlength=len(chosen))
-        chosen.append(farthest)
+    order = _along_a_curve(candidates)
+    sorted_candidates = np.ascontiguousarray(candidates[order])
+    offsets = sorted_candidates - candidates.mean(axis=0)
+    start = int((offsets * offsets).sum(axis=1).argmax())
+    chosen, owner = np.empty(len(order), np.int64), np.empty(len(order), np.int64)
+    count = farthest_first(sorted_candidates, start, spacing, chosen, owner)
+    return order[chosen[:count]], np.bincount(owner, minlength=count)
+
+
+def _along_a_curve(points: Floats) -> Integers:
+    """An order in which neighbours are near each other: Morton's curve, through a grid of 1024 cells a side."""
+    extent = float(np.ptp(points, axis=0).max())
+    cells = np.minimum((points - points.min(axis=0)) * (1024.0 / max(extent, 1e-300)), 1023.0).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")

@@ -54,6 +54,16 @@ def cylinder(radius: float, length: float, sides: int = 24) -> Surface:
     return _revolved([(0.0, -0.5 * length), (ring, -0.5 * length), (ring, 0.5 * length), (0.0, 0.5 * length)], sides)
 
 
+def prism_quads(radius: float, length: float, sides: int = 24) -> Floats:
+    """The faces of `cylinder` as quadrilaterals, each end in `sides`/2 - 1; shape (n, 4, 3) [m]; `sides` is even."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    circle = radius / np.cos(np.pi / sides) * np.column_stack([np.cos(angles), np.sin(angles)])
+    low, high = (np.column_stack([circle, np.full(sides, z)]) for z in (-0.5 * length, 0.5 * length))
+    around = np.stack([low, np.roll(low, -1, axis=0), np.roll(high, -1, axis=0), high], axis=1)
+    fan = np.array([(0, i, i + 1, i + 2) for i in range(1, sides - 2, 2)])
+    return np.concatenate([around, high[fan], low[fan][:, ::-1]])
+
+
 def capsule(radius: float, length: float, sides: int = 24) -> Surface:
     """Capsule along z about the origin, its vertices on the capsule; `length` is that of its straight part [m]."""
     latitudes = np.linspace(0.0, 0.5 * np.pi, sides // 4 + 1)

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
-from guidefield.kernels.field import potential_at_points
+from guidefield.kernels.field import field_at_points
+from guidefield.kernels.field_tables import exact
 from guidefield.messages import requests, scene as scene_messages
 from guidefield.messages.replies import (
     ClearanceReply,
@@ -113,21 +114,23 @@ def potential(
     """
     if robot is None:
         points = np.array(request.points, float).reshape(-1, 3)
-        values, gradients, windings = potential_at_points(scene.tables, points)
+        field = field_at_points(exact(scene.tables), points)
         return PointPotentialReply(
-            potential=values.tolist(), gradient=[_vector(gradient) for gradient in gradients], winding=windings.tolist()
+            potential=field.potential.tolist(),
+            gradient=[_vector(gradient) for gradient in field.gradient],
+            winding=field.winding.tolist(),
         )
     group = _whole_group(robot, request.robot_placement)
-    field = RobotField(group, scene)
+    robot_field = RobotField(group, scene)
     energies: list[float] = []
     forces: list[list[float]] = []
     links: dict[str, LinkWrench] = {}
     for positions in request.configurations or ():
         q = group.part_of(configuration_from_wire(robot, positions))
-        energy = field.evaluate(q)
+        energy = robot_field.evaluate(q)
         energies.append(energy.potential)
         forces.append((-energy.gradient).tolist())
-        for link, (force, torque) in field.link_wrenches(q).items():
+        for link, (force, torque) in robot_field.link_wrenches(q).items():
             wrench = links.setdefault(link, LinkWrench(force=[], torque=[]))
             wrench.force.append(_vector(force))
             wrench.torque.append(_vector(torque))

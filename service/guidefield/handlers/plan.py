@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -12,6 +13,7 @@ import pinocchio as pin
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, Status
 from guidefield.handlers.plan_reply import reply_to
+from guidefield.handlers.planes import Derivation, given_planes, with_derived_planes
 from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
@@ -28,7 +30,6 @@ from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.model import RobotModel
 from guidefield.robot.selection import select
-from guidefield.scene import guide_plane
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -80,8 +81,7 @@ def answer_plan(
     group = select(robot, request.group, request.tip, q_whole, _placement(request.robot_placement))
     group = _limited(group, request)
     attempts = ATTEMPTS[request.minimizer](group)
-    planes = _guide_planes(request, scene)
-    recording = record(group, scene, planes)
+    planes = given_planes(request, scene)
     problem = Problem(
         group=group,
         scene=scene,
@@ -94,10 +94,15 @@ def answer_plan(
         min_clearance=request.min_clearance,
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
-        observer=recording or Silent(),
     )
+    refusal = _refusal(problem)
     load_seconds += time.monotonic() - begin
-    made = _refusal(problem) or plan(problem, Planner(request.planner), attempts)
+    derivation = Derivation()
+    if refusal is None:
+        problem, derivation = with_derived_planes(problem, request)
+    recording = record(group, scene, problem.guide_planes)
+    problem = dataclasses.replace(problem, observer=recording or Silent())
+    made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
     profile = None
     if made.trajectory is not None:
         profile = clearance_profile(made.trajectory, problem.world, problem.robot_field)
@@ -113,7 +118,6 @@ def _require_served(request: PlanRequest) -> None:
         "attached_objects": bool(request.attached_objects),
         "path_constraints": bool(request.path_constraints),
         "leave_start_contact": request.leave_start_contact,
-        'guide_planes "auto"': request.guide_planes == "auto",
         "jerk limits": any(limits.jerk is not None for limits in request.limits.values()),
     }
     for what, asked in unserved.items():
@@ -153,15 +157,6 @@ def _limited(group: PlanningGroup, request: PlanRequest) -> PlanningGroup:
         request.max_velocity_scaling_factor,
         request.max_acceleration_scaling_factor,
     )
-
-
-def _guide_planes(request: PlanRequest, scene: Scene) -> tuple[GuidePlane, ...]:
-    """The request's planes, else the scene's; none where the bare connection is asked for."""
-    if request.planner == "tree":
-        return ()
-    if isinstance(request.guide_planes, list):
-        return tuple(guide_plane.build(message, index) for index, message in enumerate(request.guide_planes))
-    return scene.guide_planes
 
 
 def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:

@@ -143,7 +143,7 @@ def body_distance(x: float, y: float, z: float, body: int, tables: DistanceTable
 
 
 @inlined
-def _bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
+def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
     """Whether the box about a body, in its own frame, is within reach of a point."""
     T = tables.placements[body]
     dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
@@ -171,7 +171,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
     count, bodies = 0, tables.kinds.shape[0]
     first = 0
     while first < bodies and (bodies <= _FEW or tables.kinds[first] == HALF_SPACE):
-        if _bounds_near(x, y, z, first, tables, reach):
+        if bounds_near(x, y, z, first, tables, reach):
             bodies_out[count] = first
             count += 1
         first += 1
@@ -192,7 +192,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
             top += 2
             continue
         for body in range(first + leaf * LEAF, min(bodies, first + (leaf + 1) * LEAF)):
-            if _bounds_near(x, y, z, body, tables, reach):
+            if bounds_near(x, y, z, body, tables, reach):
                 bodies_out[count] = body
                 count += 1
     return count

@@ -3,21 +3,34 @@
 U(q) = sum_i w_i Phi(x_i(q)) over the charged points of the moving links, plus the self-repulsion of link pairs: points
 of one link in the closed-form field of the other's capsule. Forces gather as one spatial force a joint, the metric
 M = sum_i s_i J_i^T J_i as one spatial inertia a joint; both are carried from the tip to the root.
+
+The field is evaluated in the precision of its tables and about their origin, everything else in double precision.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
+from numba import types, void
 
-from guidefield.kernels.field import field_at
+from guidefield.kernels.field import LANES, add_field, add_potential
+from guidefield.kernels.field_tables import TABLES, TABLES_32
+from guidefield.kernels.point_lanes import lanes_of, load, select, total
 from guidefield.kernels.primitives import capsule_at
-from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.tree_kinematics import BLOCKS, INDICES, Integers, joint_placements, motion_subspaces
-
-INDEX_MATRIX = types.Array(types.int64, 2, "C", readonly=True)
+from guidefield.kernels.signatures import (
+    INDEX_MATRIX,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+    inlined,
+)
+from guidefield.kernels.tree_kinematics import BLOCKS, INDICES, JointTable, joint_placements
+from guidefield.kernels.wrenches import gathered, give, nothing, project
 
 
 class ChargedRobot(NamedTuple):
@@ -29,7 +42,7 @@ class ChargedRobot(NamedTuple):
         point_joints: (p,) index of the joint that moves each.
         capsules: (c, 7) ends and radius in the frame of their joint [m].
         capsule_joints: (c,) index of the joint that moves each.
-        pairs: (k, 3) first point, one past the last point, capsule: who repels whom.
+        pairs: (k, 3) first point, one past the last point (all of one joint), capsule: who repels whom.
     """
 
     points: np.ndarray
@@ -40,137 +53,119 @@ class ChargedRobot(NamedTuple):
     pairs: np.ndarray
 
 
-@inlined
-def _add_force(joint: int, x: float, y: float, z: float, fx: float, fy: float, fz: float, wrenches: Floats) -> None:
-    """Add a force at a world point to a joint's spatial force (force, moment about the world's origin)."""
-    wrenches[joint, 0] += fx
-    wrenches[joint, 1] += fy
-    wrenches[joint, 2] += fz
-    wrenches[joint, 3] += y * fz - z * fy
-    wrenches[joint, 4] += z * fx - x * fz
-    wrenches[joint, 5] += x * fy - y * fx
+JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
+ROBOT = types.NamedTuple((MATRIX, VECTOR, INDICES, MATRIX, INDICES, INDEX_MATRIX), ChargedRobot)
 
 
 @inlined
-def _add_inertia(joint: int, x: float, y: float, z: float, s: float, inertias: Floats) -> None:
-    """Add a point of curvature s to a joint's inertia: total, first moments, second moments xx xy xz yy yz zz."""
-    inertias[joint, 0] += s
-    inertias[joint, 1] += s * x
-    inertias[joint, 2] += s * y
-    inertias[joint, 3] += s * z
-    inertias[joint, 4] += s * x * x
-    inertias[joint, 5] += s * x * y
-    inertias[joint, 6] += s * x * z
-    inertias[joint, 7] += s * y * y
-    inertias[joint, 8] += s * y * z
-    inertias[joint, 9] += s * z * z
-
-
-@inlined
-def _repulsion(
-    first: int, past: int, capsule: Floats, capsule_joint: int, world: Floats, positions: Floats,
-    weights: Floats, point_joints: Integers, wrenches: Floats, inertias: Floats,
-) -> float:  # fmt: skip
-    """Repulsion of points by a capsule of another link; the capsule's link gets the opposite force."""
-    T = world[capsule_joint]
-    ends = np.empty(6)
-    for e in range(2):
-        cx, cy, cz = capsule[3 * e], capsule[3 * e + 1], capsule[3 * e + 2]
+def _place(joints: Any, robot: Any, origin: Floats, q: Floats, world: Any, points: Any, weights: Any) -> None:
+    """Placements of joints and positions of points relative to the origin; positions fill up their lanes."""
+    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    for i in range(world.shape[0]):
         for r in range(3):
-            ends[3 * e + r] = T[r, 0] * cx + T[r, 1] * cy + T[r, 2] * cz + T[r, 3]
+            world[i, r, 3] -= origin[r]
+    count = robot.points.shape[0]
+    for i in range(points.shape[1]):
+        source = min(i, count - 1)
+        T, p = world[robot.point_joints[source]], robot.points[source]
+        for r in range(3):
+            points[r, i] = T[r, 0] * p[0] + T[r, 1] * p[1] + T[r, 2] * p[2] + T[r, 3]
+        weights[i] = robot.weights[source] if i < count else 0.0
+
+
+@inlined
+def _counting(tables: Any) -> Any:
+    """0, 1, 2 ... in the precision of the tables, as many as there are lanes."""
+    counting = np.empty(LANES, tables.boxes.dtype)
+    for i in range(LANES):
+        counting[i] = i
+    return counting
+
+
+@inlined
+def _first_moving(robot: Any) -> int:
+    """The first of the points that move; those of the base usually lead."""
+    first = 0
+    while first < robot.points.shape[0] and robot.point_joints[first] == 0:
+        first += 1
+    return first
+
+
+@inlined
+def _ends(capsule: Floats, T: Floats) -> Any:
+    """A capsule's ends about the origin."""
+    a0 = T[0, 0] * capsule[0] + T[0, 1] * capsule[1] + T[0, 2] * capsule[2] + T[0, 3]
+    a1 = T[1, 0] * capsule[0] + T[1, 1] * capsule[1] + T[1, 2] * capsule[2] + T[1, 3]
+    a2 = T[2, 0] * capsule[0] + T[2, 1] * capsule[1] + T[2, 2] * capsule[2] + T[2, 3]
+    b0 = T[0, 0] * capsule[3] + T[0, 1] * capsule[4] + T[0, 2] * capsule[5] + T[0, 3]
+    b1 = T[1, 0] * capsule[3] + T[1, 1] * capsule[4] + T[1, 2] * capsule[5] + T[1, 3]
+    b2 = T[2, 0] * capsule[3] + T[2, 1] * capsule[4] + T[2, 2] * capsule[5] + T[2, 3]
+    return a0, a1, a2, b0, b1, b2
+
+
+@inlined
+def _field_forces(
+    robot: Any, points: Any, weights: Any, field: Any, counting: Any, wrenches: Any, inertias: Any
+) -> Any:
+    """The scene's field on the moving points, gathered joint by joint; their potential."""
+    count, step = robot.points.shape[0], lanes_of(weights)
+    x, y, z = points[0], points[1], points[2]
+    phi, gx, gy, gz, curvature = field[0], field[1], field[2], field[3], field[4]
+    lane = load(counting, 0)
     potential = 0.0
-    for i in range(first, past):
-        x, y, z, w, joint = positions[i, 0], positions[i, 1], positions[i, 2], weights[i], point_joints[i]
-        phi, gx, gy, gz = capsule_at(x, y, z, ends[0], ends[1], ends[2], ends[3], ends[4], ends[5], capsule[6])
-        potential += w * phi
-        _add_force(joint, x, y, z, -w * gx, -w * gy, -w * gz, wrenches)
-        _add_force(capsule_joint, x, y, z, w * gx, w * gy, w * gz, wrenches)
-        curvature = 2.0 * w * (gx * gx + gy * gy + gz * gz) / phi
-        _add_inertia(joint, x, y, z, curvature, inertias)
-        _add_inertia(capsule_joint, x, y, z, curvature, inertias)
+    first = 0
+    while first < count:
+        joint = robot.point_joints[first]
+        past = first + 1
+        while past < count and robot.point_joints[past] == joint:
+            past += 1
+        if joint > 0:
+            zero = 0.0 * lane
+            sums = nothing(zero)
+            U = zero
+            for i in range(first, past, step):
+                w = select(lane < past - i, load(weights, i), 0.0)
+                U += w * load(phi, i)
+                sums = gathered(
+                    sums, load(x, i), load(y, i), load(z, i), w * load(gx, i), w * load(gy, i), w * load(gz, i),
+                    w * load(curvature, i),
+                )  # fmt: skip
+            potential += total(U)
+            give(sums, joint, 1.0, wrenches, inertias)
+        first = past
     return potential
 
 
 @inlined
-def _respond(inertia: Floats, S: Floats, response_out: Floats) -> None:
-    """Spatial force of an inertia moved with the twist S, both at the world's origin.
-
-    A point x of curvature s moves with v + omega x x and answers with s times that; summed: force = s v + omega x c,
-    moment = c x v + (tr(Q) 1 - Q) omega with first moments c and second moments Q.
-    """
-    s, cx, cy, cz = inertia[0], inertia[1], inertia[2], inertia[3]
-    xx, xy, xz, yy, yz, zz = inertia[4], inertia[5], inertia[6], inertia[7], inertia[8], inertia[9]
-    vx, vy, vz, wx, wy, wz = S[0], S[1], S[2], S[3], S[4], S[5]
-    response_out[0] = s * vx + wy * cz - wz * cy
-    response_out[1] = s * vy + wz * cx - wx * cz
-    response_out[2] = s * vz + wx * cy - wy * cx
-    response_out[3] = cy * vz - cz * vy + (yy + zz) * wx - xy * wy - xz * wz
-    response_out[4] = cz * vx - cx * vz - xy * wx + (xx + zz) * wy - yz * wz
-    response_out[5] = cx * vy - cy * vx - xz * wx - yz * wy + (xx + yy) * wz
-
-
-@inlined
-def _project(
-    parents: Integers, kinds: Integers, axes: Floats, idx_v: Integers, nv: Integers, world: Floats,
-    wrenches: Floats, inertias: Floats, total: int, gradient_out: Floats, metric_out: Floats,
-) -> None:  # fmt: skip
-    """Carry wrenches and inertias to the root, project them on the motion subspaces.
-
-    gradient = -S^T F of the subtree; metric_jk = S_j^T I_k S_k for every joint j at or above k.
-    """
-    n = parents.shape[0]
-    subspaces = np.empty((total, 6))
-    motion_subspaces(kinds, axes, idx_v, nv, world, subspaces)
-    carried = wrenches.copy()
-    metric_out[:, :] = 0.0
-    response = np.empty(6)
-    for i in range(n - 1, 0, -1):
-        for k in range(nv[i]):
-            row = idx_v[i] + k
-            S = subspaces[row]
-            g = 0.0
-            for c in range(6):
-                g -= S[c] * carried[i, c]
-            gradient_out[row] = g
-            _respond(inertias[i], S, response)
-            j = i
-            while j > 0:
-                for m in range(nv[j]):
-                    column = idx_v[j] + m
-                    value = 0.0
-                    for c in range(6):
-                        value += subspaces[column, c] * response[c]
-                    metric_out[row, column] = value
-                    metric_out[column, row] = value
-                j = parents[j]
-        for c in range(6):
-            carried[parents[i], c] += carried[i, c]
-        for c in range(10):
-            inertias[parents[i], c] += inertias[i, c]
+def _repulsion(
+    robot: Any, k: int, world: Any, points: Any, weights: Any, counting: Any, wrenches: Any, inertias: Any
+) -> Any:
+    """Repulsion of points by a capsule of another link; the capsule's link gets the opposite force."""
+    first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+    other = robot.capsule_joints[capsule]
+    a0, a1, a2, b0, b1, b2 = _ends(robot.capsules[capsule], world[other])
+    radius = robot.capsules[capsule, 6]
+    x, y, z = points[0], points[1], points[2]
+    lane = load(counting, 0)
+    zero = 0.0 * lane
+    sums = nothing(zero)
+    U = zero
+    for i in range(first, past, lanes_of(weights)):
+        X, Y, Z = load(x, i), load(y, i), load(z, i)
+        w = select(lane < past - i, load(weights, i), 0.0)
+        phi, gx, gy, gz = capsule_at(X, Y, Z, a0, a1, a2, b0, b1, b2, radius)
+        U += w * phi
+        curvature = 2.0 * w * (gx * gx + gy * gy + gz * gz) / phi
+        sums = gathered(sums, X, Y, Z, w * gx, w * gy, w * gz, curvature)
+    give(sums, robot.point_joints[first], 1.0, wrenches, inertias)
+    give(sums, other, -1.0, wrenches, inertias)
+    return total(U)
 
 
-@compiled(
-    SCALAR(
-        # joints: parents, kinds, axes, placements, idx_q, idx_v, nv
-        INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES,
-        # charged robot: points, weights, point_joints, capsules, capsule_joints, pairs
-        MATRIX, VECTOR, INDICES, MATRIX, INDICES, INDEX_MATRIX,
-        # field: triangles, spheres, capsules, planes
-        MATRIX, MATRIX, MATRIX, MATRIX,
-        VECTOR,
-        # gradient (nv,), metric (nv, nv), wrenches (n, 6)
-        VECTOR_OUT, MATRIX_OUT, MATRIX_OUT,
-    )
-)  # fmt: skip
+@compiled([SCALAR(JOINTS, ROBOT, t, VECTOR, VECTOR_OUT, MATRIX_OUT, MATRIX_OUT) for t in (TABLES, TABLES_32)])
 def energy(
-    parents: Integers, kinds: Integers, axes: Floats, placements: Floats,
-    idx_q: Integers, idx_v: Integers, nv: Integers,
-    points: Floats, weights: Floats, point_joints: Integers,
-    capsules: Floats, capsule_joints: Integers, pairs: Integers,
-    field_triangles: Floats, field_spheres: Floats, field_capsules: Floats, field_planes: Floats,
-    q: Floats,
-    gradient_out: Floats, metric_out: Floats, wrenches_out: Floats,
-) -> float:  # fmt: skip
+    joints: Any, robot: Any, tables: Any, q: Floats, gradient_out: Floats, metric_out: Floats, wrenches_out: Floats
+) -> float:
     """Potential U of a robot at q, its gradient, curvature metric, and the field's wrench on every link.
 
     `wrenches_out` (n, 6) gets, per joint, the force and the moment about the world's origin that act on the link it
@@ -179,31 +174,57 @@ def energy(
     Returns:
         U [m].
     """
-    n, total = parents.shape[0], gradient_out.shape[0]
-    world = np.empty((n, 3, 4))
-    joint_placements(parents, kinds, axes, placements, idx_q, q, world)
+    n, kind, counting = joints.parents.shape[0], tables.boxes.dtype, _counting(tables)
+    # A vector may begin at the last point.
+    lanes = robot.points.shape[0] + lanes_of(counting) - 1
+    world, points, weights = np.empty((n, 3, 4)), np.empty((3, lanes), kind), np.empty(lanes, kind)
+    _place(joints, robot, tables.origin, q, world, points, weights)
+    field = np.zeros((6, lanes), kind)
+    add_field(tables, points, _first_moving(robot), field)
     inertias = np.zeros((n, 10))
     wrenches_out[:, :] = 0.0
-    potential = 0.0
-    positions = np.empty((points.shape[0], 3))
-    for i in range(points.shape[0]):
-        joint = point_joints[i]
-        T = world[joint]
-        x = T[0, 0] * points[i, 0] + T[0, 1] * points[i, 1] + T[0, 2] * points[i, 2] + T[0, 3]
-        y = T[1, 0] * points[i, 0] + T[1, 1] * points[i, 1] + T[1, 2] * points[i, 2] + T[1, 3]
-        z = T[2, 0] * points[i, 0] + T[2, 1] * points[i, 1] + T[2, 2] * points[i, 2] + T[2, 3]
-        positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
-        if joint == 0:
-            continue
-        w = weights[i]
-        phi, gx, gy, gz, curvature, _ = field_at(x, y, z, field_triangles, field_spheres, field_capsules, field_planes)
-        potential += w * phi
-        _add_force(joint, x, y, z, -w * gx, -w * gy, -w * gz, wrenches_out)
-        _add_inertia(joint, x, y, z, w * curvature, inertias)
-    for k in range(pairs.shape[0]):
-        potential += _repulsion(
-            pairs[k, 0], pairs[k, 1], capsules[pairs[k, 2]], capsule_joints[pairs[k, 2]],
-            world, positions, weights, point_joints, wrenches_out, inertias,
-        )  # fmt: skip
-    _project(parents, kinds, axes, idx_v, nv, world, wrenches_out, inertias, total, gradient_out, metric_out)
+    potential = float(_field_forces(robot, points, weights, field, counting, wrenches_out, inertias))
+    for k in range(robot.pairs.shape[0]):
+        potential += _repulsion(robot, k, world, points, weights, counting, wrenches_out, inertias)
+    project(
+        joints.parents, joints.kinds, joints.axes, joints.idx_v, joints.nv, world, wrenches_out, inertias,
+        gradient_out.shape[0], gradient_out, metric_out,
+    )  # fmt: skip
+    o = tables.origin
+    for i in range(n):
+        fx, fy, fz = wrenches_out[i, 0], wrenches_out[i, 1], wrenches_out[i, 2]
+        wrenches_out[i, 3] += o[1] * fz - o[2] * fy
+        wrenches_out[i, 4] += o[2] * fx - o[0] * fz
+        wrenches_out[i, 5] += o[0] * fy - o[1] * fx
     return potential
+
+
+@compiled([void(JOINTS, ROBOT, t, MATRIX, VECTOR_OUT) for t in (TABLES, TABLES_32)])
+def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
+    """Potential U alone of a robot at many configurations, shape (m, nq): `potentials_out` (m,) [m]."""
+    n, count = joints.parents.shape[0], robot.points.shape[0]
+    kind, counting = tables.boxes.dtype, _counting(tables)
+    step, lane = lanes_of(counting), load(counting, 0)
+    lanes = count + step - 1
+    world, points, weights = np.empty((n, 3, 4)), np.empty((3, lanes), kind), np.empty(lanes, kind)
+    phi = np.empty(lanes, kind)
+    first_moving = _first_moving(robot)
+    for m in range(qs.shape[0]):
+        _place(joints, robot, tables.origin, qs[m], world, points, weights)
+        phi[:] = 0.0
+        add_potential(tables, points, first_moving, phi)
+        U = 0.0 * lane
+        for i in range(first_moving, count):
+            if robot.point_joints[i] == 0:
+                phi[i] = 0.0
+        for i in range(first_moving, count, step):
+            U += load(weights, i) * load(phi, i)
+        x, y, z = points[0], points[1], points[2]
+        for k in range(robot.pairs.shape[0]):
+            first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+            a0, a1, a2, b0, b1, b2 = _ends(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
+            radius = robot.capsules[capsule, 6]
+            for i in range(first, past, step):
+                at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
+                U += select(lane < past - i, load(weights, i), 0.0) * at[0]
+        potentials_out[m] = total(U)

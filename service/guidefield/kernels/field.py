@@ -1,68 +1,89 @@
-"""The field of everything charged at a point: triangles, spheres, capsules and planes summed."""
+"""The field of everything charged at many points: boxes, faces, spheres, capsules, planes and clouds summed."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import void
+from numba import types, void
 
+from guidefield.kernels.box import box_at
+from guidefield.kernels.faces import block_at, block_potential_at
+from guidefield.kernels.field_tables import MATRIX_32, TABLES, TABLES_32, FieldTables
+from guidefield.kernels.point_lanes import inverse_root, lanes_of, least, load, store
 from guidefield.kernels.primitives import charged_capsule_at, plane_at, sphere_at
-from guidefield.kernels.signatures import (
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    SIX_SCALARS,
-    VECTOR_OUT,
-    Floats,
-    Six,
-    compiled,
-    inlined,
-)
-from guidefield.kernels.triangle import triangles_at
+from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR_OUT, Floats, compiled, inlined
+
+MATRIX_32_OUT = types.Array(types.float32, 2, "C")
+VECTOR_32_OUT = types.Array(types.float32, 1, "C")
+
+LANES = 16
+"""Points come in multiples of it: the longest vector of lanes."""
 
 
-class FieldTables(NamedTuple):
-    """What is charged, as the kernels read it: one row per quantity, one column per primitive; all C-contiguous.
+class Field(NamedTuple):
+    """The field at points.
 
     Attributes:
-        triangles: Table of kernels/triangle.py, shape (ROWS, n), padded with columns of zeros.
-        spheres: Rows x, y, z, radius [m], charge; shape (5, m).
-        capsules: Rows x0, y0, z0, x1, y1, z1, radius [m], charge; shape (8, c).
-        planes: Rows of the unit normal (3), offset [m], charge; shape (5, p).
+        potential: [1/m], shape (n,).
+        gradient: Of the potential [1/m^2], shape (n, 3); minus the force on a unit charge.
+        curvature: Of the nearby surfaces [1/m^3], never negative, shape (n,): the sum of -2 Phi_h/h over triangles and
+            rectangles, what corresponds to it for other shapes.
+        winding: Count of closed surfaces around the point, whatever their charge, shape (n,).
     """
 
-    triangles: Floats
-    spheres: Floats
-    capsules: Floats
-    planes: Floats
+    potential: Floats
+    gradient: Floats
+    curvature: Floats
+    winding: Floats
 
 
-def potential_at_points(tables: FieldTables, points: Floats) -> tuple[Floats, Floats, Floats]:
-    """Field of all that is charged at many points.
+def field_at_points(tables: FieldTables, points: Floats) -> Field:
+    """Field of all that is charged at many points, in the precision of the tables.
 
     Args:
         tables: What is charged.
         points: Points in the frame of the tables [m], shape (n, 3).
 
     Returns:
-        Potential [1/m], shape (n,); its gradient [1/m^2], shape (n, 3); winding number, shape (n,).
+        The field; all is finite everywhere, on the surfaces too. Inside a solid it does not tell the way out.
 
     Raises:
         ValueError: if `points` is not of shape (n, 3) or not finite.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
+    padded = _padded(tables, points)
+    out = np.zeros((6, padded.shape[1]), padded.dtype)
+    add_field(tables, padded, 0, out)
+    rows = out[:, : len(points)].astype(np.float64)
+    return Field(rows[0], np.ascontiguousarray(rows[1:4].T), rows[4], rows[5])
+
+
+def potential_at_points(tables: FieldTables, points: Floats) -> Floats:
+    """Potential alone at many points, shape (n,) [1/m]; as `field_at_points`, in about half the time."""
+    padded = _padded(tables, points)
+    out = np.zeros(padded.shape[1], padded.dtype)
+    add_potential(tables, padded, 0, out)
+    return out[: len(points)].astype(np.float64)
+
+
+def _padded(tables: FieldTables, points: Floats) -> Floats:
+    """Points relative to the tables' origin, one row a coordinate, the last repeated to fill the lanes."""
+    points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"`points` must have shape (n, 3), got {points.shape}")
     if not np.isfinite(points).all():
         raise ValueError(f"`points` must be finite, got {points[~np.isfinite(points).all(axis=1)][0]}")
-    potential, gradient, winding = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros(len(points))
-    _field_at_points(points, *tables, potential, gradient, winding)
-    return potential, gradient, winding
+    rows = (points - tables.origin).T.astype(tables.boxes.dtype)
+    padded = np.zeros((3, len(points) + -len(points) % LANES), rows.dtype)
+    padded[:, : len(points)] = rows
+    if len(points):
+        padded[:, len(points) :] = rows[:, -1:]
+    return padded
 
 
 @inlined
-def _plus(total: Six, charge: float, term: Six) -> Six:
+def _plus(total: Any, charge: float, term: Any) -> Any:
     """Sum of fields; the winding number counts surfaces whatever their charge."""
     return (
         total[0] + charge * term[0],
@@ -74,56 +95,157 @@ def _plus(total: Six, charge: float, term: Six) -> Six:
     )
 
 
-@compiled(SIX_SCALARS(SCALAR, SCALAR, SCALAR, MATRIX, MATRIX, MATRIX, MATRIX))
-def field_at(x: float, y: float, z: float, triangles: Floats, spheres: Floats, capsules: Floats, planes: Floats) -> Six:
-    """Field of all that is charged at a point, in the frame of the tables.
+@inlined
+def _expansion(dx: Any, dy: Any, dz: Any, square: Any, node: Any) -> Any:
+    """Potential of a cluster at an offset from its centre of charge; what its gradient needs: two factors and Q x.
 
-    Args:
-        x: Point [m], with y and z.
-        y: See x.
-        z: See x.
-        triangles: As in `FieldTables`, shape (ROWS, n).
-        spheres: As in `FieldTables`, shape (5, m).
-        capsules: As in `FieldTables`, shape (8, c).
-        planes: As in `FieldTables`, shape (5, p).
-
-    Returns:
-        Potential [1/m]; its gradient (3) [1/m^2], minus the force on a unit charge; curvature of the nearby
-        surfaces [1/m^3], never negative; winding number, the count of closed surfaces around the point. All are
-        finite everywhere, on the surfaces too. Inside a solid they do not tell the way out.
+    Phi = q/|x|^3 + (15 x.Q x/|x|^2 - 3 tr Q) / (2 |x|^5); there is no dipole about the centre of charge.
     """
-    p = (x, y, z)
-    total = triangles_at(x, y, z, triangles)
-    for i in range(spheres.shape[1]):
-        centre = (spheres[0, i], spheres[1, i], spheres[2, i])
-        total = _plus(total, spheres[4, i], sphere_at(p, centre, spheres[3, i]))
-    for i in range(capsules.shape[1]):
-        end0 = (capsules[0, i], capsules[1, i], capsules[2, i])
-        end1 = (capsules[3, i], capsules[4, i], capsules[5, i])
-        total = _plus(total, capsules[7, i], charged_capsule_at(p, end0, end1, capsules[6, i]))
-    for i in range(planes.shape[1]):
-        normal = (planes[0, i], planes[1, i], planes[2, i])
-        total = _plus(total, planes[4, i], plane_at(p, normal, planes[3, i]))
-    return total
+    i = inverse_root(square)
+    ii = i * i
+    i3 = ii * i
+    i5 = i3 * ii
+    qx = node[4] * dx + node[5] * dy + node[6] * dz
+    qy = node[5] * dx + node[7] * dy + node[8] * dz
+    qz = node[6] * dx + node[8] * dy + node[9] * dz
+    trace = node[4] + node[7] + node[9]
+    xqx = (qx * dx + qy * dy + qz * dz) * ii
+    phi = node[3] * i3 + (7.5 * xqx - 1.5 * trace) * i5
+    along = -3.0 * node[3] * i5 + (7.5 * trace - 52.5 * xqx) * (i5 * ii)
+    return phi, along, 15.0 * i5 * ii, (qx, qy, qz), i3
 
 
-@compiled(void(MATRIX, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR_OUT, MATRIX_OUT, VECTOR_OUT))
-def _field_at_points(
-    points: Floats,
-    triangles: Floats,
-    spheres: Floats,
-    capsules: Floats,
-    planes: Floats,
-    potential_out: Floats,
-    gradient_out: Floats,
-    winding_out: Floats,
-) -> None:
-    """`field_at` for every row of `points`."""
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        phi, gx, gy, gz, _, winding = field_at(x, y, z, triangles, spheres, capsules, planes)
-        potential_out[i] = phi
-        gradient_out[i, 0] = gx
-        gradient_out[i, 1] = gy
-        gradient_out[i, 2] = gz
-        winding_out[i] = winding
+@inlined
+def _largest_block(links: Any) -> int:
+    largest = 0
+    for m in range(links.shape[0]):
+        largest = max(largest, links[m, 2] - links[m, 1])
+    return largest
+
+
+@inlined
+def _add_faces(t: Any, p: Any, f: Any, scratch: Any, step: int) -> Any:
+    """Down the trees: a node's expansion where all points are beyond its reach, the faces of a leaf elsewhere."""
+    phi, gx, gy, gz, curvature, angle = f
+    m = 0
+    while m < t.links.shape[0]:
+        node, link = t.nodes[m], t.links[m]
+        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
+        square = dx * dx + dy * dy + dz * dz
+        if least(square) > t.reach[m] * t.reach[m]:
+            term, along, across, q, i3 = _expansion(dx, dy, dz, square, node)
+            phi += term
+            gx += along * dx + across * q[0]
+            gy += along * dy + across * q[1]
+            gz += along * dz + across * q[2]
+            angle += (dx * node[10] + dy * node[11] + dz * node[12]) * i3
+            m = link[0]
+            continue
+        if link[2] > link[1]:
+            phi, gx, gy, gz, curvature, angle = block_at(
+                p, (phi, gx, gy, gz, curvature, angle), scratch, step, t.vertices[link[1] : link[2]],
+                link[3], link[4], link[5], link[6], t.triangle_corners, t.triangles, t.quad_corners, t.quads,
+            )  # fmt: skip
+        m += 1
+    return phi, gx, gy, gz, curvature, angle
+
+
+@inlined
+def _add_face_potentials(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> Any:
+    """`_add_faces` for the potential alone."""
+    m = 0
+    while m < t.links.shape[0]:
+        node, link = t.nodes[m], t.links[m]
+        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
+        square = dx * dx + dy * dy + dz * dz
+        if least(square) > t.reach[m] * t.reach[m]:
+            phi += _expansion(dx, dy, dz, square, node)[0]
+            m = link[0]
+            continue
+        if link[2] > link[1]:
+            phi = block_potential_at(
+                p, phi, scratch, step, t.vertices[link[1] : link[2]],
+                link[3], link[4], link[5], link[6], t.triangle_corners, t.triangles, t.quad_corners, t.quads,
+            )  # fmt: skip
+        m += 1
+    return phi
+
+
+@inlined
+def _soft_point(p: Any, row: Any) -> Any:
+    """Potential of a cloud's point, w (R^2 + eps^2)^(-3/2), and its slope over the offset, and the offset."""
+    dx, dy, dz = p[0] - row[0], p[1] - row[1], p[2] - row[2]
+    i = inverse_root(dx * dx + dy * dy + dz * dz + row[4])
+    potential = row[3] * (i * i * i)
+    return potential, -3.0 * potential * (i * i), dx, dy, dz
+
+
+@inlined
+def _closed_forms(t: Any, p: Any, f: Any) -> Any:
+    """Boxes, spheres, capsules, planes and clouds."""
+    for i in range(t.boxes.shape[0]):
+        f = _plus(f, t.boxes[i, 15], box_at(p[0], p[1], p[2], t.boxes[i]))
+    for i in range(t.spheres.shape[0]):
+        s = t.spheres[i]
+        f = _plus(f, s[4], sphere_at(p, (s[0], s[1], s[2]), s[3]))
+    for i in range(t.capsules.shape[0]):
+        c = t.capsules[i]
+        f = _plus(f, c[7], charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6]))
+    for i in range(t.planes.shape[0]):
+        n = t.planes[i]
+        f = _plus(f, n[4], plane_at(p, (n[0], n[1], n[2]), n[3]))
+    phi, gx, gy, gz, curvature, winding = f
+    for i in range(t.cloud.shape[0]):
+        potential, slope, dx, dy, dz = _soft_point(p, t.cloud[i])
+        phi += potential
+        gx += slope * dx
+        gy += slope * dy
+        gz += slope * dz
+        # That of the law c/d with this potential and this slope.
+        curvature += 2.0 * (slope * slope) * (dx * dx + dy * dy + dz * dz) / potential
+    return phi, gx, gy, gz, curvature, winding
+
+
+@compiled([void(TABLES, MATRIX, types.intp, MATRIX_OUT), void(TABLES_32, MATRIX_32, types.intp, MATRIX_32_OUT)])
+def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
+    """Add potential, gradient, curvature and winding number, six rows, at points (3, n), in vectors from the first on.
+
+    What is left over behind the last whole vector is left out.
+    """
+    x, y, z = points[0], points[1], points[2]
+    step = lanes_of(x)
+    scratch = np.empty(3 * step * _largest_block(t.links), points.dtype)
+    for i in range(first, points.shape[1] - step + 1, step):
+        p = (load(x, i), load(y, i), load(z, i))
+        zero = 0.0 * p[0]
+        f = (zero, zero, zero, zero, zero, zero)
+        phi, gx, gy, gz, curvature, angle = _add_faces(t, p, f, scratch, step)
+        f = _closed_forms(t, p, (phi, gx, gy, gz, curvature, angle * (-0.25 / math.pi)))
+        for k, term in enumerate(f):
+            row = field_out[k]
+            store(row, i, load(row, i) + term)
+
+
+@compiled([void(TABLES, MATRIX, types.intp, VECTOR_OUT), void(TABLES_32, MATRIX_32, types.intp, VECTOR_32_OUT)])
+def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
+    """`add_field` for the potential alone, shape (n,)."""
+    x, y, z = points[0], points[1], points[2]
+    step = lanes_of(x)
+    scratch = np.empty(step * _largest_block(t.links), points.dtype)
+    for i in range(first, points.shape[1] - step + 1, step):
+        p = (load(x, i), load(y, i), load(z, i))
+        phi = _add_face_potentials(t, p, load(potential_out, i), scratch, step)
+        for k in range(t.boxes.shape[0]):
+            phi += t.boxes[k, 15] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
+        for k in range(t.spheres.shape[0]):
+            s = t.spheres[k]
+            phi += s[4] * sphere_at(p, (s[0], s[1], s[2]), s[3])[0]
+        for k in range(t.capsules.shape[0]):
+            c = t.capsules[k]
+            phi += c[7] * charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6])[0]
+        for k in range(t.planes.shape[0]):
+            n = t.planes[k]
+            phi += n[4] * plane_at(p, (n[0], n[1], n[2]), n[3])[0]
+        for k in range(t.cloud.shape[0]):
+            phi += _soft_point(p, t.cloud[k])[0]
+        store(potential_out, i, phi)

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 
 from guidefield.kernels.lane_math import Floats32, cosine_and_sine
 from guidefield.kernels.lanes import (
+    FLOAT_POINTER,
     FLOATS,
     FLOATS_OUT,
     LANES,
     Vector,
     lane_kernel,
     lane_part,
+    lane_step,
     load,
-    number,
+    pointed,
+    pointers,
     splat,
     store,
 )
@@ -39,19 +42,22 @@ class LaneJoints(NamedTuple):
     """Joints with one degree of freedom each, parents before children; row 0 is the world, which never moves.
 
     Attributes:
+        count: n.
         parents: (n,) index of each joint's parent.
         kinds: (n,) `TURNING` or `SLIDING`.
         drivers: (n,) which coordinate moves it; joints that mimic others share one.
         numbers: (n * JOINT,) placements, multipliers, offsets: the joint's value is multiplier * coordinate + offset.
     """
 
+    count: int
     parents: np.ndarray
     kinds: np.ndarray
     drivers: np.ndarray
     numbers: np.ndarray
 
 
-LANE_JOINTS = types.NamedTuple([INDICES, INDICES, INDICES, FLOATS], LaneJoints)
+LANE_JOINTS = types.NamedTuple([types.int64, INDICES, INDICES, INDICES, FLOATS], LaneJoints)
+JOINTS = pointed(LANE_JOINTS)
 
 
 @lane_part
@@ -65,26 +71,27 @@ def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Ve
     )
 
 
-@lane_kernel(void(FLOATS_OUT))
-def place_world(poses_out: Floats32) -> None:
+@lane_step(void(FLOAT_POINTER))
+def _place_world(poses_out: Floats32) -> None:
     """Write the world's own placement, the identity, into the first place."""
     for entry in range(12):
         store(poses_out, entry * LANES, splat(1.0 if entry in (0, 5, 10) else 0.0))
 
 
-@lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
+@lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
 def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
     """World placements of all joints' moved frames at sixteen configurations.
 
     Args:
         joints: The joints.
         coordinates: Sixteen values of each coordinate, flat, (nv * 16).
-        poses_out: (n * POSE); the world's place must have been written by `place_world`.
+        poses_out: (n * POSE).
     """
-    parents, kinds, drivers, numbers = joints
-    for i in range(1, parents.shape[0]):
+    count, parents, kinds, drivers, numbers = joints
+    _place_world(poses_out)
+    for i in range(1, count):
         base, here, there = i * JOINT, i * POSE, parents[i] * POSE
-        value = load(coordinates, drivers[i] * LANES) * number(numbers, base + 12) + number(numbers, base + 13)
+        value = load(coordinates, drivers[i] * LANES) * numbers[base + 12] + numbers[base + 13]
         turning = kinds[i] == TURNING
         c, s = splat(1.0), splat(0.0)
         if turning:
@@ -92,10 +99,10 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
         for r in range(3):
             row = there + r * 4 * LANES
             p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
-            r0 = p0 * number(numbers, base) + p1 * number(numbers, base + 4) + p2 * number(numbers, base + 8)
-            r1 = p0 * number(numbers, base + 1) + p1 * number(numbers, base + 5) + p2 * number(numbers, base + 9)
-            r2 = p0 * number(numbers, base + 2) + p1 * number(numbers, base + 6) + p2 * number(numbers, base + 10)
-            t = p0 * number(numbers, base + 3) + p1 * number(numbers, base + 7) + p2 * number(numbers, base + 11)
+            r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
+            r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
+            r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+            t = p0 * numbers[base + 3] + p1 * numbers[base + 7] + p2 * numbers[base + 11]
             t = t + load(poses_out, row + 48)
             row = here + r * 4 * LANES
             if turning:
@@ -107,3 +114,9 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
                 t = t + r2 * value
             store(poses_out, row + 32, r2)
             store(poses_out, row + 48, t)
+
+
+@lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
+def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
+    """`lane_placements` for callers from Python."""
+    lane_placements(pointers(joints), pointers(coordinates), pointers(poses_out))

@@ -13,7 +13,6 @@ from guidefield.kernels.lanes import (
     lane_part,
     largest_of,
     magnitude,
-    number,
     rint,
     smallest_of,
     splat,
@@ -68,28 +67,28 @@ def cosine_and_sine(angle: Vector) -> tuple[Vector, Vector]:
 @lane_part
 def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Mask of the points closer than `reach` [m] to a primitive, or in it; `at` is where its numbers begin."""
-    dx = x - number(primitives, at + 9)
-    dy = y - number(primitives, at + 10)
-    dz = z - number(primitives, at + 11)
-    w = dx * number(primitives, at + 6) + dy * number(primitives, at + 7) + dz * number(primitives, at + 8)
+    dx = x - primitives[at + 9]
+    dy = y - primitives[at + 10]
+    dz = z - primitives[at + 11]
+    w = dx * primitives[at + 6] + dy * primitives[at + 7] + dz * primitives[at + 8]
     if kind == HALF_SPACE:
         return below(w, splat(reach))
     zero = splat(0.0)
     if kind == BOX:
-        u = dx * number(primitives, at) + dy * number(primitives, at + 1) + dz * number(primitives, at + 2)
-        v = dx * number(primitives, at + 3) + dy * number(primitives, at + 4) + dz * number(primitives, at + 5)
-        u = largest_of(magnitude(u) - number(primitives, at + 12), zero)
-        v = largest_of(magnitude(v) - number(primitives, at + 13), zero)
-        w = largest_of(magnitude(w) - number(primitives, at + 14), zero)
+        u = dx * primitives[at] + dy * primitives[at + 1] + dz * primitives[at + 2]
+        v = dx * primitives[at + 3] + dy * primitives[at + 4] + dz * primitives[at + 5]
+        u = largest_of(magnitude(u) - primitives[at + 12], zero)
+        v = largest_of(magnitude(v) - primitives[at + 13], zero)
+        w = largest_of(magnitude(w) - primitives[at + 14], zero)
         return below(u * u + v * v + w * w, splat(reach * reach))
-    half, radius = number(primitives, at + 14), number(primitives, at + 15)
+    half, radius = primitives[at + 14], primitives[at + 15]
     along = w
     if kind == CAPSULE:
         along = largest_of(smallest_of(w, splat(half)), splat(-half))
         reach += radius
-    px = dx - along * number(primitives, at + 6)
-    py = dy - along * number(primitives, at + 7)
-    pz = dz - along * number(primitives, at + 8)
+    px = dx - along * primitives[at + 6]
+    py = dy - along * primitives[at + 7]
+    pz = dz - along * primitives[at + 8]
     across = px * px + py * py + pz * pz
     if kind == CAPSULE:
         return below(across, splat(reach * reach))

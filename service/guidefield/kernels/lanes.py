@@ -1,3 +1,4 @@
+# ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
 """A vector of sixteen floats for kernels: `f32x16`, with operators and the few functions that kernels need.
 
 Loops over sixteen configurations, left to the compiler's vectoriser, ran fifteen times slower than the same arithmetic
@@ -47,6 +48,44 @@ FLOATS = types.Array(types.float32, 1, "C", readonly=True)
 """Input, flat."""
 FLOATS_OUT = types.Array(types.float32, 1, "C")
 """Output, flat."""
+INTEGERS_OUT = types.Array(types.int64, 1, "C")
+"""Output, flat."""
+
+FLOAT_POINTER = types.CPointer(types.float32)
+DOUBLE_POINTER = types.CPointer(types.float64)
+INTEGER_POINTER = types.CPointer(types.int64)
+
+
+def pointed(kind: Any) -> Any:
+    """The type of what `pointers` makes of a value: pointers instead of arrays, in named tuples too."""
+    if isinstance(kind, types.Array):
+        return types.CPointer(kind.dtype)
+    if isinstance(kind, types.NamedTuple):
+        return types.NamedTuple([pointed(field) for field in kind.types], kind.instance_class)
+    return kind
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def pointers(typing: Any, value: Any) -> Any:
+    """An array's pointer; of a named tuple, one with pointers instead of arrays.
+
+    What is passed on between kernels is pointers: with arrays, the counting of their references took ten times as long
+    as the arithmetic. The caller from Python holds the arrays meanwhile.
+    """
+
+    def stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, types.Array):
+            return context.make_array(kind)(context, builder, value).data
+        if isinstance(kind, types.NamedTuple):
+            fields = cgutils.unpack_tuple(builder, value, len(kind))
+            made = [stripped(context, builder, *pair) for pair in zip(kind.types, fields, strict=True)]
+            return context.make_tuple(builder, pointed(kind), made)
+        return value
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return stripped(context, builder, sig.args[0], args[0])
+
+    return pointed(value)(value), generate
 
 
 @register_model(F32x16)
@@ -69,6 +108,24 @@ def lane_kernel(signature: Any) -> Callable[[Kernel], Kernel]:
 
     def decorate(kernel: Kernel) -> Kernel:
         decorated: Kernel = njit(signature, cache=True, fastmath={"contract"}, error_model="numpy", nogil=True)(kernel)
+        return decorated
+
+    return decorate
+
+
+def lane_step(signature: Any) -> Callable[[Kernel], Kernel]:
+    """The same for a kernel that only kernels call: quicker to compile, as Python can't call it."""
+
+    def decorate(kernel: Kernel) -> Kernel:
+        decorated: Kernel = njit(
+            signature,
+            cache=True,
+            fastmath={"contract"},
+            error_model="numpy",
+            nogil=True,
+            no_cpython_wrapper=True,
+            no_cfunc_wrapper=True,
+        )(kernel)
         return decorated
 
     return decorate
@@ -120,42 +177,30 @@ def _negated(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return builder.fneg(args[0])
 
 
-def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-    """Where in memory sixteen floats of an array begin."""
-    data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
+def _address(builder: Any, pointer: Any, index: Any) -> Any:
+    """Where in memory sixteen floats begin."""
+    return builder.bitcast(builder.gep(pointer, [index]), _VECTOR.as_pointer())
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def load(typing: Any, array: Any, index: Any) -> Any:
-    """The sixteen floats of a flat float32 array from an index on."""
+def load(typing: Any, pointer: Any, index: Any) -> Any:
+    """The sixteen floats from an index on."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.load(_address(context, builder, sig.args[0], *args), align=4)
+        return builder.load(_address(builder, *args), align=4)
 
-    return f32x16(array, types.int64), generate
+    return f32x16(FLOAT_POINTER, types.int64), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write sixteen floats into a flat float32 array from an index on."""
+def store(typing: Any, pointer: Any, index: Any, value: Any) -> Any:
+    """Write sixteen floats from an index on."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1]), align=4)
+        builder.store(args[2], _address(builder, *args[:2]), align=4)
         return context.get_dummy_value()
 
-    return types.void(array, types.int64, f32x16), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def number(typing: Any, array: Any, index: Any) -> Any:
-    """One number of a flat array, without bounds or wraparound: `array[index]`."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        return builder.load(builder.gep(data, [args[1]]))
-
-    return array.dtype(array, types.int64), generate
+    return types.void(FLOAT_POINTER, types.int64, f32x16), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

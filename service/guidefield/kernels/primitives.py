@@ -5,29 +5,33 @@ charge: a tube, exact where it is infinitely long, and half a sphere at each end
 the capsule, is exact for length 0 and within a few tens of per cent of the integral elsewhere.
 
 With `curvature` is meant what -2 Phi_h/h is for a triangle: the second derivative along the normal of the surface.
-Selects instead of branches, so that the compiler evaluates several primitives at once.
+Points are numbers or lanes (kernels/point_lanes.py), a primitive's own numbers are plain.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
+from guidefield.kernels.point_lanes import inverse_root, is_double, root, select
 from guidefield.kernels.signatures import Six, Vector3, inlined
+from guidefield.kernels.solid_angle import positive
 
 CAPSULE_SHELL = 0.01
 """A point nearer to a capsule than this part of its radius, or inside it, has the field of this distance."""
 
 _ON_AXIS = 1e-24
+_ON_AXIS_SINGLE = 1e-10
 """Square of the distance from a capsule's axis, over its size and the point's distance, that counts as none."""
 
-_GAP_MIN = 1e-30
-"""Least distance to the surface of a sphere or plane [m]; keeps points on it finite."""
+Lane = Any
+"""A number, or lanes of them."""
 
 
 @inlined
-def _inside(height: float) -> float:
-    """Winding number of a closed surface at a signed distance from it."""
-    return 1.0 if height < 0.0 else (0.5 if height == 0.0 else 0.0)
+def winding_behind(height: Lane) -> Lane:
+    """Winding number of a closed surface at a signed distance from it: 1 inside, 1/2 on it, 0 outside."""
+    return select(height < 0.0, 1.0, select(height > 0.0, 0.0, 0.5 + 0.0 * height))
 
 
 @inlined
@@ -39,18 +43,20 @@ def _across(u: Vector3) -> Vector3:
 
 
 @inlined
-def _tube(z1: float, z2: float, rho: float, R1: float, R2: float, radius: float) -> Vector3:
+def _tube(
+    z1: Lane, z2: Lane, b2: Lane, i1: Lane, i2: Lane, R1: Lane, R2: Lane, radius: float
+) -> tuple[Lane, Lane, Lane]:
     """Tube with ends at axial coordinates z1 <= z2 from the point: potential, axial slope, radial slope over rho.
 
-    With b2 = rho^2 - a^2 and R_i^2 = z_i^2 + b2 the potential is (2 pi a/b2) (z2/R2 - z1/R1). Beyond an end, where
-    the difference cancels and b2 may be negative, it is made rational with q = z2 R1 + z1 R2.
+    With b2 = rho^2 - a^2, R_i^2 = z_i^2 + b2 and i_i = 1/R_i the potential is (2 pi a/b2) (z2/R2 - z1/R1). Beyond an
+    end, where the difference cancels and b2 may be negative, it is made rational with q = z2 R1 + z1 R2.
     """
     charge = 2.0 * math.pi * radius
-    b2 = (rho - radius) * (rho + radius)
     beyond = z1 * z2 > 0.0
-    inverse = 1.0 / (z2 * R1 + z1 * R2 if beyond else b2)
-    i1 = 1.0 / R1
-    i2 = 1.0 / R2
+    sum_of_roots = R1 + R2
+    denominator = select(beyond, z2 * R1 + z1 * R2, b2)
+    over = 1.0 / (denominator * sum_of_roots)
+    inverse = over * sum_of_roots
     # (z2 - z1) (z2 + z1) = R2^2 - R1^2
     imbalance = charge * (z2 - z1) * (z1 + z2) * (i1 * i2)
     rational = imbalance * inverse
@@ -58,57 +64,66 @@ def _tube(z1: float, z2: float, rho: float, R1: float, R2: float, radius: float)
     f1 = z1 * i1
     f2 = z2 * i2
     radial_beside = -charge * inverse * inverse * (f2 * (2.0 + b2 * i2 * i2) - f1 * (2.0 + b2 * i1 * i1))
-    axial = imbalance * (i1 * i1 + i1 * i2 + i2 * i2) / (R1 + R2)
-    potential = rational if beyond else charge * inverse * (f2 - f1)
-    return potential, axial, radial_beyond if beyond else radial_beside
+    axial = imbalance * (i1 * i1 + i1 * i2 + i2 * i2) * (over * denominator)
+    potential = select(beyond, rational, charge * inverse * (f2 - f1))
+    return potential, axial, select(beyond, radial_beyond, radial_beside)
 
 
 @inlined
-def _half_sphere(r: float, R: float, radius: float) -> tuple[float, float]:
-    """Half a charged sphere's field outside, R^2 = r^2 - a^2: potential, slope over the distance r from the centre."""
-    i = 1.0 / (r * R)
-    potential = 2.0 * math.pi * radius * radius * r * (i * i)
-    return potential, -potential * (3.0 * r * r - radius * radius) * (i * i)
+def _half_sphere(rr: Lane, i: Lane, radius: float) -> tuple[Lane, Lane]:
+    """Half a charged sphere's field outside, from r^2 and i = 1/sqrt(r^2 - a^2): potential, slope over r."""
+    j = inverse_root(rr)
+    square = i * i * j * j
+    potential = 2.0 * math.pi * radius * radius * (i * i * j)
+    return potential, -potential * (3.0 * rr - radius * radius) * square
 
 
 @inlined
-def _capsule(p: Vector3, p0: Vector3, p1: Vector3, radius: float) -> tuple[float, float, float, float, float]:
+def _capsule(
+    p: tuple[Lane, Lane, Lane], p0: Vector3, p1: Vector3, radius: float
+) -> tuple[Lane, Lane, Lane, Lane, Lane]:
     """Potential, gradient (3) and the distance from the axis segment."""
     ax, ay, az = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
     length = math.sqrt(ax * ax + ay * ay + az * az)
-    over = 1.0 / length if length > 0.0 else 0.0
+    over = 1.0 / length if length > 0.0 else 0.0 * length
     u = (ax * over, ay * over, az * over)
     dx, dy, dz = p[0] - p0[0], p[1] - p0[1], p[2] - p0[2]
     s = dx * u[0] + dy * u[1] + dz * u[2]
-    excess = s - min(max(s, 0.0), length)
+    excess = s - select(s < 0.0, 0.0 * s, select(s > length, length, s))
     wx, wy, wz = dx - s * u[0], dy - s * u[1], dz - s * u[2]
     square = wx * wx + wy * wy + wz * wz + excess * excess
     # So near that rounding would choose the direction, which then need not be across the axis.
-    on_axis = square <= _ON_AXIS * (dx * dx + dy * dy + dz * dz + length * length)
+    tolerance = _ON_AXIS if is_double(s) else _ON_AXIS_SINGLE
+    on_axis = square <= tolerance * (dx * dx + dy * dy + dz * dz + length * length)
     vx, vy, vz = _across(u)
-    wx, wy, wz = vx if on_axis else wx, vy if on_axis else wy, vz if on_axis else wz
-    distance = math.sqrt(vx * vx + vy * vy + vz * vz if on_axis else square)
+    wx, wy, wz = select(on_axis, vx, wx), select(on_axis, vy, wy), select(on_axis, vz, wz)
+    used = select(on_axis, vx * vx + vy * vy + vz * vz, square)
+    nearness = inverse_root(used)
+    distance = used * nearness
     # Out to the shell, away from the nearest point of the axis.
     shell = (1.0 + CAPSULE_SHELL) * radius
-    scale = shell / distance if on_axis or distance < shell else 1.0
+    scale = select(on_axis | (distance < shell), shell * nearness, 1.0)
     s += (scale - 1.0) * excess
     wx, wy, wz = scale * wx, scale * wy, scale * wz
-    square_across = wx * wx + wy * wy + wz * wz
-    r1 = math.sqrt(s * s + square_across)
-    r2 = math.sqrt((length - s) * (length - s) + square_across)
-    R1 = math.sqrt((r1 - radius) * (r1 + radius))
-    R2 = math.sqrt((r2 - radius) * (r2 + radius))
-    tube, axial, radial = _tube(-s, length - s, math.sqrt(square_across), R1, R2, radius)
-    cap1, slope1 = _half_sphere(r1, R1, radius)
-    cap2, slope2 = _half_sphere(r2, R2, radius)
+    across_square = wx * wx + wy * wy + wz * wz
+    rr1 = s * s + across_square
+    rr2 = (length - s) * (length - s) + across_square
+    b2 = across_square - radius * radius
+    b1 = s * s + b2
+    b3 = (length - s) * (length - s) + b2
+    i1 = inverse_root(b1)
+    i2 = inverse_root(b3)
+    tube, axial, radial = _tube(-s, length - s, b2, i1, i2, b1 * i1, b3 * i2, radius)
+    cap1, slope1 = _half_sphere(rr1, i1, radius)
+    cap2, slope2 = _half_sphere(rr2, i2, radius)
     across = radial + slope1 + slope2
     along = axial + slope1 * s + slope2 * (s - length)
     gx, gy, gz = across * wx + along * u[0], across * wy + along * u[1], across * wz + along * u[2]
-    return tube + cap1 + cap2, gx, gy, gz, 0.0 if on_axis else distance
+    return tube + cap1 + cap2, gx, gy, gz, select(on_axis, 0.0, distance)
 
 
 @inlined
-def charged_capsule_at(p: Vector3, p0: Vector3, p1: Vector3, radius: float) -> Six:
+def charged_capsule_at(p: Any, p0: Vector3, p1: Vector3, radius: float) -> Six:
     """Field of a capsule of unit charge per area at a point: `capsule_at`, curvature and winding number.
 
     The curvature is that of the law c/d with this potential and this slope, 2 |grad Phi|^2 / Phi, which the capsule
@@ -116,7 +131,7 @@ def charged_capsule_at(p: Vector3, p0: Vector3, p1: Vector3, radius: float) -> S
     """
     potential, gx, gy, gz, distance = _capsule(p, p0, p1, radius)
     curvature = 2.0 * (gx * gx + gy * gy + gz * gz) / potential
-    return potential, gx, gy, gz, curvature, _inside(distance - radius)
+    return potential, gx, gy, gz, curvature, winding_behind(distance - radius)
 
 
 @inlined
@@ -147,7 +162,7 @@ def capsule_at(
 
 
 @inlined
-def sphere_at(p: Vector3, centre: Vector3, radius: float) -> Six:
+def sphere_at(p: Any, centre: Vector3, radius: float) -> Six:
     """Field of a sphere (a shell) of unit charge per area at a point.
 
     The potential is 4 pi a^2 / (r (r^2 - a^2)) outside and 4 pi a / (a^2 - r^2) inside, where the field is finite and
@@ -156,27 +171,29 @@ def sphere_at(p: Vector3, centre: Vector3, radius: float) -> Six:
     """
     dx, dy, dz = p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]
     rr = dx * dx + dy * dy + dz * dz
-    r = math.sqrt(rr)
+    r = root(rr)
     aa = radius * radius
-    gap = max(abs(r - radius), _GAP_MIN) * (r + radius)
     outside = r >= radius
-    potential = 4.0 * math.pi * radius / gap * (radius / r if outside else 1.0)
-    slope = potential / gap * (-(3.0 * rr - aa) / rr if outside else 2.0)
-    spread = (12.0 * rr * rr - 6.0 * aa * rr + 2.0 * aa * aa) / rr if outside else 2.0 * aa + 6.0 * rr
-    curvature = potential / (gap * gap) * spread
-    return potential, slope * dx, slope * dy, slope * dz, curvature, _inside(r - radius)
+    far = select(outside, r, radius)
+    over = 1.0 / (positive(r - radius) * (r + radius))
+    inverse = 1.0 / far
+    potential = 4.0 * math.pi * radius * over * (radius * inverse)
+    square = inverse * inverse
+    slope = potential * over * select(outside, -(3.0 - aa * square), 2.0)
+    spread = select(outside, 12.0 * rr - 6.0 * aa + 2.0 * aa * aa * square, 2.0 * aa + 6.0 * rr)
+    return potential, slope * dx, slope * dy, slope * dz, potential * (over * over) * spread, winding_behind(r - radius)
 
 
 @inlined
-def plane_at(p: Vector3, normal: Vector3, offset: float) -> Six:
+def plane_at(p: Any, normal: Vector3, offset: float) -> Six:
     """Field of an infinite plane of unit charge per area at a point, the boundary of the half space behind it.
 
     The potential is 2 pi/h, h the distance from the plane, the curvature 4 pi/h^3. The winding number is that of the
     half space: 1 behind the plane, 1/2 on it, else 0. On the plane itself all are finite.
     """
     height = normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - offset
-    h = max(abs(height), _GAP_MIN)
-    potential = 2.0 * math.pi / h
-    curvature = 2.0 * potential / (h * h)
+    over = 1.0 / positive(height)
+    potential = 2.0 * math.pi * over
+    curvature = 2.0 * potential * (over * over)
     slope = -0.5 * curvature * height
-    return potential, slope * normal[0], slope * normal[1], slope * normal[2], curvature, _inside(height)
+    return potential, slope * normal[0], slope * normal[1], slope * normal[2], curvature, winding_behind(height)

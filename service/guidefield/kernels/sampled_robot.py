@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.chart import configuration, subspaces_by_chart
-from guidefield.kernels.distance import INDEX_MATRIX, INDICES_OUT, DistanceTables
+from guidefield.kernels.distance import INDEX_MATRIX, INDICES_OUT, TABLES, DistanceTables
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, Vector3, inlined
 from guidefield.kernels.tree_kinematics import (
     BLOCKS,
@@ -24,7 +24,7 @@ JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, I
 
 
 class SampledRobot(NamedTuple):
-    """A robot as points on its surface and capsules about its links.
+    """A robot as points on the surface of its links, and as the links themselves.
 
     Attributes:
         joints: Joints of the robot's model, followers included.
@@ -36,10 +36,10 @@ class SampledRobot(NamedTuple):
         groups: (g, 3) joint, first point, one past the last point.
         balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
         ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
-        capsules: (c, 7) ends and radius in the frame of their joint [m].
-        capsule_joints: (c,) joint of each capsule.
-        pairs: (k, 2) group and capsule of links that are kept apart.
-        slacks: (k,) added to the distance of each pair [m].
+        links: Bodies of all collision shapes, in the frame of their joint.
+        link_joints: (b,) joint of each of them; 0 is the world.
+        pairs: (k, 2) group and body of links that are kept apart.
+        pair_ranges: (k,) range of the barrier between them [m], positive.
     """
 
     joints: JointTable
@@ -52,16 +52,16 @@ class SampledRobot(NamedTuple):
     groups: np.ndarray
     balls: Floats
     ignored: np.ndarray
-    capsules: Floats
-    capsule_joints: np.ndarray
+    links: DistanceTables
+    link_joints: np.ndarray
     pairs: np.ndarray
-    slacks: Floats
+    pair_ranges: Floats
 
 
 ROBOT = types.NamedTuple(
     (
         *(JOINTS, INDICES, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS),
-        *(MATRIX, INDICES, INDEX_MATRIX, VECTOR),
+        *(TABLES, INDICES, INDEX_MATRIX, VECTOR),
     ),
     SampledRobot,
 )
@@ -76,6 +76,7 @@ class Workspace(NamedTuple):
         row: Gradient of one distance by them.
         gradient, hessian: Sums by them.
         world: Placements of the joints.
+        links: Placements of the bodies of the links.
         subspaces: What chart velocities cause, as twists at the world's origin, (nv, 6).
         forces, inertias: What has gathered at each joint, (n, 6) and (n, 6, 6) of which the upper triangle is used.
         candidates: Bodies near a group.
@@ -88,6 +89,7 @@ class Workspace(NamedTuple):
     gradient: Floats
     hessian: Floats
     world: Floats
+    links: Floats
     subspaces: Floats
     forces: Floats
     inertias: Floats
@@ -102,6 +104,7 @@ WORKSPACE = types.NamedTuple(
         VECTOR_OUT,
         VECTOR_OUT,
         MATRIX_OUT,
+        BLOCKS_OUT,
         BLOCKS_OUT,
         MATRIX_OUT,
         MATRIX_OUT,
@@ -124,6 +127,7 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
         np.empty(nv),
         np.empty((nv, nv)),
         np.empty((n, 3, 4)),
+        np.empty((robot.link_joints.shape[0], 3, 4)),
         np.empty((nv, 6)),
         np.empty((n, 6)),
         np.empty((n, 6, 6)),
@@ -144,7 +148,7 @@ def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
 
 @inlined
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
-    """Placements of the joints at chart coordinates z, and motion subspaces by the chart of the model's joints."""
+    """Placements of joints and links at chart coordinates z, and motion subspaces by the chart of the model."""
     joints = robot.joints
     for i in range(robot.offsets.shape[0]):
         work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
@@ -152,3 +156,16 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, work.q, work.world)
     motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
     subspaces_by_chart(joints, work.values, work.q, work.subspaces)
+    for b in range(robot.link_joints.shape[0]):
+        _composed(work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b])
+
+
+@inlined
+def _composed(outer: Floats, inner: Floats, placement_out: Floats) -> None:
+    """The placement of what is placed in a frame that is placed itself."""
+    for r in range(3):
+        for c in range(4):
+            value = outer[r, 3] if c == 3 else 0.0
+            placement_out[r, c] = (
+                value + outer[r, 0] * inner[0, c] + outer[r, 1] * inner[1, c] + outer[r, 2] * inner[2, c]
+            )

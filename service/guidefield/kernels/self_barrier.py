@@ -1,6 +1,6 @@
-"""The barrier between points of links and capsules about others at one configuration.
+"""The barrier between points of links and other links at one configuration.
 
-A capsule's own motion takes away what the point's adds: only the joints between the two links change the distance.
+The other link's own motion takes away what the point's adds: only the joints between the two change the distance.
 """
 
 from __future__ import annotations
@@ -10,13 +10,9 @@ import math
 from numba import void
 
 from guidefield.kernels.barrier import barrier
-from guidefield.kernels.distance import TABLES, DistanceTables
+from guidefield.kernels.distance import TABLES, DistanceTables, body_distance, bounds_near
 from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, Workspace, moved, place, workspace
-from guidefield.kernels.shape_distance import capsule_distance
 from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
-
-SELF_RANGE = 0.03
-"""Range of the barrier between links [m]."""
 
 
 @inlined
@@ -31,45 +27,30 @@ def self_barrier(robot: SampledRobot, work: Workspace) -> float:
         Sum of the weighted barriers.
     """
     total = 0.0
+    links = _placed_links(robot, work)
     for k in range(robot.pairs.shape[0]):
-        g, other = robot.pairs[k, 0], robot.pairs[k, 1]
-        a, along = _capsule(robot, other, work)
-        radius = robot.capsules[other, 6] - robot.slacks[k]
+        g, other, reach = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
         T = work.world[robot.groups[g, 0]]
         centre = moved(T, robot.balls[g, 0], robot.balls[g, 1], robot.balls[g, 2])
-        if _to_capsule(centre, a, along, radius)[0] >= SELF_RANGE + robot.balls[g, 3]:
+        if not bounds_near(centre[0], centre[1], centre[2], other, links, robot.balls[g, 3] + reach):
             continue
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
             p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d, n = _to_capsule(p, a, along, radius)
-            if d < SELF_RANGE:
-                value, slope, curvature = barrier(d, SELF_RANGE)
+            d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach)
+            if d < reach:
+                value, slope, curvature = barrier(d, reach)
                 w = robot.weights[i]
                 total += w * value
-                _row(robot, robot.groups[g, 0], robot.capsule_joints[other], p, n, work)
+                _row(robot, robot.groups[g, 0], robot.link_joints[other], p, (nx, ny, nz), work)
                 _add(w * slope, w * curvature, work)
     return total
 
 
 @inlined
-def _capsule(robot: SampledRobot, k: int, work: Workspace) -> tuple[Vector3, Vector3]:
-    """A capsule's first end in the world, and the way to its other end."""
-    T, C = work.world[robot.capsule_joints[k]], robot.capsules[k]
-    a = moved(T, C[0], C[1], C[2])
-    b = moved(T, C[3], C[4], C[5])
-    return a, (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-
-
-@inlined
-def _to_capsule(p: Vector3, a: Vector3, along: Vector3, radius: float) -> tuple[float, Vector3]:
-    """Signed distance of a point to a capsule, and the unit vector along which it grows."""
-    arm = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
-    square = along[0] * along[0] + along[1] * along[1] + along[2] * along[2]
-    share = arm[0] * along[0] + arm[1] * along[1] + arm[2] * along[2]
-    share = min(max(share / square, 0.0), 1.0) if square > 0.0 else 0.0
-    away = (arm[0] - share * along[0], arm[1] - share * along[1], arm[2] - share * along[2])
-    d, nx, ny, nz = capsule_distance(away, radius, 0.0)
-    return d, (nx, ny, nz)
+def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
+    """The links' bodies where they are in the world."""
+    t = robot.links
+    return DistanceTables(t.kinds, t.obstacles, work.links, t.sizes, t.bounds, t.spans, t.nodes, t.surfaces)
 
 
 @inlined
@@ -98,21 +79,24 @@ def _add(slope: float, curvature: float, work: Workspace) -> None:
 
 @compiled(void(ROBOT, TABLES, VECTOR, VECTOR_OUT))
 def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, distances_out: Floats) -> None:
-    """Smallest distance from the points to the capsule of every pair, slacks left out.
+    """Smallest distance from the points to the other link of every pair, as far as it is below the pair's range.
 
     Args:
         robot: The robot.
         tables: Any obstacles.
         z: Chart coordinates, shape (nv,).
-        distances_out: Shape (k,) [m].
+        distances_out: Shape (k,) [m]; infinite where nothing is within range.
     """
     work = workspace(robot, tables)
     place(robot, z, work)
+    links = _placed_links(robot, work)
     for k in range(robot.pairs.shape[0]):
-        g, other = robot.pairs[k, 0], robot.pairs[k, 1]
+        g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
         T = work.world[robot.groups[g, 0]]
-        a, along = _capsule(robot, other, work)
         distances_out[k] = math.inf
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
             p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            distances_out[k] = min(distances_out[k], _to_capsule(p, a, along, robot.capsules[other, 6])[0])
+            d = body_distance(p[0], p[1], p[2], other, links, best)[0]
+            if d < best:
+                best = d
+                distances_out[k] = d

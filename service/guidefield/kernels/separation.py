@@ -13,28 +13,29 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, types
 
-from guidefield.kernels.lane_math import BOX, CYLINDER, HALF_SPACE, Floats32
+from guidefield.kernels.lane_math import CYLINDER, HALF_SPACE, Floats32
 from guidefield.kernels.lanes import (
     ALL_LANES,
+    DOUBLE_POINTER,
     FLOATS,
     LANES,
     below,
     first_lane,
     lane,
-    lane_kernel,
     lane_part,
+    lane_step,
     largest_lane,
     load,
-    number,
+    pointed,
     splat,
     where_below,
 )
-from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats
+from guidefield.kernels.signatures import VECTOR, Floats
 from guidefield.kernels.simplex import NEAREST, reduced
-from guidefield.kernels.tree_kinematics import INDICES
+from guidefield.kernels.tree_kinematics import INDICES, Integers
 
 POLYTOPE = 4
-"""The kind of a part that is the hull of vertices; the others are lane_math's BOX, CYLINDER, CAPSULE."""
+"""The kind of a part that is the hull of vertices; the others are lane_math's, but no boxes."""
 
 PART = 16
 """Numbers of a part: placement in the body's frame (12, row by row), half extents (3), radius of what rounds it."""
@@ -57,7 +58,8 @@ class Parts(NamedTuple):
 
     Attributes:
         balls: (4 * nodes,) centre and radius of each node's ball; float64.
-        links: (3 * nodes,) left child, right child, part; a leaf has no children (-1), another node no part (-1).
+        links: (3 * nodes,) left child, right child, part; a leaf is its part and has no children (-1), of another node
+            the part contains all that is below it, if it has one (else -1).
         shapes: (3 * parts,) kind, first block of vertices, how many blocks.
         numbers: (PART * parts,) float64.
         vertices: (BLOCK * blocks,) float32; unused places repeat a vertex.
@@ -71,6 +73,7 @@ class Parts(NamedTuple):
 
 
 PARTS = types.NamedTuple([VECTOR, INDICES, INDICES, VECTOR, FLOATS], Parts)
+POINTED_PARTS = pointed(PARTS)
 
 
 @lane_part
@@ -87,62 +90,62 @@ def _farthest_vertex(
     winner = first_lane(ALL_LANES & ~below(best, splat(largest_lane(best))))
     place = (first + int(lane(at, winner))) * BLOCK + winner
     return (
-        float(number(vertices, place)),
-        float(number(vertices, place + 16)),
-        float(number(vertices, place + 32)),
+        float(vertices[place]),
+        float(vertices[place + 16]),
+        float(vertices[place + 32]),
     )
 
 
-@lane_kernel(types.UniTuple(types.float64, 3)(PARTS, types.int64, VECTOR_OUT, types.int64, *[types.float64] * 3))
+@lane_part
 def _support(
-    parts: Parts, part: int, work: Floats, pose: int, dx: float, dy: float, dz: float
+    shapes: Integers,
+    numbers: Floats,
+    vertices: Floats32,
+    part: int,
+    work: Floats,
+    pose: int,
+    dx: float,
+    dy: float,
+    dz: float,
 ) -> tuple[float, float, float]:
     """The point of a part (without what rounds it) farthest along a direction, in the world."""
-    x = number(work, pose) * dx + number(work, pose + 4) * dy + number(work, pose + 8) * dz
-    y = number(work, pose + 1) * dx + number(work, pose + 5) * dy + number(work, pose + 9) * dz
-    z = number(work, pose + 2) * dx + number(work, pose + 6) * dy + number(work, pose + 10) * dz
+    x = work[pose] * dx + work[pose + 4] * dy + work[pose + 8] * dz
+    y = work[pose + 1] * dx + work[pose + 5] * dy + work[pose + 9] * dz
+    z = work[pose + 2] * dx + work[pose + 6] * dy + work[pose + 10] * dz
     px, py, pz = 0.0, 0.0, 0.0
     if part >= 0:  # else a ball's centre
-        kind, at = number(parts.shapes, 3 * part), part * PART
+        kind, at = shapes[3 * part], part * PART
         if kind == POLYTOPE:
-            px, py, pz = _farthest_vertex(
-                parts.vertices, number(parts.shapes, 3 * part + 1), number(parts.shapes, 3 * part + 2), x, y, z
-            )
+            px, py, pz = _farthest_vertex(vertices, shapes[3 * part + 1], shapes[3 * part + 2], x, y, z)
         else:
-            pz = math.copysign(number(parts.numbers, at + 14), z)
-            if kind == BOX:
-                px = math.copysign(number(parts.numbers, at + 12), x)
-                py = math.copysign(number(parts.numbers, at + 13), y)
-            elif kind == CYLINDER:
-                scale = number(parts.numbers, at + 12) / max(math.sqrt(x * x + y * y), 1e-300)
+            pz = math.copysign(numbers[at + 14], z)
+            if kind == CYLINDER:
+                scale = numbers[at + 12] / max(math.sqrt(x * x + y * y), 1e-300)
                 px, py = x * scale, y * scale
     return (
-        number(work, pose) * px + number(work, pose + 1) * py + number(work, pose + 2) * pz + number(work, pose + 3),
-        number(work, pose + 4) * px
-        + number(work, pose + 5) * py
-        + number(work, pose + 6) * pz
-        + number(work, pose + 7),
-        number(work, pose + 8) * px
-        + number(work, pose + 9) * py
-        + number(work, pose + 10) * pz
-        + number(work, pose + 11),
+        work[pose] * px + work[pose + 1] * py + work[pose + 2] * pz + work[pose + 3],
+        work[pose + 4] * px + work[pose + 5] * py + work[pose + 6] * pz + work[pose + 7],
+        work[pose + 8] * px + work[pose + 9] * py + work[pose + 10] * pz + work[pose + 11],
     )
 
 
-@lane_kernel(boolean(PARTS, types.int64, PARTS, types.int64, types.float64, VECTOR_OUT))
+@lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER))
 def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats) -> bool:
     """Whether two parts, placed by the poses in `work`, are farther apart than a margin >= 0; starts from the last axis."""
+    shapes_a, numbers_a, vertices_a = a.shapes, a.numbers, a.vertices
+    shapes_b, numbers_b, vertices_b = b.shapes, b.numbers, b.vertices
     vx, vy, vz = work[AXIS], work[AXIS + 1], work[AXIS + 2]
-    if part_b >= 0 and b.shapes[3 * part_b] == HALF_SPACE:
-        nx, ny, nz = b.numbers[PART * part_b], b.numbers[PART * part_b + 1], b.numbers[PART * part_b + 2]
-        px, py, pz = _support(a, part_a, work, _POSE_A, -nx, -ny, -nz)
-        return bool(nx * px + ny * py + nz * pz - b.numbers[PART * part_b + 3] > margin)
+    if part_b >= 0 and shapes_b[3 * part_b] == HALF_SPACE:
+        nx, ny, nz = numbers_b[PART * part_b], numbers_b[PART * part_b + 1], numbers_b[PART * part_b + 2]
+        px, py, pz = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -nx, -ny, -nz)
+        work[AXIS], work[AXIS + 1], work[AXIS + 2] = nx, ny, nz
+        return bool(nx * px + ny * py + nz * pz - numbers_b[PART * part_b + 3] > margin)
     square, count = vx * vx + vy * vy + vz * vz, 0
     if not square > 1e-20:
         vx, vy, vz, square = 1.0, 0.0, 0.0, 1.0
     for rounds in range(ROUNDS):
-        ax, ay, az = _support(a, part_a, work, _POSE_A, -vx, -vy, -vz)
-        bx, by, bz = _support(b, part_b, work, _POSE_B, vx, vy, vz)
+        ax, ay, az = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -vx, -vy, -vz)
+        bx, by, bz = _support(shapes_b, numbers_b, vertices_b, part_b, work, _POSE_B, vx, vy, vz)
         wx, wy, wz = ax - bx, ay - by, az - bz
         along = vx * wx + vy * wy + vz * wz
         if along > margin * math.sqrt(square):
@@ -188,6 +191,22 @@ def _place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) 
         work[pose + 4 * r + 3] = body[4 * r] * x + body[4 * r + 1] * y + body[4 * r + 2] * z + body[4 * r + 3]
 
 
+@lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
+def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
+    """How far a part of a body that stands at the origin reaches along a unit direction [m]."""
+    at = PART * part
+    if parts.shapes[3 * part] == HALF_SPACE:
+        return parts.numbers[at + 3]
+    if parts.shapes[3 * part] == POLYTOPE:
+        for k in range(12):
+            work[_POSE_B + k] = 1.0 if k in (0, 5, 10) else 0.0
+    else:
+        for k in range(12):
+            work[_POSE_B + k] = parts.numbers[at + k]
+    x, y, z = _support(parts.shapes, parts.numbers, parts.vertices, part, work, _POSE_B, dx, dy, dz)
+    return x * dx + y * dy + z * dz + parts.numbers[at + 15]
+
+
 @lane_part
 def _balls_apart(work: Floats, reach: float) -> bool:
     """Whether the origins of the two poses are farther apart than a reach."""
@@ -197,7 +216,18 @@ def _balls_apart(work: Floats, reach: float) -> bool:
     return bool(x * x + y * y + z * z > reach * reach)
 
 
-@lane_kernel(boolean(PARTS, types.int64, VECTOR_OUT, PARTS, types.int64, VECTOR_OUT, types.float64, VECTOR_OUT))
+@lane_step(
+    boolean(
+        POINTED_PARTS,
+        types.int64,
+        DOUBLE_POINTER,
+        POINTED_PARTS,
+        types.int64,
+        DOUBLE_POINTER,
+        types.float64,
+        DOUBLE_POINTER,
+    )
+)
 def bodies_apart(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
@@ -216,32 +246,26 @@ def bodies_apart(
     while top > 0:
         top -= 1
         node_a, node_b = int(work[_STACK + 2 * top]), int(work[_STACK + 2 * top + 1])
-        part_a, part_b = a.links[3 * node_a + 2], b.links[3 * node_b + 2]
         radius_a, radius_b = a.balls[4 * node_a + 3], b.balls[4 * node_b + 3]
-        bounded = part_b < 0 or b.shapes[3 * part_b] != HALF_SPACE
-        if part_a < 0 or part_b < 0:
-            _place_ball(a, node_a, pose_a, work, _POSE_A)
-            if bounded:
-                _place_ball(b, node_b, pose_b, work, _POSE_B)
-                if _balls_apart(work, radius_a + radius_b + margin):
-                    continue
-            if part_b >= 0:  # a's ball against the part itself: a big table's ball says nothing
-                _place(b, part_b, pose_b, work, _POSE_B)
-                if _apart(a, -1, b, part_b, radius_a + b.numbers[PART * part_b + 15] + margin, work):
-                    continue
-            elif part_a >= 0:
-                _place(a, part_a, pose_a, work, _POSE_A)
-                if _apart(a, part_a, b, -1, a.numbers[PART * part_a + 15] + radius_b + margin, work):
-                    continue
-            split_a = part_a < 0 and (part_b >= 0 or radius_a >= radius_b)
-            for side in range(2):
-                work[_STACK + 2 * top] = a.links[3 * node_a + side] if split_a else node_a
-                work[_STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
-                top += 1
+        part_a, part_b = a.links[3 * node_a + 2], b.links[3 * node_b + 2]
+        _place_ball(a, node_a, pose_a, work, _POSE_A)
+        _place_ball(b, node_b, pose_b, work, _POSE_B)
+        if radius_b < np.inf and _balls_apart(work, radius_a + radius_b + margin):
             continue
-        _place(a, part_a, pose_a, work, _POSE_A)
-        _place(b, part_b, pose_b, work, _POSE_B)
-        rounding = a.numbers[PART * part_a + 15] + b.numbers[PART * part_b + 15]
-        if not _apart(a, part_a, b, part_b, rounding + margin, work):
+        if part_a >= 0:
+            _place(a, part_a, pose_a, work, _POSE_A)
+            radius_a = a.numbers[PART * part_a + 15]
+        if part_b >= 0:
+            _place(b, part_b, pose_b, work, _POSE_B)
+            radius_b = b.numbers[PART * part_b + 15]
+        if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, radius_a + radius_b + margin, work):
+            continue
+        leaf_a, leaf_b = a.links[3 * node_a] < 0, b.links[3 * node_b] < 0
+        if leaf_a and leaf_b:
             return False
+        split_a = leaf_b or (not leaf_a and a.balls[4 * node_a + 3] >= b.balls[4 * node_b + 3])
+        for side in range(2):
+            work[_STACK + 2 * top] = a.links[3 * node_a + side] if split_a else node_a
+            work[_STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
+            top += 1
     return True

@@ -23,6 +23,9 @@ VECTOR = types.Array(types.float64, 1, "C", readonly=True)
 MATRIX = types.Array(types.float64, 2, "C", readonly=True)
 """Input, shape (m, n)."""
 
+INDEX_MATRIX = types.Array(types.int64, 2, "C", readonly=True)
+"""Input of whole numbers, shape (m, n)."""
+
 VECTOR_OUT = types.Array(types.float64, 1, "C")
 """Output, shape (n,)."""
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from numba import boolean, int64
 
-from guidefield.kernels.lanes import lane_kernel, lane_part, number
-from guidefield.kernels.signatures import VECTOR_OUT, Floats
+from guidefield.kernels.lanes import DOUBLE_POINTER, lane_part, lane_step
+from guidefield.kernels.signatures import Floats
 
 NEAREST = 12
 """Where in the array the nearest point stands."""
@@ -19,23 +19,21 @@ NEAREST = 12
 @lane_part
 def _dot(w: Floats, i: int, j: int) -> float:
     """Scalar product of two points."""
-    return float(
-        number(w, i) * number(w, j) + number(w, i + 1) * number(w, j + 1) + number(w, i + 2) * number(w, j + 2)
-    )
+    return float(w[i] * w[j] + w[i + 1] * w[j + 1] + w[i + 2] * w[j + 2])
 
 
 @lane_part
 def _copy(w: Floats, source: int, target: int) -> None:
     for k in range(3):
-        w[target + k] = number(w, source + k)
+        w[target + k] = w[source + k]
 
 
 @lane_part
 def _mix(w: Floats, a: int, b: int, c: int, s: float, t: float) -> None:
     """Write a + s (b - a) + t (c - a) as the nearest point."""
     for k in range(3):
-        base = number(w, a + k)
-        w[NEAREST + k] = base + s * (number(w, b + k) - base) + t * (number(w, c + k) - base)
+        base = w[a + k]
+        w[NEAREST + k] = base + s * (w[b + k] - base) + t * (w[c + k] - base)
 
 
 @lane_part
@@ -54,7 +52,7 @@ def _on_segment(w: Floats, a: int, b: int) -> int:
     return 3
 
 
-@lane_kernel(int64(VECTOR_OUT, int64, int64, int64))
+@lane_step(int64(DOUBLE_POINTER, int64, int64, int64))
 def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:
     """Nearest point of a triangle; which of (a, b, c) span it, as bits."""
     aa, bb, cc = _dot(w, a, a), _dot(w, b, b), _dot(w, c, c)
@@ -87,15 +85,15 @@ def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:
     return 7
 
 
-@lane_kernel(boolean(VECTOR_OUT, int64, int64, int64, int64))
+@lane_step(boolean(DOUBLE_POINTER, int64, int64, int64, int64))
 def _outside(w: Floats, a: int, b: int, c: int, d: int) -> bool:
     """Whether the plane through (a, b, c) has the origin and d on different sides, or either on it."""
-    ax, ay, az = number(w, a), number(w, a + 1), number(w, a + 2)
-    ux, uy, uz = number(w, b) - ax, number(w, b + 1) - ay, number(w, b + 2) - az
-    vx, vy, vz = number(w, c) - ax, number(w, c + 1) - ay, number(w, c + 2) - az
+    ax, ay, az = w[a], w[a + 1], w[a + 2]
+    ux, uy, uz = w[b] - ax, w[b + 1] - ay, w[b + 2] - az
+    vx, vy, vz = w[c] - ax, w[c + 1] - ay, w[c + 2] - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     origin = -(nx * ax + ny * ay + nz * az)
-    other = nx * (number(w, d) - ax) + ny * (number(w, d + 1) - ay) + nz * (number(w, d + 2) - az)
+    other = nx * (w[d] - ax) + ny * (w[d + 1] - ay) + nz * (w[d + 2] - az)
     return bool(origin * other <= 0.0)
 
 
@@ -122,7 +120,7 @@ def _on_tetrahedron(w: Floats) -> int:
     return kept
 
 
-@lane_kernel(int64(VECTOR_OUT, int64))
+@lane_step(int64(DOUBLE_POINTER, int64))
 def reduced(w: Floats, count: int) -> int:
     """Reduce a simplex of `count` points; how many are left."""
     bits = 1

@@ -1,23 +1,31 @@
-"""Connect two configurations: the straight motion, else a tree, then shortcuts; every motion certified."""
+"""Connect two configurations: the straight motion, else a tree, then shortcuts; every motion certified.
+
+The tree grows on the lane kernels where they know the robot and the scene (`LaneTree`), else on Coal (`SampledTree`).
+Both judge motions by samples only: what they find is a proposal to the certificate.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from guidefield.collision.certificate import Verdict, motion_free
+from guidefield.collision.lanes import Lanes
 from guidefield.errors import Status
-from guidefield.planner import tree
+from guidefield.planner import lane_tree, tree
 from guidefield.planner.problem import Problem
 from guidefield.planner.trace import Step
 
-RESOLUTION = 0.05
-"""Spacing of the samples by which the tree judges a motion [rad or m]; what it finds is certified afterwards."""
-FINER = 4
-"""How much finer the tree looks after something it found was refused by the certificate."""
-ATTEMPTS = 3
+LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
+"""Samples per length [1/rad or 1/m] by which a tree on lanes judges a motion; how often the certificate may refuse what
+it found; how much finer it looks then."""
+
+SAMPLED_RESOLUTION, SAMPLED_ATTEMPTS, SAMPLED_FINER = 20.0, 3, 4.0
+"""The same for a tree on Coal."""
+
 SHORTCUTS = 60
 """Shortcuts tried on a path that the tree found."""
 
@@ -50,19 +58,19 @@ def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.ra
     for goal in near[np.argsort(np.linalg.norm(near - z_start, axis=1))]:
         if _certified(problem, z_start, goal).free:
             return Connection(Status.SUCCESS, "the straight motion is free", np.array([z_start, goal]))
-    resolution = RESOLUTION
-    for _ in range(ATTEMPTS):
-        found, iterations = tree.grow(
-            problem.group, z_start[None], goals, _Sampled(problem, resolution).free, rng, problem.budget
-        )
-        problem.counters.iterations += iterations
+    proposer = SampledTree(problem) if problem.lanes is None else LaneTree(problem, problem.lanes)
+    resolution = proposer.resolution
+    for _ in range(proposer.attempts):
+        before = problem.counters.iterations
+        found = proposer.propose(z_start[None], goals, resolution, rng)
         if found is None:
             break
         if all(_certified(problem, a, b).free for a, b in pairwise(found)):
             for z in found[1:]:
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
-            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", np.array(found))
-        resolution /= FINER
+            iterations = problem.counters.iterations - before
+            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", found)
+        resolution *= proposer.finer
     spent = problem.budget.spent()
     if spent is not None:
         return Connection(spent, "no connection was found in time", z_start[None])
@@ -103,6 +111,59 @@ def _certified(problem: Problem, z0: np.ndarray, z1: np.ndarray) -> Verdict:
     verdict = motion_free(problem.world, z0, z1, problem.min_clearance)
     problem.counters.collision_checks += verdict.evaluations
     return verdict
+
+
+class Proposer(Protocol):
+    """Finds paths that are free by samples."""
+
+    resolution: float
+    attempts: int
+    finer: float
+
+    def propose(
+        self, starts: np.ndarray, goals: np.ndarray, resolution: float, rng: np.random.Generator
+    ) -> np.ndarray | None:
+        """Chart points (n, nv) from one of some starts (k, nv) to one of some goals (m, nv); None if none was found."""
+        ...
+
+
+class LaneTree:
+    """Trees on the lane kernels."""
+
+    resolution, attempts, finer = LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER
+
+    def __init__(self, problem: Problem, lanes: Lanes) -> None:
+        self._problem = problem
+        self._lanes = lanes
+
+    def propose(
+        self, starts: np.ndarray, goals: np.ndarray, resolution: float, rng: np.random.Generator
+    ) -> np.ndarray | None:
+        """See `Proposer`."""
+        problem = self._problem
+        found = lane_tree.grow(self._lanes, starts, goals, resolution, problem.min_clearance, rng, problem.budget)
+        problem.counters.iterations += found.iterations
+        problem.counters.collision_checks += found.motions
+        return found.path
+
+
+class SampledTree:
+    """Trees that ask Coal at each sample: any kind of joint and shape, and slow."""
+
+    resolution, attempts, finer = SAMPLED_RESOLUTION, SAMPLED_ATTEMPTS, SAMPLED_FINER
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def propose(
+        self, starts: np.ndarray, goals: np.ndarray, resolution: float, rng: np.random.Generator
+    ) -> np.ndarray | None:
+        """See `Proposer`."""
+        problem = self._problem
+        free = _Sampled(problem, 1.0 / resolution).free
+        found, iterations = tree.grow(problem.group, starts, goals, free, rng, problem.budget)
+        problem.counters.iterations += iterations
+        return None if found is None else np.array(found)
 
 
 class _Sampled:

@@ -16,8 +16,8 @@ import numpy as np
 from guidefield.collision.ball import obstacle_touched
 from guidefield.errors import Status
 from guidefield.planner.problem import Problem
-from guidefield.planner.settling import Minimizer
 from guidefield.planner.projected import Blocks, Projected
+from guidefield.planner.settling import Minimizer
 from guidefield.planner.steps import MARGIN, Walker
 from guidefield.planner.trace import Note, Step
 from guidefield.robot.charges import robot_charges
@@ -236,7 +236,7 @@ def _unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict
             f"its inscribed radius is {1000 * plane.inradius:.1f} mm, the tip's body needs {1000 * radius:.1f} mm",
             {"inradius": plane.inradius, "tip_radius": radius},
         )
-    base, reach = _reach(problem)
+    base, reach = arm_reach(problem)
     nearest = float(np.linalg.norm(plane.closest_point(base) - base))
     if nearest > reach:
         return (
@@ -251,7 +251,7 @@ def _unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict
     return None
 
 
-def _reach(problem: Problem) -> tuple[np.ndarray, float]:
+def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
     """Origin of the first planned joint, shape (3,), and the sum of lengths to the tip [m]; infinite if it roams."""
     group = problem.group
     tip_frame = group.model.frames[group.tip_id]

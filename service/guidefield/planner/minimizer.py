@@ -42,7 +42,14 @@ class Descent:
     potential: float
 
 
-def descend(problem: Problem, q: np.ndarray, constraint: TipConstraint, accept: Accept) -> Descent:
+def descend(
+    problem: Problem,
+    q: np.ndarray,
+    constraint: TipConstraint,
+    accept: Accept,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+) -> Descent:
     """Reduce U while the tip keeps a constraint.
 
     Args:
@@ -50,14 +57,16 @@ def descend(problem: Problem, q: np.ndarray, constraint: TipConstraint, accept: 
         q: Configuration on the constraint, shape (nq,).
         constraint: What the tip has to keep.
         accept: Whether the motion from one configuration to another may be taken (guard, collision).
+        tolerance: It ends where a step promises, or brings, less than this share of U.
+        most_steps: It ends after so many steps.
     """
     here = problem.robot_field.evaluate(q)
     path: list[np.ndarray] = []
-    for _ in range(MOST_STEPS):
+    for _ in range(most_steps):
         if problem.budget.spent():
             break
         step = _direction(problem, q, here.gradient, here.metric, constraint)
-        if step is None or -step.slope < TOLERANCE * here.potential:
+        if step is None or -step.slope < tolerance * here.potential:
             break
         trial = _line_search(problem, q, here.potential, step, constraint, accept)
         if trial is None:
@@ -65,7 +74,7 @@ def descend(problem: Problem, q: np.ndarray, constraint: TipConstraint, accept: 
         path.append(trial)
         q, before, here = trial, here.potential, problem.robot_field.evaluate(trial)
         problem.counters.iterations += 1
-        if before - here.potential < TOLERANCE * before:
+        if before - here.potential < tolerance * before:
             break
     return Descent(tuple(path), here.potential)
 

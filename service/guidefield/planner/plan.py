@@ -110,7 +110,10 @@ def _cross_planes(
 ) -> None:
     """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
     group = problem.group
+    passed_by = False
     for index, plane in enumerate(problem.guide_planes):
+        if passed_by and index < problem.derived_planes:
+            continue
         with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
             crossing = cross(problem, group.from_chart(found.path[-1]), plane, index, attempts)
             stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
@@ -119,6 +122,9 @@ def _cross_planes(
         elif planner is Planner.GUIDED or crossing.status in (Status.TIMED_OUT, Status.PREEMPTED):
             found.extend(group.chart_path(list(crossing.path), found.path[-1]))
             raise StageFailed(crossing.status, crossing.message, **crossing.details)
+        elif index < problem.derived_planes:  # nobody asked for it: go on without it and those that would follow
+            passed_by = True
+            continue
         else:
             with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
                 _connect_to_plane(problem, found, crossing, index, stage)

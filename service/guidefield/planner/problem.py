@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
+from guidefield.collision.convex_parts import UnservedError
+from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.trace import Event, Observer, Silent
@@ -81,6 +84,7 @@ class Problem:
         q_start: Start, shape (nq,).
         goal: What to reach.
         guide_planes: Planes to cross, in order.
+        derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
         min_clearance: Distance to keep from obstacles everywhere [m].
         seed: Of all randomness.
         budget: How long it may take.
@@ -96,11 +100,20 @@ class Problem:
     q_start: np.ndarray
     goal: Goal
     guide_planes: tuple[GuidePlane, ...] = ()
+    derived_planes: int = 0
     min_clearance: float = 0.0
     seed: int = 0
     budget: Budget = field(default_factory=Budget)
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)
+
+    @cached_property
+    def lanes(self) -> Lanes | None:
+        """The world for the lane kernels; None if there is something in it that they don't know."""
+        try:
+            return Lanes.build(self.world)
+        except UnservedError:
+            return None
 
     def tell(self, event: Event) -> None:
         """Tell the observer."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.planner.constraints import OnPlane, Reorienting, Sliding, TipConstraint
-from guidefield.planner.minimizer import descend
+from guidefield.planner.minimizer import MOST_STEPS, TOLERANCE, descend
 from guidefield.planner.problem import Problem
 from guidefield.planner.settling import MOST_ROUNDS, NEGLIGIBLE, Guard
 from guidefield.planner.steps import Walker, reach_point
@@ -24,9 +24,17 @@ class Blocks(enum.Enum):
 
 @dataclass(frozen=True)
 class Projected:
-    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py)."""
+    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py).
+
+    Attributes:
+        blocks: At once, or in turn.
+        tolerance: A descent ends where a step promises, or brings, less than this share of U.
+        most_steps: Steps of one descent.
+    """
 
     blocks: Blocks = Blocks.ONE
+    tolerance: float = TOLERANCE
+    most_steps: int = MOST_STEPS
 
     @property
     def name(self) -> str:
@@ -48,22 +56,21 @@ class Projected:
             return guard(kinematics.tip_position(q1)) and walker.free(q0, q1)
 
         if self.blocks is Blocks.ONE:
-            _descend(walker, OnPlane(kinematics, point, normal), accept, "descend")
+            self._descend(walker, OnPlane(kinematics, point, normal), accept, "descend")
             return
         before = problem.robot_field.potential(walker.q)
         for _ in range(MOST_ROUNDS):
             rotation = kinematics.frame_placement(walker.q, problem.group.tip_id).rotation
-            _descend(walker, Sliding(kinematics, point, normal, rotation), accept, "slide")
-            after = _descend(walker, Reorienting(kinematics, walker.tip), accept, "reorient")
+            self._descend(walker, Sliding(kinematics, point, normal, rotation), accept, "slide")
+            after = self._descend(walker, Reorienting(kinematics, walker.tip), accept, "reorient")
             if before - after < NEGLIGIBLE * before or problem.budget.spent():
                 return
             before = after
 
-
-def _descend(
-    walker: Walker, constraint: TipConstraint, accept: Callable[[np.ndarray, np.ndarray], bool], kind: str
-) -> float:
-    descent = descend(walker.problem, walker.q, constraint, accept)
-    for q in descent.path:
-        walker.take(q, kind, f"{kind} to U = {descent.potential:.4g}", descent.potential)
-    return descent.potential
+    def _descend(
+        self, walker: Walker, constraint: TipConstraint, accept: Callable[[np.ndarray, np.ndarray], bool], kind: str
+    ) -> float:
+        descent = descend(walker.problem, walker.q, constraint, accept, self.tolerance, self.most_steps)
+        for q in descent.path:
+            walker.take(q, kind, f"{kind} to U = {descent.potential:.4g}", descent.potential)
+        return descent.potential

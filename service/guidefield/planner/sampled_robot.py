@@ -1,4 +1,4 @@
-"""The robot of a problem as the relaxation's kernels read it: points against obstacles, points against capsules."""
+"""The robot of a problem as the relaxation's kernels read it: points against obstacles, points against other links."""
 
 from __future__ import annotations
 
@@ -6,27 +6,33 @@ import numpy as np
 
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.sampled_robot import SampledRobot
-from guidefield.kernels.self_barrier import SELF_RANGE, pair_distances
+from guidefield.kernels.self_barrier import pair_distances
 from guidefield.planner.problem import Problem
-from guidefield.robot.charges import robot_charges
+from guidefield.robot.link_bodies import link_bodies
 from guidefield.robot.surface_samples import surface_samples
 
 WEIGHT = 100.0
 """Sum of the weights of all points."""
 
+SELF_RANGE = 0.03
+"""Range of the barrier between links [m]."""
+
+LEAST_SELF_RANGE = 0.004
+"""The same between links that are that close at an end of the path."""
+
 
 def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) -> SampledRobot:
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
-    Bodies that stand still don't count, nor do pairs that the world doesn't test. A capsule is wider than the link in
-    it: links that are within range of each other at an end of a path are let in that far all along it.
+    Bodies that stand still don't count, nor do pairs that the world doesn't test. Links that are within range of each
+    other at an end of the path are let in that far all along it.
 
     Args:
         problem: Robot, world and field.
         tables: Obstacles.
         ends: Chart points at which links may be as close as they are, shape (m, nv).
     """
-    group, charged = problem.group, problem.robot_field.charged
+    group = problem.group
     moving = [body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0]
     points = _points(problem, moving)
     counts = np.array([len(some) for some in points], np.int64)
@@ -44,10 +50,10 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         groups=np.column_stack([np.array(joints, np.int64), last - counts, last]),
         balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
         ignored=_ignored(problem, moving),
-        capsules=charged.capsules,
-        capsule_joints=charged.capsule_joints,
+        links=_links(problem),
+        link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
         pairs=pairs,
-        slacks=np.zeros(len(pairs)),
+        pair_ranges=np.full(len(pairs), SELF_RANGE),
     )
     _freeze(robot)
     closest = np.full(len(pairs), np.inf)
@@ -55,7 +61,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
-    robot = robot._replace(slacks=np.maximum(0.0, SELF_RANGE - closest))
+    robot = robot._replace(pair_ranges=np.clip(closest, LEAST_SELF_RANGE, SELF_RANGE))
     _freeze(robot)
     return robot
 
@@ -93,20 +99,29 @@ def _ignored(problem: Problem, moving: list[int]) -> np.ndarray:
 
 
 def _pairs(problem: Problem, moving: list[int]) -> np.ndarray:
-    """Moving body (its place in `moving`) and capsule (k, 2) of the pairs that repel each other and are tested."""
-    indices = _indices(problem)
-    repelling = {frozenset(pair) for pair in robot_charges(problem.group.robot).repelling}
+    """Moving body (its place in `moving`) and other body of the robot's own pairs, both ways, shape (k, 2)."""
     place = {body: index for index, body in enumerate(moving)}
     pairs = [
-        (place[points], capsule)
+        (place[points], other)
         for first, second in problem.world.pairs[: problem.world.n_self].tolist()
-        if frozenset((indices[first], indices[second])) in repelling
-        for points, capsule in ((first, second), (second, first))
+        for points, other in ((first, second), (second, first))
         if points in place
     ]
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _freeze(robot: SampledRobot) -> None:
-    for array in robot[1:]:
+def _links(problem: Problem) -> DistanceTables:
+    """The group's bodies in the frames of their joints."""
+    shapes, indices = link_bodies(problem.group.robot), _indices(problem)
+    placements = [shape.placement.homogeneous[:3] for shape in problem.group.geometry.geometryObjects]
+    of_group = {name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "spans")}
+    links = shapes._replace(**of_group, placements=np.array(placements).reshape(-1, 3, 4))
+    for array in links[:-1]:
         array.setflags(write=False)
+    return links
+
+
+def _freeze(robot: SampledRobot) -> None:
+    for name, array in robot._asdict().items():
+        if name not in ("joints", "links"):
+            array.setflags(write=False)

@@ -52,13 +52,13 @@ class Strung:
 
     def across(self, k: int) -> np.ndarray:
         """Two unit vectors across link k (from 1) and each other, shape (2, 3), carried with the link."""
-        l = self.joints[k] - self.joints[k - 1]
-        l = l / np.linalg.norm(l)
+        link = self.joints[k] - self.joints[k - 1]
+        link = link / np.linalg.norm(link)
         own = self.rotations[k - 1].T
-        y = own[int(np.argmin(np.abs(own @ l)))]
-        y = y - (y @ l) * l
+        y = own[int(np.argmin(np.abs(own @ link)))]
+        y = y - (y @ link) * link
         y /= np.linalg.norm(y)
-        return np.array([y, np.cross(l, y)])
+        return np.array([y, np.cross(link, y)])
 
     @cached_property
     def _energy(self) -> Energy:

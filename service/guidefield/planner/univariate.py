@@ -13,13 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.kernels.link_chain import (
-    chain_configuration,
-    close_chain,
-    end_force,
-    turn_from,
-    turn_towards,
-)
+from guidefield.kernels.chain_angles import chain_configuration
+from guidefield.kernels.link_chain import close_chain, end_force, turn_from, turn_towards
 from guidefield.planner.problem import Problem
 from guidefield.planner.settling import MOST_ROUNDS, NEGLIGIBLE, Guard
 from guidefield.planner.steps import Walker, reach_point
@@ -41,9 +36,17 @@ Trial = Callable[[Strung, float], np.ndarray | None]
 
 @dataclass(frozen=True, eq=False)
 class Univariate:
-    """The seed's minimizer for one chain."""
+    """The seed's minimizer for one chain.
+
+    Attributes:
+        chain: The chain.
+        negligible: It ends where a round brings less than this share of U.
+        most_rounds: It ends after so many rounds.
+    """
 
     chain: Chain
+    negligible: float = NEGLIGIBLE
+    most_rounds: int = MOST_ROUNDS
 
     @property
     def name(self) -> str:
@@ -65,10 +68,13 @@ class Univariate:
         if not self.chain.leads and (reached := reach_point(problem, q, point)) is not None:
             yield reached
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: Guard) -> None:
-        """Slide and reorient on a plane until both are negligible, U falls by next to nothing, or rounds are over."""
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: Guard) -> None:  # noqa: ARG002
+        """Slide and reorient on a plane until U falls by next to nothing, or rounds are over.
+
+        Every step is parallel to the plane: its point is not needed.
+        """
         here = strung(walker.problem, self.chain, walker.q)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(self.most_rounds):
             sweep = _Sweep(self, walker, here, guard)
             sweep.slide(normal)
             sweep.reorient()
@@ -77,7 +83,7 @@ class Univariate:
                 return
             sweep.take()
             here = sweep.here
-            if before - after < NEGLIGIBLE * before or walker.problem.budget.spent():
+            if before - after < self.negligible * before or walker.problem.budget.spent():
                 return
 
     def _configuration(self, here: Strung, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -111,7 +117,9 @@ class _Sweep:
             return
         u = across / length
         trial = self._slid_whole if self._chain.leads else self._slid_last
-        self._search(lambda at: float(self._sliding_force(at) @ u), lambda at, s: trial(at, s * u), FIRST_SLIDE, LAST_SLIDE)
+        self._search(
+            lambda at: float(self._sliding_force(at) @ u), lambda at, s: trial(at, s * u), FIRST_SLIDE, LAST_SLIDE
+        )
 
     def reorient(self) -> None:
         """Turn every link about two axes across it: from the tip on, down to link 2 (fixed), or to the last one."""
@@ -197,9 +205,9 @@ class _Sweep:
         return force
 
     def _level_torque(self, at: Strung, k: int) -> np.ndarray:
-        """tau_k - l_k x (F_k + f2): about the far end of link k, with what the links before it exert on its near end."""
-        l = at.joints[k] - at.joints[k - 1]
-        torque: np.ndarray = at.torques[k - 1] - np.cross(l, at.forces[k - 1] + _end_force(at, k - 1))
+        """tau_k - l_k x (F_k + f2): about the far end of link k, f2 what the links before it exert on its near end."""
+        link = at.joints[k] - at.joints[k - 1]
+        torque: np.ndarray = at.torques[k - 1] - np.cross(link, at.forces[k - 1] + _end_force(at, k - 1))
         return torque
 
     def _own_torque(self, at: Strung, k: int) -> np.ndarray:
@@ -209,8 +217,8 @@ class _Sweep:
 
     def _pair_torque(self, at: Strung) -> np.ndarray:
         """Of links 1 and 2 together, about J_0."""
-        l = at.joints[1] - at.joints[0]
-        torque: np.ndarray = at.torques[0] + at.torques[1] + np.cross(l, at.forces[1])
+        link = at.joints[1] - at.joints[0]
+        torque: np.ndarray = at.torques[0] + at.torques[1] + np.cross(link, at.forces[1])
         return torque
 
     def _slid_whole(self, at: Strung, shift: np.ndarray) -> np.ndarray:

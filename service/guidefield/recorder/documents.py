@@ -129,7 +129,7 @@ def _figures(reply: PlanReply) -> list[str]:
         rows.append(("way of the joints / the tip", ways))
         rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} rad/s³"))
     judged = "free of collision" if reply.certificate.collision_free else "**not certified**"
-    rows.append(("certificate", f"{judged}: {reply.certificate.covers} ({reply.certificate.method})"))
+    rows.append(("certificate", f"{judged}: {reply.certificate.covers}"))
     counters = reply.counters
     rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
     work = [
@@ -138,7 +138,7 @@ def _figures(reply: PlanReply) -> list[str]:
         f"{reply.certificate.evaluations} certificate evaluations",
     ]
     rows.append(("work", ", ".join(work)))
-    return [*_table(("result", ""), rows), ""]
+    return [*_table(("result", ""), rows), "", f"Judged by: {reply.certificate.method}", ""]
 
 
 def _stages(reply: PlanReply) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -74,7 +74,8 @@ def shown_steps(count: int) -> np.ndarray:
 
 def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
     """One line per event, with the milliseconds since the planning began, and one for how it ended."""
-    lines = [_line(event, 1e3 * seconds) for event, seconds in zip(log.events, log.seconds, strict=True)]
+    planes = [plane.name for plane in reply.guide_planes]
+    lines = [_line(event, 1e3 * seconds, planes) for event, seconds in zip(log.events, log.seconds, strict=True)]
     steps = np.cumsum([isinstance(event, Step) for event in log.events], dtype=int) - 1
     numbers = np.maximum(steps, 0).tolist()
     if log.dropped:
@@ -99,19 +100,18 @@ def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
         yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=radii))
 
 
-def _line(event: Event, milliseconds: float) -> tuple[str, str, tuple[int, int, int, int]]:
-    """Level, text and colour of an event."""
-    level, text, color = _told(event)
+def _line(event: Event, milliseconds: float, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
+    """Level, text and colour of an event; `planes` are the guide planes' names."""
+    level, text, color = _told(event, planes)
     return level, f"{milliseconds:8.1f} ms  {text}", color
 
 
-def _told(event: Event) -> tuple[str, str, tuple[int, int, int, int]]:
+def _told(event: Event, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
     if isinstance(event, StageEntered):
         return "INFO", f"{event.name}: {event.message}", OTHER_COLOR
     if isinstance(event, StageLeft):
-        plane = "" if event.plane is None else f" (guide plane {event.plane})"
-        return "INFO", f"{event.name}{plane}: {event.outcome} after {1e3 * event.seconds:.1f} ms", OTHER_COLOR
+        about = f" to {planes[event.plane]}" if event.plane is not None and event.plane < len(planes) else ""
+        return "INFO", f"{event.name}{about}: {event.outcome}, {1e3 * event.seconds:.1f} ms", OTHER_COLOR
     if isinstance(event, Note):
         return "WARN" if event.warning else "INFO", event.text, OTHER_COLOR
-    potential = "" if event.potential is None else f"  U = {event.potential:.6g} m"
-    return "DEBUG", f"{event.kind}: {event.message}{potential}", STEP_COLORS.get(event.kind, OTHER_COLOR)
+    return "DEBUG", f"{event.kind}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)

@@ -15,6 +15,7 @@ from guidefield.messages.replies import PlanReply
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.configuration import LENGTHS, values_from_wire
+from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup
 
 SHOWN_SPEED = 1.0
@@ -183,4 +184,4 @@ def link_placements(group: PlanningGroup, q: np.ndarray, links: Sequence[str]) -
     """``T_world_link`` (pinocchio.SE3) of some links at a configuration (nq,)."""
     data = group.model.createData()
     pin.framesForwardKinematics(group.model, data, group.expand(q))
-    return {link: data.oMf[group.model.getFrameId(link)].copy() for link in links}
+    return {link: data.oMf[frame_index(group.model, link)].copy() for link in links}

@@ -62,7 +62,9 @@ class Recorder:
         steps = self._log.steps()
         motion = shown_motion(self._group, reply, profile, steps[-1].q if steps else None)
         at = poses(self._group, motion.configurations)
-        eye = choose_eye(at.tip, at.placements[:, :, :3].reshape(-1, 3), self._scene.obstacles)
+        landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
+        joints = at.placements[:, :, :3].reshape(-1, 3)
+        eye = choose_eye(at.tip, joints, landmarks, self._scene.obstacles)
         drawn = bodies.prepare(self._group.robot)
         chunks = [
             *self._moving(reply, profile, motion, at, drawn),
@@ -91,13 +93,12 @@ class Recorder:
     def _lasting(self, reply: PlanReply, motion: Motion, eye: Eye, drawn: RobotBodies) -> Iterator[Chunk]:
         """What holds for the whole run."""
         at_fault = _colliding(reply)
-        planes = reply.guide_planes or self._scene.message.guide_planes
         yield from drawn.chunks
         yield from bodies.highlighted(drawn, at_fault)
         if (ghosts := robot_entities.ghosts(self._group, drawn, motion)) is not None:
             yield ghosts
         yield from scene_entities.obstacles(self._scene.obstacles, eye.hiding, at_fault)
-        yield from scene_entities.guide_planes(planes)
+        yield from scene_entities.guide_planes(reply.guide_planes)
         yield from documents.properties(self._request, reply, self._group, self._scene)
         yield documents.summary_document(
             self._request, reply, self._group, self._scene, [*drawn.faults, *_shown_pace(motion)]

@@ -12,6 +12,7 @@ from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import RobotBodies, link_entity
 from guidefield.recorder.chunks import entity, implicit_frame, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
+from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup
 
 GHOSTS = 7
@@ -29,7 +30,7 @@ WAYPOINT_COLOR = (120, 220, 160, 255)
 def link_frames(group: PlanningGroup, drawn: RobotBodies) -> Iterator[Chunk]:
     """The frames of the links that carry something, and of the tip, each fixed to the joint that moves it."""
     for link in dict.fromkeys((*drawn.links, group.tip)):
-        frame = group.model.frames[group.model.getFrameId(link)]
+        frame = group.model.frames[frame_index(group.model, link)]
         parent = _joint_entity(group, frame.parentJoint) if frame.parentJoint else "/"
         rotation, translation = frame.placement.rotation, frame.placement.translation
         placement = rr.Transform3D(translation=translation, mat3x3=rotation, parent_frame=implicit_frame(parent))

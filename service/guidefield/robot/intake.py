@@ -17,7 +17,7 @@ from guidefield.robot.urdf_links import check_link
 from guidefield.robot.urdf_xml import Element, fault, name_of, parse
 
 MAX_LINKS = 2_000
-MAX_DOF = 200
+MAX_DOF = 300
 """Most degrees of freedom: Pinocchio's working memory grows with their cube (200: 0.1 GB; 1000: no memory left)."""
 
 OLDEST_VERSION, NEWEST_VERSION = (1, 0), (1, 2)

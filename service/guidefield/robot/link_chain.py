@@ -110,7 +110,9 @@ def _links_of(group: PlanningGroup) -> tuple[list[int], list[int], list[tuple[in
         elif kind in turning and index + 1 < model.njoints and _kind(group, index + 1) in turning:
             index += 1
             if float(np.linalg.norm(model.jointPlacements[index].translation)) > SAME_PLACE:
-                raise _unfit(group, f"{model.names[index - 1]!r} and {model.names[index]!r} turn about different places")
+                raise _unfit(
+                    group, f"{model.names[index - 1]!r} and {model.names[index]!r} turn about different places"
+                )
             kinds.append(UNIVERSAL)
             at.append((idx_q, model.joints[index].idx_q))
         else:
@@ -166,7 +168,7 @@ def _check(
 def _unfit(group: PlanningGroup, why: str) -> InvalidGroup:
     names: list[Any] = [joint.name for joint in group.joints]
     return InvalidGroup(
-        f"minimizer 'univariate' is for chains of ball joints, or of universal joints (two revolute joints in one place),"
-        f" that stand still or float: {why}; use 'projected'",
+        "minimizer 'univariate' is for chains of ball joints, or of universal joints (two revolute joints in one"
+        f" place), that stand still or float: {why}; use 'projected'",
         joints=names,
     )

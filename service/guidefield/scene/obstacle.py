@@ -30,12 +30,16 @@ class Charges:
         spheres: Centre and radius, shape (n, 4).
         capsules: Both ends of the axis and the radius, shape (n, 7).
         planes: Unit normal and offset, shape (n, 4).
+        quads: Flat convex quadrilaterals, shape (n, 4, 3).
+        boxes: Centre, unit axes and full sizes, shape (n, 15).
     """
 
     triangles: np.ndarray = field(default_factory=lambda: np.empty((0, 3, 3)))
     spheres: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
     capsules: np.ndarray = field(default_factory=lambda: np.empty((0, 7)))
     planes: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    quads: np.ndarray = field(default_factory=lambda: np.empty((0, 4, 3)))
+    boxes: np.ndarray = field(default_factory=lambda: np.empty((0, 15)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +108,19 @@ class _UnusableError(Exception):
 
 
 def _box(message: messages.Box) -> Obstacle:
-    return _faceted(message, coal.Box(*message.size), surfaces.box(message.size))
+    placement = _placement(message)
+    row = [*placement.translation, *placement.rotation.T.ravel(), *message.size]
+    return _convex(
+        message, coal.Box(*message.size), placement, surfaces.box(message.size), Charges(boxes=np.array([row]))
+    )
 
 
 def _cylinder(message: messages.Cylinder) -> Obstacle:
+    placement = _placement(message)
+    quads = _moved(placement, surfaces.prism_quads(message.radius, message.length).reshape(-1, 3)).reshape(-1, 4, 3)
     shape = coal.Cylinder(message.radius, message.length)
-    return _faceted(message, shape, surfaces.cylinder(message.radius, message.length))
+    prism = surfaces.cylinder(message.radius, message.length)
+    return _convex(message, shape, placement, prism, Charges(quads=quads))
 
 
 def _sphere(message: messages.Sphere) -> Obstacle:
@@ -183,13 +194,6 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
     messages.PointCloud: _point_cloud,
 }
 """Builder by kind of message; they raise `_UnusableError`."""
-
-
-def _faceted(message: messages.Box | messages.Cylinder, shape: Any, surface: tuple[np.ndarray, np.ndarray]) -> Obstacle:
-    """A convex body whose field is that of the triangles it is drawn with."""
-    placement = _placement(message)
-    vertices = _moved(placement, surface[0])
-    return _convex(message, shape, placement, surface, Charges(triangles=vertices[surface[1]]))
 
 
 def _convex(

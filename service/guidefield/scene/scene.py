@@ -6,12 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.geometry.charge_tree import at_angle
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field import FieldTables
+from guidefield.kernels.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle
+
+OPENING = 0.2
+"""Parts of large meshes count as wholes from where they are this times their distance: good to 5e-4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +66,22 @@ def build(message: messages.Scene) -> Scene:
 
 
 def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
+    owners = [np.full(len(one.charges.triangles), index) for index, one in enumerate(obstacles)]
     return field_tables(
         np.concatenate([np.empty((0, 3, 3)), *(one.charges.triangles for one in obstacles)]),
-        np.concatenate([np.empty(0), *(np.full(len(one.charges.triangles), one.charge) for one in obstacles)]),
+        _charge_of_each(obstacles, "triangles"),
         *(_charged_rows(obstacles, kind, width) for kind, width in (("spheres", 4), ("capsules", 7), ("planes", 4))),
+        triangle_owner=np.concatenate([np.empty(0, np.int64), *owners]),
+        quads=np.concatenate([np.empty((0, 4, 3)), *(one.charges.quads for one in obstacles)]),
+        quad_charge=_charge_of_each(obstacles, "quads"),
+        boxes=_charged_rows(obstacles, "boxes", 15),
+        opening=at_angle(OPENING),
     )
+
+
+def _charge_of_each(obstacles: tuple[Obstacle, ...], kind: str) -> np.ndarray:
+    """The charge of every face of one kind."""
+    return np.concatenate([np.empty(0), *(np.full(len(getattr(one.charges, kind)), one.charge) for one in obstacles)])
 
 
 def _charged_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.ndarray:

@@ -7,8 +7,6 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charged import field_tables
-from guidefield.kernels.triangle import ROWS, triangles_at
 from tests.kernels.evaluation import field, gradient_by_differences, triangles, vectors
 from tests.oracles import (
     EPS,
@@ -166,14 +164,3 @@ def test_winding_number_does_not_depend_on_the_charge() -> None:
     at = field(np.zeros(3), cube, triangle_charge=np.zeros(len(cube)))
     assert at.winding == pytest.approx(1.0, abs=1e-12)
     assert at.potential == 0.0
-
-
-@pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.7), (1e-30, 0.0, 0.0), (1e6, 1e6, 1e6)])
-def test_padding_contributes_exactly_nothing(point: tuple[float, float, float]) -> None:
-    assert triangles_at(*point, np.zeros((ROWS, 8))) == (0.0,) * 6
-
-
-def test_kernel_runs_undecorated() -> None:
-    table = field_tables(surfaces.box((0.4, 1.0, 0.6)).corners).triangles
-    for point in ((0.7, 0.1, 0.2), (0.05, 0.1, -0.1), (-3.0, 0.0, 1.0)):
-        assert triangles_at.py_func(*point, table) == pytest.approx(triangles_at(*point, table), rel=1e-12, abs=1e-12)

@@ -1,0 +1,102 @@
+"""Many configurations at once: whether a robot touches anything, by the lane kernels.
+
+What these say is free keeps apart on the exact geometry, within `BAND`; but only at samples. The certificate judges
+what is between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.bodies import bounding_ball
+from guidefield.collision.convex_parts import UnservedError
+from guidefield.collision.inner_balls import inner_balls
+from guidefield.collision.lane_robot import lane_robot
+from guidefield.collision.lane_scene import lane_scene
+from guidefield.collision.world import World
+from guidefield.kernels.lane_collision import BALL, Scratch
+from guidefield.kernels.lane_kinematics import POSE
+from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
+from guidefield.kernels.lanes import LANES
+from guidefield.kernels.separation import WORK
+
+
+@dataclass(frozen=True, eq=False)
+class Lanes:
+    """A world for the lane kernels; like the world itself it answers one question at a time.
+
+    Attributes:
+        world: Robot and obstacles.
+        tables: The same as arrays.
+    """
+
+    world: World
+    tables: LaneWorld
+
+    @classmethod
+    def build(cls, world: World) -> Lanes:
+        """Make the tables of a world.
+
+        Raises:
+            UnservedError: if a joint has several degrees of freedom or a shape is of a kind that the kernels don't know.
+        """
+        if any(joint.nv != 1 for joint in world.model.joints[1:]):
+            raise UnservedError("a joint with several degrees of freedom")
+        shapes = [shape.geometry for shape in world.group.geometry.geometryObjects]
+        covers = [np.array([[*centre, radius]]) for centre, radius in map(bounding_ball, shapes)]
+        inners = [inner_balls(shape) for shape in shapes]
+        own, mixed = np.split(world.pairs, [world.n_self])
+        robot = lane_robot(world.group, covers, inners, own)
+        tested = np.zeros((len(covers), len(world.scene.obstacles)), bool)
+        tested[mixed[:, 0], mixed[:, 1] - len(covers)] = True
+        scene = lane_scene(world.scene.obstacles, tested)
+        n_bodies, n_obstacles = len(covers), len(scene.obstacles.kinds)
+        scratch = Scratch(
+            poses=np.zeros(world.model.njoints * POSE, np.float32),
+            centres=np.zeros(max(1, len(robot.bodies.cover) // 4) * BALL, np.float32),
+            placed=np.zeros(n_bodies, np.int64),
+            found=np.zeros(3 * (n_bodies * n_obstacles + len(own) + 1), np.int64),
+            obstacle_axes=np.zeros(3 * n_bodies * n_obstacles),
+            pair_axes=np.zeros(3 * len(own)),
+            pose_a=np.zeros(12),
+            pose_b=np.zeros(12),
+            work=np.zeros(WORK),
+        )
+        block = np.zeros(world.group.nv * LANES, np.float32)
+        tables = LaneWorld(
+            robot.joints, robot.bodies, robot.parts, scene.obstacles, scene.parts, scratch, block, world.group.nv
+        )
+        return cls(world, tables)
+
+    def forget(self) -> None:
+        """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
+        self.tables.scratch.obstacle_axes[:] = 0.0
+        self.tables.scratch.pair_axes[:] = 0.0
+
+    def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:
+        """Which of some chart points touch an obstacle or themselves.
+
+        Args:
+            zs: Chart points, shape (n, nv).
+            clearance: What to keep from obstacles [m].
+
+        Returns:
+            Shape (n,), bool.
+        """
+        touching = np.empty(len(zs), np.bool_)
+        touching_configurations(self.tables, clearance, np.ascontiguousarray(zs, np.float32), touching)
+        return touching
+
+    def free_until(self, path: np.ndarray, resolution: float, clearance: float = 0.0) -> int:
+        """How many of the straight motions along a path are free before the first that is not, by samples.
+
+        Args:
+            path: Chart points, shape (n, nv); the first itself is not judged.
+            resolution: Samples per length in the chart [1/rad or 1/m].
+            clearance: What to keep from obstacles [m].
+        """
+        return int(
+            path_free_until(self.tables, clearance, FRACTIONS, np.ascontiguousarray(path, np.float32), resolution)
+        )

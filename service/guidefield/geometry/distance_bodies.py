@@ -1,0 +1,170 @@
+"""Shapes as the bodies that the distance kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from guidefield.geometry.axes import across
+from guidefield.geometry.box_tree import box_tree
+from guidefield.geometry.pseudonormals import pseudonormals
+from guidefield.kernels.distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, DistanceTables
+from guidefield.kernels.triangle_distance import SurfaceTables
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NO_SURFACE = (np.empty((0, 3)), np.empty((0, 3), np.int64))
+
+_THIN = 1e-12
+"""A triangle with less area than this share of its longest edge squared is a line: its neighbours' edges cover it."""
+
+_ROUNDING = 1e-9
+"""By how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One body.
+
+    Attributes:
+        kind: As in kernels/distance.py.
+        size: Three numbers by kind [m].
+        bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
+        placement: Rotation and translation of that frame, shape (3, 4) [m].
+        surface: Vertices (v, 3) and triangles (t, 3) of a solid or sheet, in its own frame.
+    """
+
+    kind: int
+    size: tuple[float, float, float]
+    bounds: Floats
+    placement: Floats
+    surface: tuple[Floats, Integers] = NO_SURFACE
+
+    def placed(self, rotation: Floats, translation: Floats) -> Body:
+        """The body in a frame that is placed in another one."""
+        turned = rotation @ self.placement
+        turned[:, 3] += translation
+        return replace(self, placement=turned)
+
+
+def primitive(shape: Any) -> Body | None:
+    """The body of a Coal box, sphere, cylinder, capsule or half-space in its own frame; None for other shapes."""
+    build = _PRIMITIVES.get(type(shape))
+    return None if build is None else build(shape)
+
+
+def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
+    """The body of a surface.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
+        kind: SOLID or SHEET.
+    """
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    longest = np.maximum.reduce([((b - a) ** 2).sum(axis=1), ((c - b) ** 2).sum(axis=1), ((a - c) ** 2).sum(axis=1)])
+    used = triangles[area > _THIN * longest]
+    bounds = np.r_[vertices[used].min(axis=(0, 1)), vertices[used].max(axis=(0, 1))]
+    return Body(kind, (0.0, 0.0, 0.0), bounds, _identity(), (vertices, used))
+
+
+def bounds_in_world(bodies: Sequence[Body]) -> tuple[Floats, Floats]:
+    """Lower and upper corners (n, 3) of boxes about bodies where they are placed; none may be a half-space."""
+    placements, bounds = np.array([body.placement for body in bodies]), np.array([body.bounds for body in bodies])
+    centres, halves = 0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * (bounds[:, 3:] - bounds[:, :3])
+    middles = np.einsum("bij,bj->bi", placements[:, :, :3], centres) + placements[:, :, 3]
+    reach = np.einsum("bij,bj->bi", np.abs(placements[:, :, :3]), halves) + _ROUNDING * (1.0 + np.abs(middles))
+    return middles - reach, middles + reach
+
+
+def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) -> DistanceTables:
+    """Tables of bodies, read-only.
+
+    Args:
+        bodies: Half-spaces first, the others in the order of their tree.
+        owners: What each belongs to.
+        nodes: The tree, shape (m, 6) [m]; empty if nobody is going to look for what is near.
+    """
+    surfaces, spans = _surface_tables([body.surface for body in bodies])
+    tables = DistanceTables(
+        kinds=np.array([body.kind for body in bodies], np.int64),
+        obstacles=np.array(owners, np.int64),
+        placements=np.array([body.placement for body in bodies], float).reshape(-1, 3, 4),
+        sizes=np.array([body.size for body in bodies], float).reshape(-1, 3),
+        bounds=np.array([body.bounds for body in bodies], float).reshape(-1, 6),
+        spans=spans,
+        nodes=nodes,
+        surfaces=surfaces,
+    )
+    for array in (*tables[:-1], *surfaces):
+        array.setflags(write=False)
+    return tables
+
+
+def _box(shape: Any) -> Body:
+    x, y, z = (float(half) for half in shape.halfSide)
+    return _about_origin(BOX, (x, y, z), (x, y, z))
+
+
+def _cylinder(shape: Any) -> Body:
+    radius, half = float(shape.radius), float(shape.halfLength)
+    return _about_origin(CYLINDER, (radius, half, 0.0), (radius, radius, half))
+
+
+def _capsule(shape: Any) -> Body:
+    radius, half = float(shape.radius), float(shape.halfLength)
+    return _about_origin(CAPSULE, (radius, half, 0.0), (radius, radius, half + radius))
+
+
+def _sphere(shape: Any) -> Body:
+    radius = float(shape.radius)
+    return _about_origin(CAPSULE, (radius, 0.0, 0.0), (radius, radius, radius))
+
+
+def _half_space(shape: Any) -> Body:
+    normal = np.array(shape.n, float)
+    bounds = np.array([-np.inf, -np.inf, -np.inf, np.inf, np.inf, 0.0])
+    placement = np.column_stack([*across(normal), normal, float(shape.d) * normal])
+    return Body(HALF_SPACE, (0.0, 0.0, 0.0), bounds, placement)
+
+
+_PRIMITIVES: dict[type, Callable[[Any], Body]] = {
+    coal.Box: _box,
+    coal.Sphere: _sphere,
+    coal.Cylinder: _cylinder,
+    coal.Capsule: _capsule,
+    coal.Halfspace: _half_space,
+}
+
+
+def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float, float, float]) -> Body:
+    return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _identity())
+
+
+def _identity() -> Floats:
+    return np.eye(3, 4)
+
+
+def _surface_tables(surfaces: Sequence[tuple[Floats, Integers]]) -> tuple[SurfaceTables, Integers]:
+    """Tables of surfaces (vertices, triangles), and where the tree of each stands, shape (n, 4)."""
+    nodes, corners, normals = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))]
+    spans = np.zeros((len(surfaces), 4), np.int64)
+    node = triangle = 0
+    for index, (vertices, triangles) in enumerate(surfaces):
+        if not len(triangles):
+            continue
+        a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+        tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+        spans[index] = node, tree.leaves, triangle, len(triangles)
+        nodes.append(tree.nodes)
+        corners.append(np.hstack([a, b - a, c - a])[tree.order])
+        normals.append(pseudonormals(vertices, triangles)[tree.order])
+        node, triangle = node + len(tree.nodes), triangle + len(triangles)
+    return SurfaceTables(*(np.concatenate(rows) for rows in (nodes, corners, normals))), spans

@@ -1,0 +1,107 @@
+"""What is charged, as the kernels read it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.faces import HALF_ROWS
+from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, VECTOR
+
+BOX_COLUMNS, TRIANGLE_COLUMNS, QUAD_COLUMNS, NODE_COLUMNS = 16, 4 + HALF_ROWS, 4 + 2 * HALF_ROWS, 13
+
+
+class FieldTables(NamedTuple):
+    """Everything charged; one row each, C-contiguous, in double or in single precision, lengths in m.
+
+    Faces stand in blocks that share corners, blocks are the leaves of trees in depth-first order. A node's multipole
+    expansion stands for all below it where points are farther than its reach from its centre.
+
+    Attributes:
+        origin: What to subtract from points, shape (3,), always in double precision; tables are relative to it.
+        boxes: Centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3), charge; (b, 16).
+        vertices: Corners of blocks, shape (v, 3).
+        triangle_corners: Indices into a block's vertices, shape (t, 3).
+        triangles: As kernels/faces.py reads them, shape (t, 18).
+        quad_corners: Two triangles each, indices into a block's vertices, shape (q, 6).
+        quads: As kernels/faces.py reads them, shape (q, 32).
+        nodes: Centre of charge (3), charge, its second moments xx xy xz yy yz zz, area vector (3); shape (m, 13).
+        links: The node after all below a node; first and past vertex, triangle and quad of a leaf's block; (m, 7).
+        reach: Distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,).
+        spheres: Centre (3), radius, charge; shape (s, 5).
+        capsules: Ends of the axis (2 x 3), radius, charge; shape (c, 8).
+        planes: Unit normal (3), offset, charge; shape (p, 5).
+        cloud: Points of clouds: position (3), charge [1], square of their softening length; shape (n, 5).
+    """
+
+    origin: np.ndarray
+    boxes: np.ndarray
+    vertices: np.ndarray
+    triangle_corners: np.ndarray
+    triangles: np.ndarray
+    quad_corners: np.ndarray
+    quads: np.ndarray
+    nodes: np.ndarray
+    links: np.ndarray
+    reach: np.ndarray
+    spheres: np.ndarray
+    capsules: np.ndarray
+    planes: np.ndarray
+    cloud: np.ndarray
+
+
+MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)
+VECTOR_32 = types.Array(types.float32, 1, "C", readonly=True)
+
+
+def _tables(matrix: types.Array, vector: types.Array) -> types.NamedTuple:
+    i, m = INDEX_MATRIX, matrix
+    return types.NamedTuple((VECTOR, m, m, i, m, i, m, m, i, vector, m, m, m, m), FieldTables)
+
+
+TABLES = _tables(MATRIX, VECTOR)
+TABLES_32 = _tables(MATRIX_32, VECTOR_32)
+
+
+def exact(tables: FieldTables) -> FieldTables:
+    """The same without expansions: every face counts by itself."""
+    return tables._replace(reach=frozen(np.full(len(tables.reach), np.inf, tables.reach.dtype)))
+
+
+def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
+    """The same in single precision, relative to an origin in the midst of the points that will be asked for.
+
+    Good to about 1e-6 where the distance to the surfaces is a hundredth of their size, and less nearer.
+    """
+    shift = np.asarray(origin, dtype=np.float64) - tables.origin
+
+    def moved(rows: np.ndarray, *columns: int) -> np.ndarray:
+        result = rows.copy()
+        for column in columns:
+            result[:, column : column + 3] -= shift
+        return frozen(result.astype(np.float32))
+
+    planes = tables.planes.copy()
+    planes[:, 3] -= planes[:, :3] @ shift
+    return tables._replace(
+        origin=frozen(tables.origin + shift),
+        boxes=moved(tables.boxes, 0),
+        vertices=moved(tables.vertices, 0),
+        triangles=moved(tables.triangles),
+        quads=moved(tables.quads),
+        nodes=moved(tables.nodes, 0),
+        reach=frozen(tables.reach.astype(np.float32)),
+        spheres=moved(tables.spheres, 0),
+        capsules=moved(tables.capsules, 0, 3),
+        planes=frozen(planes.astype(np.float32)),
+        cloud=moved(tables.cloud, 0),
+    )
+
+
+def frozen(values: np.ndarray) -> np.ndarray:
+    """The values as a C-contiguous array that is read-only."""
+    array = np.ascontiguousarray(values)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,139 @@
+"""Straight motions judged by samples, sixteen at a time: spread over the whole motion first, then ever closer."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import boolean, int64, types, void
+
+from guidefield.kernels.lane_collision import (
+    LANE_BODIES,
+    LANE_OBSTACLES,
+    SCRATCH,
+    LaneBodies,
+    LaneObstacles,
+    Scratch,
+    block_touches,
+)
+from guidefield.kernels.lane_kinematics import LANE_JOINTS, LaneJoints
+from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lanes import (
+    FLOAT_POINTER,
+    FLOATS,
+    FLOATS_OUT,
+    LANES,
+    lane_kernel,
+    lane_part,
+    lane_step,
+    load,
+    pointed,
+    pointers,
+    splat,
+    store,
+)
+from guidefield.kernels.separation import PARTS, Parts
+
+
+class LaneWorld(NamedTuple):
+    """A robot among obstacles, for lanes.
+
+    Attributes:
+        joints, bodies, parts: The robot.
+        obstacles, scene: What is around it.
+        scratch: Memory; so a world answers one question at a time.
+        block: (nv * 16,) memory for the configurations of one block.
+        nv: How many coordinates a configuration has.
+    """
+
+    joints: LaneJoints
+    bodies: LaneBodies
+    parts: Parts
+    obstacles: LaneObstacles
+    scene: Parts
+    scratch: Scratch
+    block: np.ndarray
+    nv: int
+
+
+LANE_WORLD = types.NamedTuple(
+    [LANE_JOINTS, LANE_BODIES, PARTS, LANE_OBSTACLES, PARTS, SCRATCH, FLOATS_OUT, types.int64], LaneWorld
+)
+WORLD = pointed(LANE_WORLD)
+
+FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
+FRACTIONS.setflags(write=False)
+"""1 to 16: what a sample's place on a motion is made of."""
+
+
+@lane_part
+def _touches(world: LaneWorld, clearance: float) -> bool:
+    """Whether the robot touches anything at any configuration of the block."""
+    return bool(
+        block_touches(
+            world.joints,
+            world.bodies,
+            world.parts,
+            world.obstacles,
+            world.scene,
+            clearance,
+            world.block,
+            world.scratch,
+        )
+    )
+
+
+@lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, FLOAT_POINTER, types.float64))
+def motion_free(
+    world: LaneWorld, clearance: float, fractions: Floats32, z0: Floats32, z1: Floats32, resolution: float
+) -> bool:
+    """Whether no sample of the straight motion from z0 (nv,) to z1 touches; the first is not looked at, the last is.
+
+    With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i = 1 .. 16: the first spreads over the
+    whole motion and holds its end.
+
+    Args:
+        world: Robot and obstacles.
+        clearance: What to keep from obstacles [m].
+        fractions: `FRACTIONS`.
+        z0: Where the motion begins.
+        z1: Where it ends.
+        resolution: Samples per length in the chart [1/rad or 1/m].
+    """
+    nv, square, block = world.nv, 0.0, world.block
+    for j in range(nv):
+        square += (z1[j] - z0[j]) ** 2
+    blocks = max(1, int(math.ceil(math.sqrt(square) * resolution / LANES)))
+    for k in range(blocks):
+        place = load(fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
+        for j in range(nv):
+            origin, end = z0[j], z1[j]
+            store(block, j * LANES, place * (end - origin) + origin)
+        if _touches(world, clearance):
+            return False
+    return True
+
+
+@lane_kernel(void(LANE_WORLD, types.float64, types.Array(types.float32, 2, "C"), types.Array(types.boolean, 1, "C")))
+def touching_configurations(
+    world: LaneWorld, clearance: float, configurations: np.ndarray, touching_out: np.ndarray
+) -> None:
+    """Which of some chart points (n, nv) touch, one after another."""
+    pointed_world = pointers(world)
+    for i in range(configurations.shape[0]):
+        for j in range(configurations.shape[1]):
+            store(pointed_world.block, j * LANES, splat(configurations[i, j]))
+        touching_out[i] = _touches(pointed_world, clearance)
+
+
+@lane_kernel(int64(LANE_WORLD, types.float64, FLOATS, types.Array(types.float32, 2, "C"), types.float64))
+def path_free_until(
+    world: LaneWorld, clearance: float, fractions: Floats32, path: np.ndarray, resolution: float
+) -> int:
+    """How many of the straight motions along chart points (n, nv) are free before the first that is not."""
+    pointed_world, shares = pointers(world), pointers(fractions)
+    for i in range(path.shape[0] - 1):
+        if not motion_free(pointed_world, clearance, shares, pointers(path[i]), pointers(path[i + 1]), resolution):
+            return i
+    return path.shape[0] - 1

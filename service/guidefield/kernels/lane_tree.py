@@ -1,0 +1,289 @@
+"""RRT-Connect (Kuffner and LaValle 2000) on lanes: two trees, a Halton sequence, the dynamic domain of Yershova (2005).
+
+The kernel runs a bounded number of iterations and can be called again to go on, so a deadline or a cancellation is
+kept without a clock in the kernel, and the same seed gives the same path whatever the load.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import boolean, int64, types
+
+from guidefield.kernels.lane_kinematics import Integers
+from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lane_motion import LANE_WORLD, WORLD, LaneWorld, motion_free
+from guidefield.kernels.lanes import (
+    FLOAT_POINTER,
+    FLOATS,
+    FLOATS_OUT,
+    INTEGER_POINTER,
+    INTEGERS_OUT,
+    LANES,
+    below,
+    first_lane,
+    lane,
+    lane_kernel,
+    lane_step,
+    load,
+    pointed,
+    pointers,
+    rint,
+    splat,
+)
+from guidefield.kernels.signatures import VECTOR
+from guidefield.kernels.tree_kinematics import INDICES
+
+RANGE = 1.0
+"""Longest extension of a tree [rad or m]."""
+
+DOMAIN = 4.0
+"""A node whose extension failed is only extended towards samples within this of it [rad or m]."""
+
+LEAST_DOMAIN = 1.0
+DOMAIN_STEP = 1e-4
+"""By which fraction that radius grows when an extension succeeds, and shrinks when it fails."""
+
+UNSEARCHED, MET, FULL, GOING_ON = range(4)
+"""How a call ended: the trees met; a tree is full; its iterations were done."""
+
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS = 0, 2, 3, 4, 6
+"""Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions."""
+COUNTERS = 8
+
+
+class Sampling(NamedTuple):
+    """Where samples come from.
+
+    Attributes:
+        bases: (nv,) prime of each coordinate's Halton sequence.
+        shift: (nv,) added to the sequence, modulo 1.
+        lower, width: (nv,) the box that samples fill.
+        period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
+        frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
+    """
+
+    bases: np.ndarray
+    shift: np.ndarray
+    lower: np.ndarray
+    width: np.ndarray
+    period: np.ndarray
+    frequency: np.ndarray
+
+
+class Search(NamedTuple):
+    """Two trees and what belongs to their search; each array holds both trees, one after the other.
+
+    Attributes:
+        nv: Coordinates of a chart point.
+        capacity: Nodes that each tree has room for.
+        nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
+        parents: (2 * capacity,) -1 for roots.
+        domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
+        digits: (2 * nv,) numerator and denominator of the last sample's coordinates.
+        counters: (COUNTERS,).
+        sample, target, origin, reached: (nv,) memory.
+    """
+
+    nv: int
+    capacity: int
+    nodes: np.ndarray
+    parents: np.ndarray
+    domains: np.ndarray
+    digits: np.ndarray
+    counters: np.ndarray
+    sample: np.ndarray
+    target: np.ndarray
+    origin: np.ndarray
+    reached: np.ndarray
+
+
+SAMPLING = types.NamedTuple([INDICES, *[VECTOR] * 3, *[FLOATS] * 2], Sampling)
+SEARCH = types.NamedTuple(
+    [*[types.int64] * 2, FLOATS_OUT, INTEGERS_OUT, FLOATS_OUT, *[INTEGERS_OUT] * 2, *[FLOATS_OUT] * 4], Search
+)
+
+_SAMPLING, _SEARCH = pointed(SAMPLING), pointed(SEARCH)
+
+
+@lane_step(types.void(_SAMPLING, INTEGER_POINTER, FLOAT_POINTER, int64))
+def _next_sample(sampling: Sampling, digits: Integers, sample_out: Floats32, nv: int) -> None:
+    """The next point of the Halton sequence, shifted, in the box.
+
+    In base b the sequence counts n / d with d a power of b: the carry turns x = d - n into the next numerator.
+    """
+    for j in range(nv):
+        base, numerator, denominator = sampling.bases[j], digits[2 * j], digits[2 * j + 1]
+        left = denominator - numerator
+        if left == 1:
+            numerator = 1
+            denominator *= base
+        else:
+            step = denominator // base
+            while left <= step:
+                step //= base
+            numerator = (base + 1) * step - left
+        digits[2 * j], digits[2 * j + 1] = numerator, denominator
+        place = numerator / denominator + sampling.shift[j]
+        sample_out[j] = sampling.lower[j] + (place - math.floor(place)) * sampling.width[j]
+
+
+@lane_step(int64(_SEARCH, int64, FLOAT_POINTER, _SAMPLING))
+def _nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> int:
+    """The node nearest to a target, sixteen at a time; angles that wrap count the short way round."""
+    nodes, period, frequency, capacity, nv = (
+        search.nodes,
+        sampling.period,
+        sampling.frequency,
+        search.capacity,
+        search.nv,
+    )
+    start, size = tree * nv * capacity, search.counters[SIZE + tree]
+    best, winner = np.float32(np.inf), 0
+    for i in range(0, size, LANES):
+        total = splat(0.0)
+        for j in range(nv):
+            apart = load(nodes, start + j * capacity + i) - target[j]
+            if period[j] != 0.0:
+                apart = apart - rint(apart * frequency[j]) * period[j]
+            total = total + apart * apart
+        mask = below(total, splat(best))
+        if size - i < LANES:
+            mask &= (1 << (size - i)) - 1
+        while mask:
+            k = first_lane(mask)
+            mask &= mask - 1
+            square = lane(total, k)
+            if square < best:
+                best, winner = square, i + k
+    return winner
+
+
+@lane_step(types.float64(_SEARCH, int64, int64, FLOAT_POINTER, _SAMPLING))
+def _step_towards(search: Search, tree: int, node: int, target: Floats32, sampling: Sampling) -> float:
+    """Write a node's point and the one at most `RANGE` towards a target; the distance to the target itself."""
+    origin, reached, nodes, square = search.origin, search.reached, search.nodes, 0.0
+    nv, capacity = search.nv, search.capacity
+    for j in range(nv):
+        origin[j] = nodes[(tree * nv + j) * capacity + node]
+        way = target[j] - origin[j]
+        if sampling.period[j] != 0.0:
+            way -= np.float32(np.rint(way * sampling.frequency[j])) * sampling.period[j]
+        reached[j] = way
+        square += way * way
+    distance = math.sqrt(square)
+    share = np.float32(min(1.0, RANGE / max(distance, 1e-12)))
+    for j in range(nv):
+        reached[j] = origin[j] + share * reached[j]
+    return distance
+
+
+@lane_step(int64(_SEARCH, int64, int64))
+def _add(search: Search, tree: int, parent: int) -> int:
+    """Add the point that was reached to a tree; its index."""
+    at, nv, capacity = search.counters[SIZE + tree], search.nv, search.capacity
+    for j in range(nv):
+        search.nodes[(tree * nv + j) * capacity + at] = search.reached[j]
+    search.parents[tree * capacity + at] = parent
+    search.domains[tree * capacity + at] = np.inf
+    search.counters[SIZE + tree] = at + 1
+    return at
+
+
+@lane_step(boolean(WORLD, _SAMPLING, _SEARCH, FLOAT_POINTER, types.float64, types.float64, int64))
+def _connected(
+    world: LaneWorld,
+    sampling: Sampling,
+    search: Search,
+    fractions: Floats32,
+    clearance: float,
+    resolution: float,
+    tree: int,
+) -> bool:
+    """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
+    counters = search.counters
+    node = _nearest(search, tree, search.target, sampling)
+    while counters[SIZE + tree] < search.capacity:
+        distance = _step_towards(search, tree, node, search.target, sampling)
+        counters[MOTIONS] += 1
+        if not motion_free(world, clearance, fractions, search.origin, search.reached, resolution):
+            return False
+        if distance <= RANGE:
+            counters[MEETING + tree] = node
+            return True
+        node = _add(search, tree, node)
+    return False
+
+
+@lane_step(int64(WORLD, _SAMPLING, _SEARCH, FLOAT_POINTER, types.float64, types.float64, int64))
+def _grown(
+    world: LaneWorld,
+    sampling: Sampling,
+    search: Search,
+    fractions: Floats32,
+    clearance: float,
+    resolution: float,
+    iterations: int,
+) -> int:
+    """`grow` on pointers."""
+    counters, sample, reached, target = search.counters, search.sample, search.reached, search.target
+    nv, capacity, domains = search.nv, search.capacity, search.domains
+    for _ in range(iterations):
+        if max(counters[SIZE], counters[SIZE + 1]) + 1 >= capacity:
+            return FULL
+        counters[ITERATION] += 1
+        a = 1 - counters[ACTIVE]
+        if counters[SIZE + 1 - a] * 2 <= counters[SIZE + a]:  # the other is much smaller: it goes on
+            a = 1 - a
+        counters[ACTIVE] = a
+        _next_sample(sampling, search.digits, sample, nv)
+        node = _nearest(search, a, sample, sampling)
+        distance = _step_towards(search, a, node, sample, sampling)
+        domain = domains[a * capacity + node]
+        if distance > domain:
+            continue
+        counters[MOTIONS] += 1
+        if not motion_free(world, clearance, fractions, search.origin, reached, resolution):
+            smaller = DOMAIN if domain == np.inf else max(domain * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)
+            domains[a * capacity + node] = smaller
+            continue
+        if domain != np.inf:
+            domains[a * capacity + node] = domain * (1.0 + DOMAIN_STEP)
+        met = _add(search, a, node)
+        for j in range(nv):
+            target[j] = reached[j]
+        if _connected(world, sampling, search, fractions, clearance, resolution, 1 - a):
+            counters[MEETING + a] = met
+            return MET
+    return GOING_ON
+
+
+@lane_kernel(int64(LANE_WORLD, SAMPLING, SEARCH, FLOATS, types.float64, types.float64, int64))
+def grow(
+    world: LaneWorld,
+    sampling: Sampling,
+    search: Search,
+    fractions: Floats32,
+    clearance: float,
+    resolution: float,
+    iterations: int,
+) -> int:
+    """Go on growing two trees towards each other.
+
+    Args:
+        world: Robot and obstacles.
+        sampling: Where samples come from.
+        search: The trees, whose roots have been written; changed.
+        fractions: lane_motion's `FRACTIONS`.
+        clearance: What to keep from obstacles [m].
+        resolution: Samples per length in the chart [1/rad or 1/m].
+        iterations: How many more.
+
+    Returns:
+        MET (the nodes are in the counters), FULL (give it more room) or GOING_ON.
+    """
+    return _grown(
+        pointers(world), pointers(sampling), pointers(search), pointers(fractions), clearance, resolution, iterations
+    )

@@ -1,0 +1,115 @@
+"""The vector type of point_lanes.py, and the functions of its values as they run undecorated, on NumPy arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core.datamodel import models
+from numba.extending import register_model
+
+LANES_64 = 8
+"""Points at once in double precision."""
+
+LANES_32 = 16
+"""Points at once in single precision."""
+
+
+class Lanes(types.Type):  # type: ignore[misc]  # numba is untyped
+    """Lanes of one floating-point type."""
+
+    def __init__(self, element: types.Float) -> None:
+        self.element = element
+        self.count = LANES_64 if element == types.float64 else LANES_32
+        super().__init__(name=f"lanes<{element} x {self.count}>")
+
+    @property
+    def key(self) -> Any:
+        """What tells one from another."""
+        return self.element
+
+
+class Mask(types.Type):  # type: ignore[misc]
+    """Lanes of truth values."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        super().__init__(name=f"mask<{count}>")
+
+    @property
+    def key(self) -> Any:
+        """What tells one from another."""
+        return self.count
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Lanes) -> None:
+        element = ir.DoubleType() if fe_type.element == types.float64 else ir.FloatType()
+        super().__init__(dmm, fe_type, ir.VectorType(element, fe_type.count))
+
+
+@register_model(Mask)
+class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Mask) -> None:
+        super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), fe_type.count))
+
+
+# What kernels call; undecorated, each works on NumPy arrays.
+
+
+def lanes_of(array: Any) -> int:
+    """How many lanes a vector of an array's precision has."""
+    return LANES_64 if array.dtype == np.float64 else LANES_32
+
+
+def smallest_gap(lanes: Any) -> float:
+    """Least height and least distance to a corner [m]: keeps points on a surface finite, changes nothing else."""
+    return 1e-15 if is_double(lanes) else 1e-6
+
+
+def load(array: Any, at: int) -> Any:
+    """Lanes from consecutive elements of a 1-D array."""
+    return array[at : at + lanes_of(array)]
+
+
+def store(array: Any, at: int, lanes: Any) -> None:
+    """Lanes into consecutive elements of a 1-D array."""
+    array[at : at + lanes_of(array)] = lanes
+
+
+def select(mask: Any, yes: Any, no: Any) -> Any:
+    """Lane by lane, one or the other; one of the two may be a number."""
+    return np.where(mask, yes, no)
+
+
+def root(lanes: Any) -> Any:
+    """Square root."""
+    return np.sqrt(lanes)
+
+
+def inverse_root(lanes: Any) -> Any:
+    """One over the square root, good to about an ulp; of 1e-37 to 1e37 in both precisions."""
+    return 1 / np.sqrt(lanes)
+
+
+def magnitude(lanes: Any) -> Any:
+    """Absolute value."""
+    return np.abs(lanes)
+
+
+def total(lanes: Any) -> Any:
+    """Sum over the lanes."""
+    return np.sum(lanes)
+
+
+def least(lanes: Any) -> Any:
+    """Smallest of the lanes."""
+    return np.min(lanes)
+
+
+def is_double(lanes: Any) -> bool:
+    """Whether the lanes are in double precision; known when a kernel is compiled."""
+    return bool(lanes.dtype == np.float64)

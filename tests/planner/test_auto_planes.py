@@ -1,0 +1,141 @@
+"""Derived guide planes: where they stand, that they are free, and that the seed's scenes are solved through them."""
+
+from __future__ import annotations
+
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield.errors import Status
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec, scene as messages
+from guidefield.planner.attempts import ATTEMPTS
+from guidefield.planner.auto_planes import derive
+from guidefield.planner.guide import cross
+from guidefield.planner.tip_way import LONGEST, clearances, section, tip_way
+from guidefield.scene import library
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.scene import build
+from tests.examples import example
+from tests.planner.problems import library_scene, problem, scene_of, seed_problem
+from tests.robots import rest, robot
+
+NINE = (
+    *("seed_a_gates", "seed_b_tapered", "seed_c_blocked", "seed_d_passage_3", "seed_d_passage_6"),
+    *("seed_e_L_3", "seed_e_L_6", "seed_e_S_3", "seed_e_S_6"),
+)
+WALL = [
+    messages.Box(name="left", size=(0.1, 1.0, 2.0), position=(0.5, 0.7, 0.0)),
+    messages.Box(name="right", size=(0.1, 1.0, 2.0), position=(0.5, -0.7, 0.0)),
+    messages.Box(name="above", size=(0.1, 0.4, 0.8), position=(0.5, 0.0, 0.6)),
+    messages.Box(name="below", size=(0.1, 0.4, 0.8), position=(0.5, 0.0, -0.6)),
+]
+"""A window of 0.4 by 0.4 m about (0.5, 0, 0)."""
+
+
+def way_through(scene, start, goal, **kw):
+    options = {"radius": 0.02, "centre": np.zeros(3), "reach": np.inf, **kw}
+    return tip_way(distance_tables(scene), np.array(start, float), np.array(goal, float), **options)
+
+
+def test_the_way_leads_through_the_window() -> None:
+    way = way_through(scene_of(*WALL), (0.0, 0.1, 0.1), (1.0, -0.1, 0.0), reach=1.1)
+    assert way is not None
+    np.testing.assert_allclose(way.points[0], (0.0, 0.1, 0.1))
+    np.testing.assert_allclose(way.points[-1], (1.0, -0.1, 0.0))
+    assert way.clearances.min() > 0.12
+    np.testing.assert_allclose(np.linalg.norm(way.tangents, axis=1), 1.0)
+    in_wall = np.abs(way.points[:, 0] - 0.5) < 0.05
+    assert np.all(np.abs(way.points[in_wall, 1:]) < 0.2)
+
+
+def test_no_wall_is_too_thin() -> None:
+    """A closed room of sheets: no wave gets out of it."""
+    box = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.4, 0.4) for z in (-0.4, 0.4)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    sheets = [messages.Polygon(name=f"s{i}", vertices=box[list(side)].tolist()) for i, side in enumerate(sides)]
+    assert way_through(scene_of(*sheets), (0, 0, 0), (1.0, 0.2, 0.1)) is None
+    assert way_through(scene_of(*sheets[1:]), (0, 0, 0), (1.0, 0.2, 0.1)) is not None
+
+
+def test_out_of_reach_is_no_way() -> None:
+    assert way_through(scene_of(*WALL), (0.0, 0.1, 0.1), (1.0, 0.0, 0.0), reach=0.8) is None
+
+
+def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
+    tables = distance_tables(scene_of(*WALL))
+    across = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    corners = section(tables, np.array([0.5, 0.05, 0.0]), across)
+    inside = np.array([0.5, 0.05, 0.0]) + 0.97 * corners @ across
+    assert clearances(tables, inside).min() > 0.0
+    x, y = corners.T
+    area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    assert 0.9 * 0.16 < area <= 0.16 + 1e-6
+    edges = np.roll(corners, -1, axis=0) - corners
+    after = np.roll(edges, -1, axis=0)
+    assert np.all(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] > -1e-9)
+    open_air = section(tables, np.array([-3.0, 0.0, 0.0]), across)
+    np.testing.assert_allclose(np.linalg.norm(open_air, axis=1), LONGEST)
+
+
+@pytest.mark.parametrize("title", NINE)
+def test_the_seeds_scenes_are_solved_with_the_goal_plane_alone(title: str) -> None:
+    made = seed_problem(title)
+    goal = made.guide_planes[-1]
+    planes = derive(made, goal.centroid)
+    assert planes
+    assert [plane.name for plane in planes] == [f"GP-auto-{i}" for i in range(1, len(planes) + 1)]
+    tables, q = distance_tables(made.scene), made.q_start
+    for index, plane in enumerate((*planes, goal)):
+        if index < len(planes):
+            inner = plane.centroid + 0.9 * (plane.vertices - plane.centroid)
+            assert clearances(tables, np.vstack([inner, plane.centroid])).min() > 0.0
+        crossing = cross(made, q, plane, index, ATTEMPTS["projected"](made.group))
+        assert crossing.status is Status.SUCCESS, crossing.message
+        q = crossing.path[-1]
+
+
+def test_it_is_deterministic_and_silent_where_the_goal_is_in_sight() -> None:
+    made = seed_problem("seed_e_S_3")
+    twice = [derive(made, made.guide_planes[-1].centroid) for _ in range(2)]
+    for a, b in zip(*twice, strict=True):
+        np.testing.assert_array_equal(a.vertices, b.vertices)
+    empty = problem("panda", scene_of())
+    tip = empty.kinematics.tip_position(rest(empty.group))
+    assert derive(empty, tip + np.array([-0.1, 0.2, 0.1])) == ()
+
+
+def ask(title: str, **changes):
+    request = codec.decode_request(msgspec.json.decode(example(title)) | changes)
+    scene = library_scene(request.scene)
+    return answer_plan(request, robot(request.robot), scene, run_id="r", received=time.monotonic())
+
+
+def test_a_reply_names_them_and_they_can_be_sent_again() -> None:
+    reply = ask("seed_e_L_3", guide_planes="auto")
+    assert reply.status.name == "SUCCESS"
+    assert [plane.name for plane in reply.guide_planes[:-1]] == [
+        f"GP-auto-{i}" for i in range(1, len(reply.guide_planes))
+    ]
+    assert reply.guide_planes[-1].name == "GP3"
+    assert reply.stages[0].name == "guide"
+    assert "derived" in reply.stages[0].outcome
+    again = ask("seed_e_L_3", guide_planes=msgspec.to_builtins(reply.guide_planes))
+    assert again.path == reply.path
+
+
+def test_where_there_is_no_way_the_reply_says_so() -> None:
+    scene = msgspec.to_builtins(library.read("seed_e_L_3"))
+    ends = [(1.2, 0.6, 0.0), (1.2, 1.6, 0.0)]
+    scene["obstacles"] += [
+        {"type": "box", "name": f"plug{i}", "size": [0.3, 0.02, 0.3], "position": at} for i, at in enumerate(ends)
+    ]
+    request = codec.decode_request(
+        msgspec.json.decode(example("seed_e_L_3")) | {"guide_planes": "auto", "scene": scene}
+    )
+    made = build(request.scene)
+    reply = answer_plan(request, robot(request.robot), made, run_id="r", received=time.monotonic())
+    assert reply.status.name == "STUCK_IN_MINIMUM"
+    assert any("no guide planes could be derived" in warning for warning in reply.warnings)
