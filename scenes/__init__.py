@@ -1,0 +1,1 @@
+"""Scenes as data, in the schema of the wire."""

@@ -221,6 +221,10 @@ def test_single_precision_agrees(name: str) -> None:
     exact, rough = double.evaluate(q), single.evaluate(q)
     assert rough.potential == pytest.approx(exact.potential, rel=1e-4)
     assert single.potential(q) == pytest.approx(rough.potential, rel=1e-5)
-    for ours, theirs in ((rough.gradient, exact.gradient), (rough.metric, exact.metric), (rough.wrenches, exact.wrenches)):
+    for ours, theirs in (
+        (rough.gradient, exact.gradient),
+        (rough.metric, exact.metric),
+        (rough.wrenches, exact.wrenches),
+    ):
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-3 * np.abs(theirs).max())
     np.testing.assert_array_equal(single.evaluate(q).gradient, rough.gradient)

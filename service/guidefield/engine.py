@@ -110,14 +110,19 @@ class Engine:
         Args:
             request: JSON bytes, plain data, or a Struct.
             record_to: Where to write the recording of a plan; None leaves that to the store of runs.
-            received: When the request arrived, by `time.monotonic()` [s]; None: now. Deadlines count from it.
+            received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded. Deadlines
+                count from it.
 
         Raises:
             GuidefieldError: whatever travels as ``reply_err``; InternalFailure for a bug, logged with its trace.
         """
-        received = time.monotonic() if received is None else received
         try:
-            reply = self._dispatch(codec.decode_request(request), record_to, received)
+            decoded = codec.decode_request(request)
+            if received is None:
+                if isinstance(decoded, requests.PlanRequest):
+                    importlib.import_module("guidefield.handlers.plan")  # the first time it compiles for a while
+                received = time.monotonic()
+            reply = self._dispatch(decoded, record_to, received)
         except GuidefieldError:
             self._counters["refused"] += 1
             raise

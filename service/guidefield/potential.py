@@ -64,6 +64,8 @@ class RobotField:
         gradient, metric, wrenches = np.empty(nv), np.empty((nv, nv)), np.empty((n, 6))
         potential = energy(self.joints, self.charged, self.tables, self.group.expand(q), gradient, metric, wrenches)
         self.evaluations += 1
+        if self.group.space is self.group.model:
+            return Energy(float(potential), gradient, metric, wrenches)
         E = self.group.expand_velocity
         return Energy(float(potential), E.T @ gradient, E.T @ metric @ E, wrenches)
 

@@ -82,3 +82,24 @@ def test_what_may_touch_is_left_to_coal() -> None:
     scene = scene_of(messages.Box(name="wall", size=(0.01, 1.0, 1.0), position=(0.9, 0.0, 0.0)))
     assert swept_world(World.build(planned, scene)).exact
     assert not swept_world(World.build(planned, scene, [("link3", "wall")])).exact
+
+
+@pytest.mark.parametrize("name", ["chain_moving_3x260_r20", "chain_universal_fixed_6x300_r25", "panda", "kinova"])
+def test_ends_are_the_groups_own_chart_points(name: str) -> None:
+    planned = group(name)
+    swept = swept_world(World.build(planned, scene_of()))
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        q0, q1 = planned.random(rng), planned.random(rng)
+        z0 = planned.chart(q0)
+        for found, expected in zip(swept.ends(q0, q1), (z0, planned.unwrapped(planned.chart(q1), z0)), strict=True):
+            np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_ends_of_a_planar_joint_and_of_followers() -> None:
+    for kind in ("planar x", "x mimic continuous"):
+        planned = grouped(box_arm(kind, 0))
+        swept = swept_world(World.build(planned, scene_of()))
+        q0, q1 = rest(planned), planned.random(np.random.default_rng(5))
+        z0 = planned.chart(q0)
+        np.testing.assert_allclose(swept.ends(q0, q1)[1], planned.unwrapped(planned.chart(q1), z0), atol=1e-12)

@@ -72,7 +72,7 @@ def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
     assert clearances(tables, inside).min() > 0.0
     x, y = corners.T
     area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    assert 0.9 * 0.16 < area <= 0.16 + 1e-6
+    assert 0.8 * 0.16 < area <= 0.16 + 1e-6
     edges = np.roll(corners, -1, axis=0) - corners
     after = np.roll(edges, -1, axis=0)
     assert np.all(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0] > -1e-9)

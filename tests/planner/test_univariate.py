@@ -43,7 +43,7 @@ def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title
     assert densely_free(made, made.group.chart_path(list(walker.path)), step=0.02)
 
 
-@pytest.mark.parametrize("title", ["seed_a_gates", "seed_d_passage_3"])
+@pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])
 def test_where_it_ends_no_axis_leads_on(title: str) -> None:
     """Turning any link as the search does, by twice its last step, raises U; the seed's accuracy is half a degree."""
     made = seed_problem(title)
@@ -66,7 +66,7 @@ def test_every_plane_is_crossed(title: str) -> None:
         assert plane.contains(tip)
 
 
-@pytest.mark.parametrize("title", ["seed_a_gates", "seed_d_passage_3"])
+@pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])
 def test_run_to_convergence_projected_ends_at_its_potential_or_below(title: str) -> None:
     made = seed_problem(title)
     projected = settled(made, Projected(tolerance=1e-9, most_steps=400)).q

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import InvalidGroup, UnknownFrame
+from guidefield.messages.requests import UrdfText
 from guidefield.robot.configuration import follow
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.selection import select
-from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
+from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot
 
 HERE = pin.SE3.Identity()
 
@@ -161,3 +162,18 @@ def test_limits_by_request_and_scaling() -> None:
     assert limited.velocity_limits[1] == pytest.approx(0.5 * 2.175)
     assert limited.acceleration_limits[1] == pytest.approx(0.1)
     assert limited.joints[0].velocity_source.value == "request"
+
+
+def test_links_and_joints_may_share_names() -> None:
+    """Pinocchio's own reduction refuses such robots."""
+    link = '<link name="{0}"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    joint = (
+        '<joint name="{0}" type="revolute"><origin xyz="0 0 0.5"/><parent link="{1}"/><child link="{0}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    parts = [link.format(name) for name in "abc"] + [joint.format("b", "a"), joint.format("c", "b")]
+    model = load(UrdfText(text=f'<robot name="r">{"".join(parts)}</robot>'))
+    planned = select(model, ["c"], None, model.rest, HERE)
+    assert planned.position_names == ["c"]
+    assert {frame.name for frame in planned.model.frames} >= {"a", "b", "c"}
+    np.testing.assert_allclose(Kinematics(planned).tip_position(np.zeros(1)), [0.0, 0.0, 1.0], atol=1e-12)

@@ -161,7 +161,8 @@ def test_an_srdf_that_hides_contacts_is_told_on() -> None:
     data, geometry_data = bare.createData(), geometry.createData()
     rng = np.random.default_rng(1)
     low, high = model.lowerPositionLimit, model.upperPositionLimit
-    hits = [pin.computeCollisions(bare, data, geometry, geometry_data, rng.uniform(low, high), True) for _ in range(500)]
+    qs = [rng.uniform(low, high) for _ in range(500)]
+    hits = [pin.computeCollisions(bare, data, geometry, geometry_data, q, True) for q in qs]
     assert 0.04 < np.mean(hits) < 0.2
 
 

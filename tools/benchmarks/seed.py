@@ -1,7 +1,7 @@
 """The seed's scenes: what its thesis reports, beside both minimizers, with given and with derived guide planes.
 
-Options: [--runs N] [--starts N] [--links] [scene ..]; times are of the guided planner alone, on one core, warm, the best
-of N runs of a scene (median over scenes below); `--starts` tries N random starts in each manipulator scene, `--links`
+Options: [--runs N] [--starts N] [--links] [scene ..]. Times are of the guided planner alone: processor time of its one
+thread, warm, the best of N runs of a scene. `--starts` tries N random starts in each manipulator scene, `--links`
 chains of more links.
 """
 
@@ -11,6 +11,7 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ class Clock:
     def observe(self, event: Event) -> None:
         """Keep steps, with the time."""
         if isinstance(event, Step):
-            self.steps.append((time.perf_counter(), event))
+            self.steps.append((time.process_time(), event))
 
     def configurations(self) -> list[float]:
         """Seconds that each configuration took."""
@@ -110,14 +111,14 @@ def crossed(problem: Problem, planes: Sequence[GuidePlane], attempts: Sequence[A
     problem = dataclasses.replace(problem, observer=clock)
     q, evaluations, paths = problem.q_start, problem.robot_field.evaluations, []
     potentials, settled_from, solved = [], [], True
-    begin = time.perf_counter()
+    begin = time.process_time()
     for index, plane in enumerate(planes):
         crossing = cross(problem, q, plane, index, attempts)
         paths.append(crossing.path)
         q, solved = crossing.path[-1], crossing.status is Status.SUCCESS
         if not solved:
             break
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     evaluations = problem.robot_field.evaluations - evaluations
     for index, path in enumerate(paths):
         advances = [step.q for _, step in clock.steps if step.kind == "advance" and step.plane == index]
@@ -130,7 +131,7 @@ def clearance(problem: Problem, path: np.ndarray) -> tuple[float, float]:
     """Smallest and mean clearance along a path, between its points too [mm]."""
     zs = problem.group.chart_path(list(path))
     found = []
-    for a, b in zip(zs, zs[1:], strict=False):
+    for a, b in pairwise(zs):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / 0.02)), endpoint=False):
             found.append(problem.world.clearance(problem.group.from_chart(a + t * (b - a))).obstacle_distance)
     return 1000.0 * min(found), 1000.0 * float(np.mean(found))
@@ -156,7 +157,8 @@ def report(title: str, minimizer: str, runs: int, derived: Sequence[GuidePlane] 
     each = 1000.0 * np.array(found.configurations)
     print(
         f"{title:28} {minimizer:10} {'yes' if found.solved else 'NO':3} {len(each):5} {1000 * found.seconds:9.1f}"
-        f" {each[0]:8.1f} {np.median(each):8.1f} {found.evaluations:7} {least:7.1f} {mean:7.1f} {length:7.1f} {angle:6.2f}"
+        f" {each[0]:8.1f} {np.median(each):8.1f} {found.evaluations:7} {least:7.1f} {mean:7.1f} {length:7.1f}"
+        f" {angle:6.2f}"
         f"  {' '.join(f'{u:.3f}' for u in found.potentials)}"
     )
     return found
@@ -193,9 +195,9 @@ def derived_planes(scenes: Sequence[str], runs: int) -> None:
         problem = problem_of(title)
         spent = []
         for _ in range(max(runs, 3)):
-            begin = time.perf_counter()
+            begin = time.process_time()
             planes = derive(problem, problem.guide_planes[-1].centroid)
-            spent.append(1000.0 * (time.perf_counter() - begin))
+            spent.append(1000.0 * (time.process_time() - begin))
         milliseconds.append(min(spent))
         report(title, "projected", runs, planes or ())
     print(f"-- deriving: {', '.join(f'{ms:.1f}' for ms in milliseconds)} ms (goal 15)")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import functools
+import hashlib
 import itertools
+from dataclasses import dataclass
 from typing import Any
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from guidefield.geometry.convex import convex_hull
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.separation import PART, POLYTOPE, Parts
+from guidefield.kernels.separation import PART, POLYTOPE, TRIANGLE, Parts
 from guidefield.robot.shapes import triangulation
 
 
@@ -31,7 +33,7 @@ class PartsTable:
         self._vertices: list[np.ndarray] = []
         self._n_nodes = self._n_parts = self._n_blocks = 0
 
-    def add_shape(self, shape: Any, placement: Any) -> int:
+    def add_shape(self, shape: Any, placement: Any) -> int:  # noqa: PLR0911  one for each kind
         """Add a Coal shape that stands at a pinocchio.SE3 in its body; the root of its tree.
 
         Raises:
@@ -41,8 +43,7 @@ class PartsTable:
         numbers[:12] = np.c_[placement.rotation, placement.translation].ravel()
         centre = placement.translation
         if isinstance(shape, coal.BVHModelBase):
-            vertices, triangles = triangulation(shape)
-            return self.add_triangles(vertices[triangles], placement)
+            return self._mesh(_known_mesh(shape), placement)
         if isinstance(shape, coal.Convex):
             return self._polytope(_moved(placement, np.array(shape.points())))
         if isinstance(shape, coal.Box):
@@ -63,23 +64,24 @@ class PartsTable:
             return self._single(HALF_SPACE, numbers, centre, np.inf)
         raise UnservedError(type(shape).__name__)
 
-    def add_triangles(self, corners: np.ndarray, placement: Any) -> int:
-        """Add triangles, shape (t, 3, 3) [m], that stand at a pinocchio.SE3 in their body; the root of their tree."""
-        balls, links, hull = _tree(np.ascontiguousarray(corners, float).tobytes())
-        blocks = np.repeat(corners[:, :1], LANES, axis=1)
-        blocks[:, :3] = corners
-        self._vertices.append(_moved(placement, blocks.reshape(-1, 3)).reshape(-1, LANES, 3).transpose(0, 2, 1).ravel())
-        shapes = np.column_stack([np.full(len(corners), POLYTOPE), self._n_blocks + np.arange(len(corners))])
-        self._shapes.append(np.column_stack([shapes, np.ones(len(corners), np.int64)]).ravel())
-        self._numbers.append(np.zeros(PART * len(corners)))
-        links = links + np.where(links >= 0, [self._n_nodes, self._n_nodes, self._n_parts], 0)
+    def add_triangles(self, corners: np.ndarray) -> int:
+        """Add triangles, shape (t, 3, 3) [m, the body's frame]; the root of their tree."""
+        return self._mesh(_mesh(corners), pin.SE3.Identity())
+
+    def _mesh(self, mesh: _Mesh, placement: Any) -> int:
+        """Add a mesh that stands at a pinocchio.SE3 in its body; the root of its tree."""
+        count = len(mesh.corners)
+        numbers = np.zeros((count, PART))
+        numbers[:, :9] = _moved(placement, mesh.corners.reshape(-1, 3)).reshape(-1, 9)
+        self._numbers.append(numbers.ravel())
+        self._shapes.append(np.tile([TRIANGLE, 0, 0], count))
+        links = mesh.links + np.where(mesh.links >= 0, [self._n_nodes, self._n_nodes, self._n_parts], 0)
         root = self._n_nodes
-        self._n_parts += len(corners)
-        self._n_blocks += len(corners)
-        self._n_nodes += len(balls)
-        if len(links) > 1 and hull is not None:
-            links[0, 2] = self._add_hull(_moved(placement, hull))
-        self._balls.append(np.column_stack([_moved(placement, balls[:, :3]), balls[:, 3]]).ravel())
+        self._n_parts += count
+        self._n_nodes += len(mesh.balls)
+        if count > 1 and mesh.hull is not None:
+            links[0, 2] = self._add_hull(_moved(placement, mesh.hull))
+        self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
         return root
 
@@ -130,30 +132,52 @@ class PartsTable:
         return self._n_nodes - 1
 
 
-@functools.lru_cache(maxsize=64)
-def _tree(corners: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """A binary tree over triangles, given as the bytes of (t, 3, 3) floats, each group halved along its widest side.
+@dataclass(frozen=True, eq=False)
+class _Mesh:
+    """Triangles and a binary tree over them.
 
-    Returns:
-        Balls (n, 4), children and triangle (n, 3) (-1 where there is none), root first; vertices of the hull, None if
-        flat.
+    Attributes:
+        corners: Shape (t, 3, 3) [m].
+        balls: Ball about each node, shape (n, 4); the root is the first.
+        links: Children and triangle of each node, shape (n, 3); -1 where there is none.
+        hull: Vertices of the hull; None if it is flat.
     """
-    triangles = np.frombuffer(corners).reshape(-1, 3, 3)
+
+    corners: np.ndarray
+    balls: np.ndarray
+    links: np.ndarray
+    hull: np.ndarray | None
+
+
+_KNOWN: dict[tuple[bytes, int], _Mesh] = {}
+_MOST_KNOWN = 128
+
+
+def _known_mesh(shape: Any) -> _Mesh:
+    """The mesh of a Coal tree, made once for the same vertices."""
+    key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris))
+    if key not in _KNOWN:
+        while len(_KNOWN) >= _MOST_KNOWN:
+            del _KNOWN[next(iter(_KNOWN))]
+        vertices, faces = triangulation(shape)
+        _KNOWN[key] = _mesh(vertices[faces])
+    return _KNOWN[key]
+
+
+def _mesh(triangles: np.ndarray) -> _Mesh:
+    """Build the tree over triangles (t, 3, 3), each group halved along its widest side."""
     centres, members = triangles.mean(axis=1), np.arange(len(triangles))
-    sizes, parents = np.array([len(triangles)]), np.array([-1])
-    balls, links, made = [], [], 0
+    sizes = np.array([len(triangles)])
+    balls, links, made = [], np.empty((0, 3), np.int64), 0
     while len(sizes):  # level by level: the members of its nodes one after the other
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         balls.append(_balls_about(triangles[members], starts, sizes))
-        rows = np.full((len(sizes), 3), -1)
-        rows[:, 2] = np.where(sizes == 1, members[starts], -1)
-        if parents[0] >= 0:
-            for side in range(2):
-                links[-1][parents[side::2] - made + len(links[-1]), side] = made + np.arange(side, len(sizes), 2)
         split = sizes > 1
-        links.append(rows)
+        children = made + len(sizes) + 2 * np.cumsum(split) - 2
+        rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
+        rows[split, 2] = -1
+        links = np.concatenate([links, rows])
         members = _halved(centres, members[np.repeat(split, sizes)], sizes[split])
-        parents = np.repeat(made + np.flatnonzero(split), 2)
         made += len(sizes)
         halves = sizes[split] // 2
         sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
@@ -161,7 +185,7 @@ def _tree(corners: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         hull = np.array(convex_hull(triangles.reshape(-1, 3)).vertices)
     except ValueError:
         hull = None
-    return np.concatenate(balls), np.concatenate(links), hull
+    return _Mesh(triangles, np.concatenate(balls), links, hull)
 
 
 def _balls_about(triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:

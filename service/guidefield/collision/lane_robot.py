@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.kernels.lane_collision import LaneBodies
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
+from guidefield.kernels.lane_tables import LaneBodies
 from guidefield.kernels.separation import Parts
 from guidefield.kernels.tree_kinematics import PRISMATIC
 from guidefield.robot.group import PlanningGroup
@@ -60,7 +60,7 @@ def lane_robot(
     carriers = np.array([shape.parentJoint for shape in shapes], np.int64)
     moving = np.flatnonzero(carriers)
     bodies = LaneBodies(
-        count=len(shapes),
+        size=len(shapes),
         moving=len(moving),
         n_pairs=len(pairs),
         joints=carriers,

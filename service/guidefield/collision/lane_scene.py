@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.kernels.lane_collision import LaneObstacles
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
+from guidefield.kernels.lane_tables import LaneObstacles
 from guidefield.kernels.separation import Parts
 from guidefield.scene.obstacle import Obstacle
 
@@ -52,7 +52,7 @@ def lane_scene(obstacles: tuple[Obstacle, ...], tested: np.ndarray) -> LaneScene
             rows.append(row)
             columns.append(index)
     arrays = LaneObstacles(
-        count=len(kinds),
+        size=len(kinds),
         kinds=np.array(kinds, np.int64),
         whole=np.array(whole, np.int64),
         roots=np.array(roots, np.int64),
@@ -64,7 +64,9 @@ def lane_scene(obstacles: tuple[Obstacle, ...], tested: np.ndarray) -> LaneScene
     return LaneScene(arrays, table.tables())
 
 
-def _stand_ins(obstacle: Obstacle, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
+def _stand_ins(  # noqa: PLR0911  one for each kind
+    obstacle: Obstacle, table: PartsTable
+) -> list[tuple[int, bool, int, np.ndarray]]:
     """What stands for an obstacle: kind, whether it is the obstacle itself, its root, its numbers."""
     shape, placement = obstacle.shape, obstacle.placement
     if isinstance(shape, coal.BVHModelBase):
@@ -109,7 +111,7 @@ def _cluster(corners: np.ndarray, table: PartsTable) -> tuple[int, bool, int, np
     return (
         BOX,
         False,
-        table.add_triangles(corners, pin.SE3.Identity()),
+        table.add_triangles(corners),
         _row(axes, middle, 0.5 * np.ptp(along, axis=0), 0.0),
     )
 

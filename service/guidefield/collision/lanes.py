@@ -16,9 +16,9 @@ from guidefield.collision.inner_balls import inner_balls
 from guidefield.collision.lane_robot import lane_robot
 from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
-from guidefield.kernels.lane_collision import BALL, Scratch
 from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
+from guidefield.kernels.lane_tables import BALL, Scratch
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import WORK
 
@@ -40,7 +40,7 @@ class Lanes:
         """Make the tables of a world.
 
         Raises:
-            UnservedError: if a joint has several degrees of freedom or a shape is of a kind that the kernels don't know.
+            UnservedError: if a joint has several degrees of freedom, or a shape is of an unknown kind.
         """
         if any(joint.nv != 1 for joint in world.model.joints[1:]):
             raise UnservedError("a joint with several degrees of freedom")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal
 import numpy as np
 
 from guidefield.collision.world import World
+from guidefield.kernels.chart_values import chart_values
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.swept import SweptRobot, motion_apart
 from guidefield.robot.charges import robot_charges
@@ -39,6 +41,17 @@ class SweptWorld:
     tables: DistanceTables
     exact: bool
 
+    def ends(self, q0: np.ndarray, q1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Chart points (nv,) of two configurations (nq,), the second next to the first."""
+        group = self.group
+        if group.space is not group.model:
+            z0 = group.chart(q0)
+            return z0, group.unwrapped(group.chart(q1), z0)
+        z0, z1 = np.empty(group.nv), np.empty(group.nv)
+        chart_values(self.robot.joints, q0, self.robot.origin, self._zero, z0)
+        chart_values(self.robot.joints, q1, self.robot.origin, z0, z1)
+        return z0, z1
+
     def apart(self, z0: np.ndarray, z1: np.ndarray, margin: float) -> bool:
         """Whether all stays apart along the straight motion between two points (nv,) of the group's chart.
 
@@ -49,8 +62,15 @@ class SweptWorld:
             z1: End.
             margin: What robot and obstacles have to keep apart [m].
         """
-        E, offset = self.group.expand_velocity, self.group.expand_offset
-        return bool(motion_apart(self.robot, self.tables, E @ z0 + offset, E @ z1 + offset, margin, SELF_MARGIN, FLOOR))
+        if self.group.space is not self.group.model:
+            E, offset = self.group.expand_velocity, self.group.expand_offset
+            z0, z1 = E @ z0 + offset, E @ z1 + offset
+        return bool(motion_apart(self.robot, self.tables, z0, z1, margin, SELF_MARGIN, FLOOR))
+
+    @cached_property
+    def _zero(self) -> np.ndarray:
+        """The chart's origin, shape (nv,)."""
+        return np.zeros(self.group.nv)
 
 
 @functools.lru_cache(maxsize=4)

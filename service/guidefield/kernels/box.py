@@ -114,25 +114,25 @@ def box_at(x: Any, y: Any, z: Any, box: Any) -> tuple[Any, Any, Any, Any, Any, A
     u1, u2, u3 = (n1, f1), (n2, f2), (n3, f3)
     phi, k3n, (cnnn, cfnn, cnfn, cffn) = _face(n3, u1, u2, a1, a2, (lnnn, lfnn, lnfn, lffn), knn, kfn, (o, o, o, o))
     add, k3f, (cnnf, cfnf, cnff, cfff) = _face(f3, u1, u2, a1, a2, (lnnf, lfnf, lnff, lfff), knf, kff, (o, o, o, o))
-    phi += add
+    phi = phi + add
     add, k2n, (cnnn, cfnn, cnnf, cfnf) = _face(
         n2, u1, u3, a1, a3, (lnnn, lfnn, lnnf, lfnf), knn, knf, (cnnn, cfnn, cnnf, cfnf)
     )
-    phi += add
+    phi = phi + add
     add, k2f, (cnfn, cffn, cnff, cfff) = _face(
         f2, u1, u3, a1, a3, (lnfn, lffn, lnff, lfff), kfn, kff, (cnfn, cffn, cnff, cfff)
     )
-    phi += add
+    phi = phi + add
     knn, knf = _edges(n2, f2, N1 + N3, lnnn, lnfn, N1 + F3, lnnf, lnff)
     kfn, kff = _edges(n2, f2, F1 + N3, lfnn, lffn, F1 + F3, lfnf, lfff)
     add, k1n, (cnnn, cnfn, cnnf, cnff) = _face(
         n1, u2, u3, a2, a3, (lnnn, lnfn, lnnf, lnff), knn, knf, (cnnn, cnfn, cnnf, cnff)
     )
-    phi += add
+    phi = phi + add
     add, k1f, (cfnn, cffn, cfnf, cfff) = _face(
         f1, u2, u3, a2, a3, (lfnn, lffn, lfnf, lfff), kfn, kff, (cfnn, cffn, cfnf, cfff)
     )
-    phi += add
+    phi = phi + add
     cnnn, cnnf, cnfn, cnff = cnnn * innn, cnnf * innf, cnfn * infn, cnff * inff
     cfnn, cfnf, cffn, cfff = cfnn * ifnn, cfnf * ifnf, cffn * iffn, cfff * ifff
     cn3, cf3 = cnnn + cfnn + cnfn + cffn, cnnf + cfnf + cnff + cfff

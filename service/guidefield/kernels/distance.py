@@ -92,7 +92,9 @@ def distance_at_points(
 
 
 @inlined
-def body_distance(x: float, y: float, z: float, body: int, tables: DistanceTables, cutoff: float) -> Signed:
+def body_distance(
+    x: float, y: float, z: float, body: int, tables: DistanceTables, cutoff: float, depth: float
+) -> Signed:
     """Signed distance of a point to a body, if it is below a cutoff.
 
     Args:
@@ -102,6 +104,7 @@ def body_distance(x: float, y: float, z: float, body: int, tables: DistanceTable
         body: Index of the body.
         tables: The bodies.
         cutoff: Distance from which on the answer doesn't matter [m]; may be infinite or negative.
+        depth: How deep inside a solid its surface is looked for [m]; may be infinite.
 
     Returns:
         Distance [m] and unit vector (3) in the world; infinite and zero where the distance is not below the cutoff, or
@@ -131,8 +134,7 @@ def body_distance(x: float, y: float, z: float, body: int, tables: DistanceTable
         solid = kind == SOLID
         spans = tables.spans
         span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
-        # within a solid the surface may be any distance away
-        reach = math.inf if solid and gap == 0.0 else max(cutoff, 0.0)
+        reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
         d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
     return (
         d,
@@ -218,7 +220,7 @@ def nearest_body(
     """
     best, bx, by, bz, nearest = cutoff, 0.0, 0.0, 0.0, -1
     for k in range(count):
-        d, nx, ny, nz = body_distance(x, y, z, candidates[k], tables, best)
+        d, nx, ny, nz = body_distance(x, y, z, candidates[k], tables, best, math.inf)
         if d < best:
             best, bx, by, bz, nearest = d, nx, ny, nz, candidates[k]
     if nearest < 0:

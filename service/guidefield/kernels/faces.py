@@ -126,14 +126,14 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
         height = -_dot(a1, row, NORMAL)
         term, k, slope = single_field(positive(height), D, half[8] + zero)
         _gather(scratch, c, step, v1, v2, v3, slope * row[CHARGE], l1, l2, l3, half)
-        phi += row[CHARGE] * term
-        winding += height * term
-        k *= row[CHARGE]
-        curvature += k
-        k *= -0.5 * height
-        gx += k * row[NORMAL]
-        gy += k * row[NORMAL + 1]
-        gz += k * row[NORMAL + 2]
+        phi = phi + row[CHARGE] * term
+        winding = winding + height * term
+        k = k * (row[CHARGE])
+        curvature = curvature + k
+        k = k * (-0.5 * height)
+        gx = gx + k * row[NORMAL]
+        gy = gy + k * row[NORMAL + 1]
+        gz = gz + k * row[NORMAL + 2]
     for t in range(first_quad, past_quad):
         row = quads[t]
         half1 = row[4:]
@@ -150,19 +150,19 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
         term, k, slope1, slope2 = pair_field(positive(height), D1, D2, half1[8] + zero, half2[8] + zero)
         _gather(scratch, c, step, v1, v2, v3, slope1 * row[CHARGE], l1, l2, l3, half1)
         _gather(scratch, c, step, v4, v5, v6, slope2 * row[CHARGE], l4, l5, l6, half2)
-        phi += row[CHARGE] * term
-        winding += height * term
-        k *= row[CHARGE]
-        curvature += k
-        k *= -0.5 * height
-        gx += k * row[NORMAL]
-        gy += k * row[NORMAL + 1]
-        gz += k * row[NORMAL + 2]
+        phi = phi + row[CHARGE] * term
+        winding = winding + height * term
+        k = k * (row[CHARGE])
+        curvature = curvature + k
+        k = k * (-0.5 * height)
+        gx = gx + k * row[NORMAL]
+        gy = gy + k * row[NORMAL + 1]
+        gz = gz + k * row[NORMAL + 2]
     for v in range(n):
         w = load(scratch, c + v * step) * load(scratch, inverses + v * step)
-        gx += w * (vertices[v, 0] - x)
-        gy += w * (vertices[v, 1] - y)
-        gz += w * (vertices[v, 2] - z)
+        gx = gx + w * (vertices[v, 0] - x)
+        gy = gy + w * (vertices[v, 1] - y)
+        gz = gz + w * (vertices[v, 2] - z)
     return phi, gx, gy, gz, curvature, winding
 
 
@@ -186,7 +186,7 @@ def block_potential_at(
         l1, l2, l3 = load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step)
         a1 = (vertices[v1, 0] - x, vertices[v1, 1] - y, vertices[v1, 2] - z)
         D = _denominator(a1, l1, l2, l3, half)
-        phi += row[CHARGE] * single_field(positive(_dot(a1, row, NORMAL)), D, half[8] + zero)[0]
+        phi = phi + row[CHARGE] * single_field(positive(_dot(a1, row, NORMAL)), D, half[8] + zero)[0]
     for t in range(first_quad, past_quad):
         row = quads[t]
         half1 = row[4:]
@@ -200,5 +200,5 @@ def block_potential_at(
         D1 = _denominator(a1, l1, l2, l3, half1)
         D2 = _denominator(a4, l4, l5, l6, half2)
         height = positive(_dot(a1, row, NORMAL))
-        phi += row[CHARGE] * pair_field(height, D1, D2, half1[8] + zero, half2[8] + zero)[0]
+        phi = phi + row[CHARGE] * pair_field(height, D1, D2, half1[8] + zero, half2[8] + zero)[0]
     return phi

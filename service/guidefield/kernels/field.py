@@ -134,11 +134,11 @@ def _add_faces(t: Any, p: Any, f: Any, scratch: Any, step: int) -> Any:
         square = dx * dx + dy * dy + dz * dz
         if least(square) > t.reach[m] * t.reach[m]:
             term, along, across, q, i3 = _expansion(dx, dy, dz, square, node)
-            phi += term
-            gx += along * dx + across * q[0]
-            gy += along * dy + across * q[1]
-            gz += along * dz + across * q[2]
-            angle += (dx * node[10] + dy * node[11] + dz * node[12]) * i3
+            phi = phi + term
+            gx = gx + along * dx + across * q[0]
+            gy = gy + along * dy + across * q[1]
+            gz = gz + along * dz + across * q[2]
+            angle = angle + (dx * node[10] + dy * node[11] + dz * node[12]) * i3
             m = link[0]
             continue
         if link[2] > link[1]:
@@ -159,7 +159,7 @@ def _add_face_potentials(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> A
         dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
         square = dx * dx + dy * dy + dz * dz
         if least(square) > t.reach[m] * t.reach[m]:
-            phi += _expansion(dx, dy, dz, square, node)[0]
+            phi = phi + _expansion(dx, dy, dz, square, node)[0]
             m = link[0]
             continue
         if link[2] > link[1]:
@@ -197,12 +197,12 @@ def _closed_forms(t: Any, p: Any, f: Any) -> Any:
     phi, gx, gy, gz, curvature, winding = f
     for i in range(t.cloud.shape[0]):
         potential, slope, dx, dy, dz = _soft_point(p, t.cloud[i])
-        phi += potential
-        gx += slope * dx
-        gy += slope * dy
-        gz += slope * dz
+        phi = phi + potential
+        gx = gx + slope * dx
+        gy = gy + slope * dy
+        gz = gz + slope * dz
         # That of the law c/d with this potential and this slope.
-        curvature += 2.0 * (slope * slope) * (dx * dx + dy * dy + dz * dz) / potential
+        curvature = curvature + 2.0 * (slope * slope) * (dx * dx + dy * dy + dz * dz) / potential
     return phi, gx, gy, gz, curvature, winding
 
 
@@ -236,16 +236,16 @@ def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
         p = (load(x, i), load(y, i), load(z, i))
         phi = _add_face_potentials(t, p, load(potential_out, i), scratch, step)
         for k in range(t.boxes.shape[0]):
-            phi += t.boxes[k, 15] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
+            phi = phi + t.boxes[k, 15] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
         for k in range(t.spheres.shape[0]):
             s = t.spheres[k]
-            phi += s[4] * sphere_at(p, (s[0], s[1], s[2]), s[3])[0]
+            phi = phi + s[4] * sphere_at(p, (s[0], s[1], s[2]), s[3])[0]
         for k in range(t.capsules.shape[0]):
             c = t.capsules[k]
-            phi += c[7] * charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6])[0]
+            phi = phi + c[7] * charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6])[0]
         for k in range(t.planes.shape[0]):
             n = t.planes[k]
-            phi += n[4] * plane_at(p, (n[0], n[1], n[2]), n[3])[0]
+            phi = phi + n[4] * plane_at(p, (n[0], n[1], n[2]), n[3])[0]
         for k in range(t.cloud.shape[0]):
-            phi += _soft_point(p, t.cloud[k])[0]
+            phi = phi + _soft_point(p, t.cloud[k])[0]
         store(potential_out, i, phi)

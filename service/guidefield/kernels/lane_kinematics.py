@@ -1,4 +1,4 @@
-"""Forward kinematics of sixteen configurations at once, in float32, from tables: one compiled kernel for every robot."""
+"""Forward kinematics of sixteen configurations at once, in float32, from tables: one kernel for every robot."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class LaneJoints(NamedTuple):
     """Joints with one degree of freedom each, parents before children; row 0 is the world, which never moves.
 
     Attributes:
-        count: n.
+        size: n.
         parents: (n,) index of each joint's parent.
         kinds: (n,) `TURNING` or `SLIDING`.
         drivers: (n,) which coordinate moves it; joints that mimic others share one.
         numbers: (n * JOINT,) placements, multipliers, offsets: the joint's value is multiplier * coordinate + offset.
     """
 
-    count: int
+    size: int
     parents: np.ndarray
     kinds: np.ndarray
     drivers: np.ndarray
@@ -87,9 +87,9 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
         coordinates: Sixteen values of each coordinate, flat, (nv * 16).
         poses_out: (n * POSE).
     """
-    count, parents, kinds, drivers, numbers = joints
+    size, parents, kinds, drivers, numbers = joints
     _place_world(poses_out)
-    for i in range(1, count):
+    for i in range(1, size):
         base, here, there = i * JOINT, i * POSE, parents[i] * POSE
         value = load(coordinates, drivers[i] * LANES) * numbers[base + 12] + numbers[base + 13]
         turning = kinds[i] == TURNING

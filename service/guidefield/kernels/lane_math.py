@@ -72,7 +72,7 @@ def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vecto
     dz = z - primitives[at + 11]
     w = dx * primitives[at + 6] + dy * primitives[at + 7] + dz * primitives[at + 8]
     if kind == HALF_SPACE:
-        return below(w, splat(reach))
+        return int(below(w, splat(reach)))
     zero = splat(0.0)
     if kind == BOX:
         u = dx * primitives[at] + dy * primitives[at + 1] + dz * primitives[at + 2]
@@ -80,7 +80,7 @@ def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vecto
         u = largest_of(magnitude(u) - primitives[at + 12], zero)
         v = largest_of(magnitude(v) - primitives[at + 13], zero)
         w = largest_of(magnitude(w) - primitives[at + 14], zero)
-        return below(u * u + v * v + w * w, splat(reach * reach))
+        return int(below(u * u + v * v + w * w, splat(reach * reach)))
     half, radius = primitives[at + 14], primitives[at + 15]
     along = w
     if kind == CAPSULE:
@@ -91,7 +91,7 @@ def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vecto
     pz = dz - along * primitives[at + 8]
     across = px * px + py * py + pz * pz
     if kind == CAPSULE:
-        return below(across, splat(reach * reach))
+        return int(below(across, splat(reach * reach)))
     out = largest_of(sqrt(across) - radius, zero)
     beyond = largest_of(magnitude(w) - half, zero)
-    return below(out * out + beyond * beyond, splat(reach * reach))
+    return int(below(out * out + beyond * beyond, splat(reach * reach)))

@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types, void
 
-from guidefield.kernels.lane_collision import (
+from guidefield.kernels.lane_collision import block_touches
+from guidefield.kernels.lane_kinematics import LANE_JOINTS, LaneJoints
+from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lane_tables import (
     LANE_BODIES,
     LANE_OBSTACLES,
     SCRATCH,
     LaneBodies,
     LaneObstacles,
     Scratch,
-    block_touches,
 )
-from guidefield.kernels.lane_kinematics import LANE_JOINTS, LaneJoints
-from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS,
@@ -104,7 +104,7 @@ def motion_free(
     nv, square, block = world.nv, 0.0, world.block
     for j in range(nv):
         square += (z1[j] - z0[j]) ** 2
-    blocks = max(1, int(math.ceil(math.sqrt(square) * resolution / LANES)))
+    blocks = max(1, math.ceil(math.sqrt(square) * resolution / LANES))
     for k in range(blocks):
         place = load(fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
         for j in range(nv):
@@ -136,4 +136,4 @@ def path_free_until(
     for i in range(path.shape[0] - 1):
         if not motion_free(pointed_world, clearance, shares, pointers(path[i]), pointers(path[i + 1]), resolution):
             return i
-    return path.shape[0] - 1
+    return len(path) - 1

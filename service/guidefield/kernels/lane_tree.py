@@ -189,7 +189,7 @@ def _add(search: Search, tree: int, parent: int) -> int:
     search.parents[tree * capacity + at] = parent
     search.domains[tree * capacity + at] = np.inf
     search.counters[SIZE + tree] = at + 1
-    return at
+    return int(at)
 
 
 @lane_step(boolean(WORLD, _SAMPLING, _SEARCH, FLOAT_POINTER, types.float64, types.float64, int64))

@@ -27,9 +27,7 @@ LANES = 16
 ALL_LANES = (1 << LANES) - 1
 
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
-_BITS = ir.IntType(LANES)
-_I64 = ir.IntType(64)
-_I32 = ir.IntType(32)
+_BITS, _I64, _I32 = ir.IntType(LANES), ir.IntType(64), ir.IntType(32)
 
 
 class F32x16(types.Type):  # type: ignore[misc]  # numba is untyped
@@ -46,14 +44,10 @@ Vector = Any
 
 FLOATS = types.Array(types.float32, 1, "C", readonly=True)
 """Input, flat."""
-FLOATS_OUT = types.Array(types.float32, 1, "C")
-"""Output, flat."""
-INTEGERS_OUT = types.Array(types.int64, 1, "C")
-"""Output, flat."""
+FLOATS_OUT, INTEGERS_OUT = (types.Array(kind, 1, "C") for kind in (types.float32, types.int64))
+"""Outputs, flat."""
 
-FLOAT_POINTER = types.CPointer(types.float32)
-DOUBLE_POINTER = types.CPointer(types.float64)
-INTEGER_POINTER = types.CPointer(types.int64)
+FLOAT_POINTER, DOUBLE_POINTER, INTEGER_POINTER = map(types.CPointer, (types.float32, types.float64, types.int64))
 
 
 def pointed(kind: Any) -> Any:
@@ -65,7 +59,7 @@ def pointed(kind: Any) -> Any:
     return kind
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def pointers(typing: Any, value: Any) -> Any:
     """An array's pointer; of a named tuple, one with pointers instead of arrays.
 
@@ -182,7 +176,7 @@ def _address(builder: Any, pointer: Any, index: Any) -> Any:
     return builder.bitcast(builder.gep(pointer, [index]), _VECTOR.as_pointer())
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load(typing: Any, pointer: Any, index: Any) -> Any:
     """The sixteen floats from an index on."""
 
@@ -192,7 +186,7 @@ def load(typing: Any, pointer: Any, index: Any) -> Any:
     return f32x16(FLOAT_POINTER, types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def store(typing: Any, pointer: Any, index: Any, value: Any) -> Any:
     """Write sixteen floats from an index on."""
 
@@ -203,7 +197,7 @@ def store(typing: Any, pointer: Any, index: Any, value: Any) -> Any:
     return types.void(FLOAT_POINTER, types.int64, f32x16), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def splat(typing: Any, value: Any) -> Any:
     """A vector whose lanes all hold a scalar."""
     scalar = types.float32 if value == types.float32 else types.float64
@@ -214,7 +208,7 @@ def splat(typing: Any, value: Any) -> Any:
     return f32x16(scalar), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def lane(typing: Any, value: Any, index: Any) -> Any:
     """One lane of a vector, a float32."""
 
@@ -224,7 +218,7 @@ def lane(typing: Any, value: Any, index: Any) -> Any:
     return types.float32(f32x16, types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def largest_lane(typing: Any, value: Any) -> Any:
     """The largest of the sixteen lanes, a float32."""
 
@@ -236,7 +230,7 @@ def largest_lane(typing: Any, value: Any) -> Any:
     return types.float32(f32x16), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def smallest_of(typing: Any, a: Any, b: Any) -> Any:
     """Lane by lane the smaller of two vectors."""
 
@@ -246,7 +240,7 @@ def smallest_of(typing: Any, a: Any, b: Any) -> Any:
     return f32x16(f32x16, f32x16), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def largest_of(typing: Any, a: Any, b: Any) -> Any:
     """Lane by lane the larger of two vectors."""
 
@@ -256,7 +250,7 @@ def largest_of(typing: Any, a: Any, b: Any) -> Any:
     return f32x16(f32x16, f32x16), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def where_below(typing: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     """Lane by lane `then` where a < b, else `otherwise`."""
 
@@ -266,7 +260,7 @@ def where_below(typing: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     return f32x16(f32x16, f32x16, f32x16, f32x16), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def below(typing: Any, a: Any, b: Any) -> Any:
     """Mask of the lanes where a < b; a lane with a NaN counts as below, so that a broken value is never called free."""
 
@@ -276,7 +270,7 @@ def below(typing: Any, a: Any, b: Any) -> Any:
     return types.int64(f32x16, f32x16), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def first_lane(typing: Any, mask: Any) -> Any:
     """Index of the lowest set bit of a mask that has one."""
 

@@ -10,8 +10,8 @@ import math
 
 from guidefield.kernels.barrier import barrier
 from guidefield.kernels.distance import DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.sampled_robot import SampledRobot, Workspace, moved
-from guidefield.kernels.signatures import Floats, Vector3, inlined
+from guidefield.kernels.sampled_robot import SampledRobot, Workspace, lower_gaps, moved
+from guidefield.kernels.signatures import Vector3, inlined
 
 
 @inlined
@@ -34,8 +34,8 @@ def obstacle_barrier(
     for g in range(robot.groups.shape[0]):
         joint = robot.groups[g, 0]
         T = work.world[joint]
-        cx, cy, cz = moved(T, robot.balls[g, 0], robot.balls[g, 1], robot.balls[g, 2])
-        near = bodies_near(cx, cy, cz, robot.balls[g, 3] + reach + clearance, tables, work.candidates)
+        x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
+        near = bodies_near(x, y, z, robot.balls[g, 3] + reach + clearance, tables, work.candidates)
         count = 0
         for k in range(near):
             if not robot.ignored[g, tables.obstacles[work.candidates[k]]]:
@@ -46,7 +46,7 @@ def obstacle_barrier(
         first, last = robot.groups[g, 1], robot.groups[g, 2]
         work.gaps[first:last] = math.inf
         for k in range(count):
-            _box_gaps(robot, g, T, tables, work.candidates[k], work.gaps)
+            lower_gaps(robot, g, tables, work.candidates[k], work)
         for i in range(first, last):
             if work.gaps[i] >= (reach + clearance) ** 2:
                 continue
@@ -69,32 +69,3 @@ def _gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, 
         work.forces[joint, r] += slope * f[r]
         for c in range(r, 6):
             work.inertias[joint, r, c] += curvature * f[r] * f[c]
-
-
-@inlined
-def _box_gaps(robot: SampledRobot, g: int, T: Floats, tables: DistanceTables, body: int, gaps_out: Floats) -> None:
-    """Lower the gaps of a group's points to those to the box about a body; a vector loop."""
-    B, bounds = tables.placements[body], tables.bounds[body]
-    r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
-    r01 = B[0, 0] * T[0, 1] + B[1, 0] * T[1, 1] + B[2, 0] * T[2, 1]
-    r02 = B[0, 0] * T[0, 2] + B[1, 0] * T[1, 2] + B[2, 0] * T[2, 2]
-    r10 = B[0, 1] * T[0, 0] + B[1, 1] * T[1, 0] + B[2, 1] * T[2, 0]
-    r11 = B[0, 1] * T[0, 1] + B[1, 1] * T[1, 1] + B[2, 1] * T[2, 1]
-    r12 = B[0, 1] * T[0, 2] + B[1, 1] * T[1, 2] + B[2, 1] * T[2, 2]
-    r20 = B[0, 2] * T[0, 0] + B[1, 2] * T[1, 0] + B[2, 2] * T[2, 0]
-    r21 = B[0, 2] * T[0, 1] + B[1, 2] * T[1, 1] + B[2, 2] * T[2, 1]
-    r22 = B[0, 2] * T[0, 2] + B[1, 2] * T[1, 2] + B[2, 2] * T[2, 2]
-    dx, dy, dz = T[0, 3] - B[0, 3], T[1, 3] - B[1, 3], T[2, 3] - B[2, 3]
-    tx = B[0, 0] * dx + B[1, 0] * dy + B[2, 0] * dz
-    ty = B[0, 1] * dx + B[1, 1] * dy + B[2, 1] * dz
-    tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
-    lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
-    px, py, pz = robot.points[0], robot.points[1], robot.points[2]
-    for i in range(robot.groups[g, 1], robot.groups[g, 2]):
-        x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
-        y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
-        z = r20 * px[i] + r21 * py[i] + r22 * pz[i] + tz
-        ex = max(lx - x, x - hx, 0.0)
-        ey = max(ly - y, y - hy, 0.0)
-        ez = max(lz - z, z - hz, 0.0)
-        gaps_out[i] = min(gaps_out[i], ex * ex + ey * ey + ez * ez)

@@ -5,8 +5,8 @@ numbers are broadcast and take the precision of the lanes beside them. One sourc
 compiles to vector instructions by construction, not by the grace of an optimiser that may give up. LLVM splits the
 vectors where the machine's are shorter. The functions work on plain numbers too.
 
-Run undecorated, the same kernel works on NumPy arrays: `load` gives a slice, `select` is `numpy.where`. This file tells
-numba the types of the operations, and LLVM's instructions for them.
+Run undecorated, the same kernel works on NumPy arrays: `load` gives a slice, `select` is `numpy.where`, and `+=` would
+change what other names hold. This file tells numba the types of the operations, and LLVM its instructions for them.
 """
 
 # ruff: noqa: ARG001, ARG002, ARG005 - numba hands the same arguments to every rule

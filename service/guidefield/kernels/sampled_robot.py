@@ -38,6 +38,7 @@ class SampledRobot(NamedTuple):
         ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
         links: Bodies of all collision shapes, in the frame of their joint.
         link_joints: (b,) joint of each of them; 0 is the world.
+        link_balls: (b, 4) centre and radius of a ball about each, in its own frame [m].
         pairs: (k, 2) group and body of links that are kept apart.
         pair_ranges: (k,) range of the barrier between them [m], positive.
     """
@@ -54,6 +55,7 @@ class SampledRobot(NamedTuple):
     ignored: np.ndarray
     links: DistanceTables
     link_joints: np.ndarray
+    link_balls: Floats
     pairs: np.ndarray
     pair_ranges: Floats
 
@@ -61,7 +63,7 @@ class SampledRobot(NamedTuple):
 ROBOT = types.NamedTuple(
     (
         *(JOINTS, INDICES, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS),
-        *(TABLES, INDICES, INDEX_MATRIX, VECTOR),
+        *(TABLES, INDICES, MATRIX, INDEX_MATRIX, VECTOR),
     ),
     SampledRobot,
 )
@@ -77,6 +79,7 @@ class Workspace(NamedTuple):
         gradient, hessian: Sums by them.
         world: Placements of the joints.
         links: Placements of the bodies of the links.
+        centres, link_centres: Centres of the balls about groups and bodies, (g, 3) and (b, 3) [m].
         subspaces: What chart velocities cause, as twists at the world's origin, (nv, 6).
         forces, inertias: What has gathered at each joint, (n, 6) and (n, 6, 6) of which the upper triangle is used.
         candidates: Bodies near a group.
@@ -90,6 +93,8 @@ class Workspace(NamedTuple):
     hessian: Floats
     world: Floats
     links: Floats
+    centres: Floats
+    link_centres: Floats
     subspaces: Floats
     forces: Floats
     inertias: Floats
@@ -106,6 +111,8 @@ WORKSPACE = types.NamedTuple(
         MATRIX_OUT,
         BLOCKS_OUT,
         BLOCKS_OUT,
+        MATRIX_OUT,
+        MATRIX_OUT,
         MATRIX_OUT,
         MATRIX_OUT,
         BLOCKS_OUT,
@@ -128,6 +135,8 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
         np.empty((nv, nv)),
         np.empty((n, 3, 4)),
         np.empty((robot.link_joints.shape[0], 3, 4)),
+        np.empty((robot.groups.shape[0], 3)),
+        np.empty((robot.link_joints.shape[0], 3)),
         np.empty((nv, 6)),
         np.empty((n, 6)),
         np.empty((n, 6, 6)),
@@ -158,6 +167,15 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     subspaces_by_chart(joints, work.values, work.q, work.subspaces)
     for b in range(robot.link_joints.shape[0]):
         _composed(work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b])
+        _centre(work.links[b], robot.link_balls[b], work.link_centres[b])
+    for g in range(robot.groups.shape[0]):
+        _centre(work.world[robot.groups[g, 0]], robot.balls[g], work.centres[g])
+
+
+@inlined
+def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
+    """The centre of a ball of a placed frame in the world."""
+    centre_out[0], centre_out[1], centre_out[2] = moved(T, ball[0], ball[1], ball[2])
 
 
 @inlined
@@ -169,3 +187,33 @@ def _composed(outer: Floats, inner: Floats, placement_out: Floats) -> None:
             placement_out[r, c] = (
                 value + outer[r, 0] * inner[0, c] + outer[r, 1] * inner[1, c] + outer[r, 2] * inner[2, c]
             )
+
+
+@inlined
+def lower_gaps(robot: SampledRobot, g: int, tables: DistanceTables, body: int, work: Workspace) -> None:
+    """Lower the gaps of a group's points to those to the box about a body; a vector loop."""
+    T = work.world[robot.groups[g, 0]]
+    B, bounds = tables.placements[body], tables.bounds[body]
+    r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
+    r01 = B[0, 0] * T[0, 1] + B[1, 0] * T[1, 1] + B[2, 0] * T[2, 1]
+    r02 = B[0, 0] * T[0, 2] + B[1, 0] * T[1, 2] + B[2, 0] * T[2, 2]
+    r10 = B[0, 1] * T[0, 0] + B[1, 1] * T[1, 0] + B[2, 1] * T[2, 0]
+    r11 = B[0, 1] * T[0, 1] + B[1, 1] * T[1, 1] + B[2, 1] * T[2, 1]
+    r12 = B[0, 1] * T[0, 2] + B[1, 1] * T[1, 2] + B[2, 1] * T[2, 2]
+    r20 = B[0, 2] * T[0, 0] + B[1, 2] * T[1, 0] + B[2, 2] * T[2, 0]
+    r21 = B[0, 2] * T[0, 1] + B[1, 2] * T[1, 1] + B[2, 2] * T[2, 1]
+    r22 = B[0, 2] * T[0, 2] + B[1, 2] * T[1, 2] + B[2, 2] * T[2, 2]
+    dx, dy, dz = T[0, 3] - B[0, 3], T[1, 3] - B[1, 3], T[2, 3] - B[2, 3]
+    tx = B[0, 0] * dx + B[1, 0] * dy + B[2, 0] * dz
+    ty = B[0, 1] * dx + B[1, 1] * dy + B[2, 1] * dz
+    tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
+    lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
+    px, py, pz = robot.points[0], robot.points[1], robot.points[2]
+    for i in range(robot.groups[g, 1], robot.groups[g, 2]):
+        x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
+        y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
+        z = r20 * px[i] + r21 * py[i] + r22 * pz[i] + tz
+        ex = max(lx - x, x - hx, 0.0)
+        ey = max(ly - y, y - hy, 0.0)
+        ez = max(lz - z, z - hz, 0.0)
+        work.gaps[i] = min(work.gaps[i], ex * ex + ey * ey + ez * ez)

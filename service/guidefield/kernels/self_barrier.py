@@ -11,7 +11,7 @@ from numba import void
 
 from guidefield.kernels.barrier import barrier
 from guidefield.kernels.distance import TABLES, DistanceTables, body_distance, bounds_near
-from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, Workspace, moved, place, workspace
+from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, moved, place, workspace
 from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
 
 
@@ -30,13 +30,22 @@ def self_barrier(robot: SampledRobot, work: Workspace) -> float:
     links = _placed_links(robot, work)
     for k in range(robot.pairs.shape[0]):
         g, other, reach = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
-        T = work.world[robot.groups[g, 0]]
-        centre = moved(T, robot.balls[g, 0], robot.balls[g, 1], robot.balls[g, 2])
-        if not bounds_near(centre[0], centre[1], centre[2], other, links, robot.balls[g, 3] + reach):
+        x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
+        dx, dy, dz = x - work.link_centres[other, 0], y - work.link_centres[other, 1], z - work.link_centres[other, 2]
+        near = robot.balls[g, 3] + reach
+        if dx * dx + dy * dy + dz * dz >= (near + robot.link_balls[other, 3]) ** 2:
             continue
-        for i in range(robot.groups[g, 1], robot.groups[g, 2]):
+        if not bounds_near(x, y, z, other, links, near):
+            continue
+        T = work.world[robot.groups[g, 0]]
+        first, last = robot.groups[g, 1], robot.groups[g, 2]
+        work.gaps[first:last] = math.inf
+        lower_gaps(robot, g, links, other, work)
+        for i in range(first, last):
+            if work.gaps[i] >= reach * reach:
+                continue
             p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach)
+            d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach, reach)
             if d < reach:
                 value, slope, curvature = barrier(d, reach)
                 w = robot.weights[i]
@@ -96,7 +105,7 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
         distances_out[k] = math.inf
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
             p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d = body_distance(p[0], p[1], p[2], other, links, best)[0]
+            d = body_distance(p[0], p[1], p[2], other, links, best, best)[0]
             if d < best:
                 best = d
                 distances_out[k] = d

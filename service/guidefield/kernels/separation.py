@@ -37,6 +37,9 @@ from guidefield.kernels.tree_kinematics import INDICES, Integers
 POLYTOPE = 4
 """The kind of a part that is the hull of vertices; the others are lane_math's, but no boxes."""
 
+TRIANGLE = 5
+"""A triangle of a mesh; its corners are its first nine numbers, in the body's frame."""
+
 PART = 16
 """Numbers of a part: placement in the body's frame (12, row by row), half extents (3), radius of what rounds it."""
 
@@ -97,6 +100,17 @@ def _farthest_vertex(
 
 
 @lane_part
+def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> int:
+    """Where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
+    farthest, best = 0, numbers[at] * x + numbers[at + 1] * y + numbers[at + 2] * z
+    for corner in (3, 6):
+        along = numbers[at + corner] * x + numbers[at + corner + 1] * y + numbers[at + corner + 2] * z
+        if along > best:
+            farthest, best = corner, along
+    return farthest
+
+
+@lane_part
 def _support(
     shapes: Integers,
     numbers: Floats,
@@ -117,6 +131,9 @@ def _support(
         kind, at = shapes[3 * part], part * PART
         if kind == POLYTOPE:
             px, py, pz = _farthest_vertex(vertices, shapes[3 * part + 1], shapes[3 * part + 2], x, y, z)
+        elif kind == TRIANGLE:
+            at += _farthest_corner(numbers, at, x, y, z)
+            px, py, pz = numbers[at], numbers[at + 1], numbers[at + 2]
         else:
             pz = math.copysign(numbers[at + 14], z)
             if kind == CYLINDER:
@@ -131,7 +148,7 @@ def _support(
 
 @lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER))
 def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats) -> bool:
-    """Whether two parts, placed by the poses in `work`, are farther apart than a margin >= 0; starts from the last axis."""
+    """Whether two parts, placed by the poses in `work`, are farther apart than a margin; tries the last axis first."""
     shapes_a, numbers_a, vertices_a = a.shapes, a.numbers, a.vertices
     shapes_b, numbers_b, vertices_b = b.shapes, b.numbers, b.vertices
     vx, vy, vz = work[AXIS], work[AXIS + 1], work[AXIS + 2]
@@ -168,7 +185,7 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
 @lane_part
 def _place(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
     """Write the placement of a part whose body is placed so (12)."""
-    if parts.shapes[3 * part] == POLYTOPE:
+    if parts.shapes[3 * part] in (POLYTOPE, TRIANGLE):
         for k in range(12):
             work[pose + k] = body[k]
         return
@@ -196,15 +213,15 @@ def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz:
     """How far a part of a body that stands at the origin reaches along a unit direction [m]."""
     at = PART * part
     if parts.shapes[3 * part] == HALF_SPACE:
-        return parts.numbers[at + 3]
-    if parts.shapes[3 * part] == POLYTOPE:
+        return float(parts.numbers[at + 3])
+    if parts.shapes[3 * part] in (POLYTOPE, TRIANGLE):
         for k in range(12):
             work[_POSE_B + k] = 1.0 if k in (0, 5, 10) else 0.0
     else:
         for k in range(12):
             work[_POSE_B + k] = parts.numbers[at + k]
     x, y, z = _support(parts.shapes, parts.numbers, parts.vertices, part, work, _POSE_B, dx, dy, dz)
-    return x * dx + y * dy + z * dz + parts.numbers[at + 15]
+    return float(x * dx + y * dy + z * dz + parts.numbers[at + 15])
 
 
 @lane_part
@@ -237,7 +254,9 @@ def bodies_apart(
         a: Tables that the first body is in.
         root_a: Root of its tree of balls.
         pose_a: Its placement, shape (12,), row by row.
-        b, root_b, pose_b: The same of the second; only it may be a half-space.
+        b: Tables that the second is in; only it may be a half-space.
+        root_b: Its root.
+        pose_b: Its placement.
         margin: What they have to keep [m], >= 0.
         work: Scratch, shape (WORK,); the last axis in it is where the search starts, and is left there.
     """

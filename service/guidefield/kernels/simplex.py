@@ -53,7 +53,7 @@ def _on_segment(w: Floats, a: int, b: int) -> int:
 
 
 @lane_step(int64(DOUBLE_POINTER, int64, int64, int64))
-def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:
+def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:  # noqa: PLR0911  one for each region of the plane
     """Nearest point of a triangle; which of (a, b, c) span it, as bits."""
     aa, bb, cc = _dot(w, a, a), _dot(w, b, b), _dot(w, c, c)
     ab, ac, bc = _dot(w, a, b), _dot(w, a, c), _dot(w, b, c)

@@ -152,4 +152,5 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
 def _distinct(corners: np.ndarray) -> np.ndarray:
     """Corners (k, 2) without those on top of the one before."""
     size = float(np.ptp(corners, axis=0).max())
-    return corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-3 * size]
+    distinct: np.ndarray = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-3 * size]
+    return distinct

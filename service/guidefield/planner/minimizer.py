@@ -93,7 +93,7 @@ def _direction(
 ) -> _Step | None:
     """The projected step over the joints that are free to move; None where the constraint leaves no freedom."""
     group = problem.group
-    z = group.chart(q)
+    z = group.chart(q) if group.limited else q  # unlimited joints are never blocked
     blocked = np.zeros(group.nv, bool)
     for _ in range(group.nv):
         free = np.flatnonzero(~blocked)
@@ -105,10 +105,12 @@ def _direction(
         solved = np.linalg.solve(M, np.c_[gradient[free], C.T])
         y, MC = solved[:, 0], solved[:, 1:]
         gram = C @ MC
-        Z_free = MC @ np.linalg.pinv(gram, rcond=1e-9)
+        Z_free = MC @ _inverse(gram)
         v_free = -(y - Z_free @ (C @ y))
         v, Z = np.zeros(group.nv), np.zeros((group.nv, C.shape[0]))
         v[free], Z[free] = v_free, Z_free
+        if not group.limited:
+            break
         # a joint at its limit that the step would push beyond leaves g, M and C
         pushed = ((z <= group.lower + 1e-9) & (v < 0.0)) | ((z >= group.upper - 1e-9) & (v > 0.0))
         if not np.any(pushed & ~blocked):
@@ -123,6 +125,14 @@ def _direction(
             largest[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION[joint.kind]] = LARGEST_SLIDE
     scale = min(1.0, 1.0 / max(float(np.max(np.abs(v) / largest)), 1e-30))
     return _Step(scale * v, scale * slope, Z)
+
+
+def _inverse(gram: np.ndarray) -> np.ndarray:
+    """Inverse of a small symmetric matrix; of what is singular, where two rows ask for the same, the pseudo-inverse."""
+    if gram.shape == (1, 1):
+        return np.array([[1.0 / gram[0, 0] if gram[0, 0] > 0.0 else 0.0]])
+    inverse: np.ndarray = np.linalg.pinv(gram, rcond=1e-9)
+    return inverse
 
 
 def _line_search(

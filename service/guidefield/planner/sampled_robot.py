@@ -38,7 +38,9 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     counts = np.array([len(some) for some in points], np.int64)
     last = np.cumsum(counts)
     joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
-    pairs = _pairs(problem, moving)
+    links, pairs = _links(problem), _pairs(problem, moving)
+    bounds = links.bounds
+    spans = bounds[:, 3:] - bounds[:, :3]
     robot = SampledRobot(
         joints=problem.robot_field.joints,
         drivers=np.abs(group.expand_velocity).argmax(axis=1),
@@ -50,8 +52,9 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         groups=np.column_stack([np.array(joints, np.int64), last - counts, last]),
         balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
         ignored=_ignored(problem, moving),
-        links=_links(problem),
+        links=links,
         link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
+        link_balls=np.column_stack([0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * np.linalg.norm(spans, axis=1)]),
         pairs=pairs,
         pair_ranges=np.full(len(pairs), SELF_RANGE),
     )

@@ -68,10 +68,9 @@ class Walker:
 
     def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
         """Whether the straight joint motion between two configurations is free over its whole length."""
-        group, world = self.problem.group, self.problem.world
+        world = self.problem.world
         swept = swept_world(world)
-        z0 = group.chart(q0)
-        z1 = group.unwrapped(group.chart(q1), z0)
+        z0, z1 = swept.ends(q0, q1)
         self.problem.counters.collision_checks += 1
         if swept.apart(z0, z1, self.margin):
             return True
@@ -148,13 +147,15 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
         if float(np.linalg.norm(missing)) < ARRIVED:
             return q
         J = kinematics.tip_jacobian(q)[:3]
-        z = group.chart(q)
+        z = group.chart(q) if group.limited else q  # unlimited joints never stop
         movable = np.ones(group.nv, bool)
         v = np.zeros(group.nv)
         for _ in range(group.nv):
             W = np.where(movable, inverse_weights, 0.0)
             gram = (J * W) @ J.T
             v = W * (J.T @ np.linalg.solve(gram + 1e-9 * max(float(np.trace(gram)), 1e-12) * np.eye(3), missing))
+            if not group.limited:
+                break
             stopped = movable & (((z <= group.lower) & (v < 0.0)) | ((z >= group.upper) & (v > 0.0)))
             if not np.any(stopped):
                 break
@@ -167,10 +168,10 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
 def _reach(problem: Problem, q: np.ndarray) -> np.ndarray:
     """What moving each tangent coordinate by 1 moves, shape (nv,) [m]: its distance to the tip, 1 for a length."""
     group = problem.group
-    tip = problem.kinematics.tip_position(q)
+    tip, origins = problem.kinematics.tip_and_joints(q)
     reach = np.ones(group.nv)
     for joint in group.joints:
-        origin = problem.kinematics.frame_placement(q, group.model.getFrameId(joint.name)).translation
+        origin = origins[group.model.getJointId(joint.name)]
         at = slice(joint.idx_v, joint.idx_v + joint.nv)
         reach[at] = float(np.linalg.norm(tip - origin)) + 0.05
         if joint.kind in TRANSLATION:

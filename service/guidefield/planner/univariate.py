@@ -92,7 +92,7 @@ class Univariate:
         if not chain_configuration(self.chain.table, joints, here.q, here.rotations, q, rotations):
             return None
         group = self.chain.group
-        if np.any(np.isfinite(group.upper) | np.isfinite(group.lower)):
+        if group.limited:
             z = group.chart(q)
             if np.any((z < group.lower) | (z > group.upper)):
                 return None

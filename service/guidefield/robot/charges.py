@@ -21,6 +21,9 @@ from guidefield.robot.shapes import triangulation
 POINTS = 200
 """About how many points a robot gets."""
 
+SPREAD = 0.76
+"""Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
+
 ALWAYS_CLOSE = 2.0
 """Links whose gap at rest is below this many radii of their capsules don't repel each other."""
 
@@ -58,7 +61,7 @@ def robot_charges(robot: RobotModel) -> RobotCharges:
     """Charged points, capsules and repelling pairs of a robot; computed once for each."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
     areas = [_area(vertices, triangles) for vertices, triangles in meshes]
-    spacing = float(np.sqrt(sum(areas) / POINTS))
+    spacing = SPREAD * float(np.sqrt(sum(areas) / POINTS))
     shapes = tuple(_charged(vertices, triangles, spacing) for vertices, triangles in meshes)
     return RobotCharges(shapes, _repelling(robot, shapes))
 

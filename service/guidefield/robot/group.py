@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,11 @@ class PlanningGroup:
         """Whether chart velocities are the tangent's velocities: no planar, spherical or floating joint."""
         return all(joint.nv == 1 for joint in self.joints)
 
+    @cached_property
+    def limited(self) -> bool:
+        """Whether any coordinate of the chart has a limit."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
     def part_of(self, q_whole: np.ndarray) -> np.ndarray:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot."""
         return reference_of(self.space, self.robot, q_whole)
@@ -135,6 +141,8 @@ class PlanningGroup:
     def clamped(self, q: np.ndarray) -> np.ndarray:
         """The configuration with every value brought within its limits."""
         clamped = q.copy()
+        if not self.limited:
+            return clamped
         for joint in self.joints:
             if joint.nq == 1:
                 clamped[joint.idx_q] = min(max(q[joint.idx_q], joint.lower[0]), joint.upper[0])

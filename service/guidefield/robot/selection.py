@@ -15,6 +15,9 @@ from guidefield.robot.group import PlanningGroup, reference_of
 from guidefield.robot.groups import joints_to
 from guidefield.robot.model import Joint, RobotModel
 
+_RENAMED = "link of joint "
+"""Before the names of links that share theirs with a joint, while a model is reduced."""
+
 
 def select(
     robot: RobotModel, group: str | Sequence[str] | None, tip: str | None, q_reference: np.ndarray, placement: Any
@@ -42,7 +45,7 @@ def select(
     space = model
     if followers:
         indices = [model.getJointId(name) for name in followers]
-        space = pin.buildReducedModel(model, indices, reference_of(model, robot, q_reference))
+        space, _ = _reduced(model.copy(), geometry.copy(), indices, reference_of(model, robot, q_reference))
     joints = _regrouped(robot, space)
     matrix, offset = _expansion(robot, model, space)
     arrays = {
@@ -135,9 +138,19 @@ def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
 
 
 def _reduced(model: Any, geometry: Any, locked: list[int], q_reference: np.ndarray) -> tuple[Any, Any]:
+    """The models with some joints fixed.
+
+    Pinocchio finds a joint's frame by the joint's name alone, so links that share one are called otherwise meanwhile.
+    """
     if not locked:
         return model, geometry
+    joints = set(model.names)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name in joints:
+            frame.name = f"{_RENAMED}{frame.name}"
     reduced: tuple[Any, Any] = pin.buildReducedModel(model, geometry, locked, q_reference)
+    for frame in reduced[0].frames:
+        frame.name = frame.name.removeprefix(_RENAMED)
     return reduced
 
 

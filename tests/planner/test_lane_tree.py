@@ -1,0 +1,83 @@
+"""Trees on lanes: the sequence, room that grows, the budget, whole turns; what they find is free at its samples."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from guidefield.collision.lanes import Lanes
+from guidefield.collision.world import World
+from guidefield.planner import lane_tree
+from guidefield.planner.problem import Budget
+from tests.planner.problems import scene_of
+from tests.planner.test_connect import wall_between
+from tests.robots import box_arm, grouped
+
+
+def search(seed: int = 0, **budget: object) -> tuple[lane_tree.Found, Lanes]:
+    made, start, goal = wall_between()
+    lanes = made.lanes
+    assert lanes is not None
+    rng = np.random.default_rng(seed)
+    return lane_tree.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget(**budget)), lanes
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_of_what_is_found_are_free(seed: int) -> None:
+    found, lanes = search(seed)
+    assert found.path is not None
+    _, start, goal = wall_between()
+    np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
+    for a, b in pairwise(found.path):
+        count = 1 + int(32.0 * np.linalg.norm(b - a))
+        for t in np.linspace(0.0, 1.0, count)[1:]:
+            z = a + t * (b - a)
+            assert not lanes.world.in_collision(z) or lanes.world.clearance(z).obstacle_distance > -0.02
+    assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+
+
+def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before() -> None:
+    made, start, goal = wall_between()
+    paths = []
+    for _ in range(3):
+        found = lane_tree.grow(made.lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(3), Budget())
+        paths.append(found.path)
+    np.testing.assert_array_equal(paths[0], paths[1])
+    np.testing.assert_array_equal(paths[0], paths[2])
+    assert not np.array_equal(paths[0], search(4)[0].path)
+
+
+def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    plenty = search(1)[0]
+    monkeypatch.setattr(lane_tree, "FIRST_CAPACITY", 3)
+    scarce = search(1)[0]
+    assert scarce.path is not None
+    assert plenty.path is not None
+    np.testing.assert_array_equal(scarce.path[[0, -1]], plenty.path[[0, -1]])
+
+
+def test_a_spent_budget_ends_it() -> None:
+    assert search(deadline=time.monotonic())[0].path is None
+    assert search(cancelled=lambda: True)[0].path is None
+
+
+def test_angles_that_wrap_go_the_short_way_round() -> None:
+    planned = grouped(box_arm("continuous", 1))
+    lanes = Lanes.build(World.build(planned, scene_of()))
+    start, goal = np.array([3.0]), np.array([-3.0])
+    found = lane_tree.grow(lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Budget())
+    assert found.path is not None
+    assert (np.abs(np.diff(found.path, axis=0)) < np.pi).all()
+    np.testing.assert_allclose(np.cos(found.path[-1]), np.cos(goal), atol=1e-6)
+    np.testing.assert_allclose(np.sin(found.path[-1]), np.sin(goal), atol=1e-6)
+
+
+def test_one_of_several_goals_is_reached() -> None:
+    made, start, goal = wall_between()
+    goals = np.stack([goal, goal + 0.02])
+    found = lane_tree.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Budget())
+    assert found.path is not None
+    assert any(np.array_equal(found.path[-1], goal) for goal in goals)
