@@ -182,11 +182,11 @@ def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> Non
     made = problem("panda", "wall_with_window")
     real, calls = plan_module.cross, []
 
-    def stuck_at_the_first(problem, q, plane, index):
+    def stuck_at_the_first(problem, q, plane, index, attempts):
         calls.append(index)
         if index == 0:
             return Crossing(Status.STUCK_IN_MINIMUM, "stuck", q[None], {"stage": "guide", "distance": 1.0})
-        return real(problem, q, plane, index)
+        return real(problem, q, plane, index, attempts)
 
     monkeypatch.setattr(plan_module, "cross", stuck_at_the_first)
     result = plan(made, Planner.AUTO)

@@ -45,7 +45,7 @@ def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title
 
 @pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])
 def test_where_it_ends_no_axis_leads_on(title: str) -> None:
-    """Turning any link as the search does, by twice its last step, raises U; the seed's accuracy is half a degree."""
+    """Descending on from there, over all axes at once, brings next to nothing: its accuracy is half a degree."""
     made = seed_problem(title)
     walker = settled(made, Univariate(link_chain(made.group)))
     constraint = OnPlane(made.kinematics, walker.tip, NORMAL)

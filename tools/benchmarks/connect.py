@@ -107,15 +107,15 @@ def _row(group: PlanningGroup, names: list[str], problem: dict[str, Any], sequen
         world = World.build(group, build(message))
         lanes = Lanes.build(world)
         ready = time.perf_counter()
-        resolution, refused = LANE_RESOLUTION, 0
-        found = _grown(lanes, z_start, z_goal, resolution, sequence)
+        resolution, refused, rng = LANE_RESOLUTION, 0, np.random.default_rng(sequence)
+        found = _grown(lanes, z_start, z_goal, resolution, rng)
         plan = min(plan, time.perf_counter() - ready)
         while found.path is not None and not certify(world, polyline(found.path)).free:
             refused += 1
             if refused == LANE_ATTEMPTS:
                 break
             resolution *= LANE_FINER
-            found = _grown(lanes, z_start, z_goal, resolution, sequence)
+            found = _grown(lanes, z_start, z_goal, resolution, rng)
         whole = min(whole, time.perf_counter() - began)
         if whole > 1.0:
             break
@@ -123,9 +123,10 @@ def _row(group: PlanningGroup, names: list[str], problem: dict[str, Any], sequen
     return Row(problem["set"], problem["index"], 1e6 * plan, 1e6 * whole, found.iterations, refused, solved)
 
 
-def _grown(lanes: Lanes, z_start: np.ndarray, z_goal: np.ndarray, resolution: float, sequence: int) -> lane_tree.Found:
+def _grown(
+    lanes: Lanes, z_start: np.ndarray, z_goal: np.ndarray, resolution: float, rng: np.random.Generator
+) -> lane_tree.Found:
     budget = Budget(time.monotonic() + SECONDS)
-    rng = np.random.default_rng(sequence)
     return lane_tree.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
 
 
@@ -175,9 +176,7 @@ def _print(title: str, rows: list[Row]) -> None:
     solved = [row for row in rows if row.solved]
     refused = sum(row.refused > 0 for row in rows)
     unsolved = ", ".join(f"{row.problem_set} {row.index}" for row in rows if not row.solved)
-    print(
-        f" {title}: certified {len(solved)} of {len(rows)}; first path refused by the certificate: {refused}"
-    )
+    print(f" {title}: certified {len(solved)} of {len(rows)}; first path refused by the certificate: {refused}")
     if unsolved:
         print(f"  not solved: {unsolved}")
     _print_times("  planning, us", np.array([row.plan for row in rows]))

@@ -18,8 +18,8 @@ from guidefield.planner.sampled_robot import sampled_robot
 from guidefield.robot.chart import TRANSLATION
 from guidefield.scene.distance_tables import distance_tables
 
-LAMBDA = 0.1
-"""Weight of the stretch energy."""
+STRETCH = 1.0
+"""Stretch energy of evenly spaced waypoints: it weighs length against the barrier alike in short and long paths."""
 
 LARGEST_STEP = 0.15
 """Most that a joint of a waypoint moves in one step [rad, or `SLIDING_UNIT`]."""
@@ -87,12 +87,12 @@ class Chain:
         units = np.ones(group.nv)
         for joint in group.joints:
             units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
-        segments = len(path) - 1
+        segments, length = len(path) - 1, float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
         return cls(
             robot=sampled_robot(problem, tables, path[held]),
             tables=tables,
             samples=path_samples(segments, held),
-            stiffness=LAMBDA * segments / units**2,
+            stiffness=2.0 * STRETCH * segments / length**2 / units**2,
             units=units,
             clearance=problem.min_clearance,
             lower=np.minimum(group.lower, path.min(axis=0)),
