@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,9 +14,9 @@ from guidefield.kernels.barrier import SOFT
 from guidefield.kernels.distance import distance_at_points
 from guidefield.kernels.relaxation import Samples, objective
 from guidefield.kernels.sampled_robot import SampledRobot
-from guidefield.kernels.self_barrier import SELF_RANGE, pair_distances
+from guidefield.kernels.self_barrier import pair_distances
 from guidefield.planner.problem import Problem
-from guidefield.planner.sampled_robot import sampled_robot
+from guidefield.planner.sampled_robot import LEAST_SELF_RANGE, SELF_RANGE, sampled_robot
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables
 from tests.collision.scenery import scattered
@@ -53,7 +54,7 @@ def sampled(made_for: Problem, ends: np.ndarray | None = None) -> tuple[SampledR
 
 
 def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tuple[float, float, float]]:
-    """Distance, weight and range of every point against obstacles, and of every point against other links' capsules."""
+    """Distance, weight and range of every point against obstacles, and against other links, these by Coal."""
     model = made_for.group.model
     data = model.createData()
     pin.forwardKinematics(model, data, made_for.group.expand(made_for.group.from_chart(z)))
@@ -66,14 +67,19 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
     for points, of_points in zip(world, weights, strict=True):
         to_obstacles = distance_at_points(distance_tables(made_for.scene), points)[0] - CLEARANCE
         found += [(d, w, REACH) for d, w in zip(to_obstacles, of_points, strict=True)]
-    for (g, k), slack in zip(robot.pairs, robot.slacks, strict=True):
-        placement, capsule = data.oMi[int(robot.capsule_joints[k])], robot.capsules[k]
-        a, b = placement.act(capsule[:3]), placement.act(capsule[3:6])
-        along = (b - a) / max((b - a) @ (b - a), 1e-30)
-        nearest = a + np.clip((world[g] - a) @ along, 0.0, 1.0)[:, None] * (b - a)
-        apart = np.linalg.norm(world[g] - nearest, axis=1) - capsule[6] + slack
-        found += [(d, w, SELF_RANGE) for d, w in zip(apart, weights[g], strict=True)]
+    shapes = list(made_for.group.geometry.geometryObjects)
+    for (g, body), reach in zip(robot.pairs, robot.pair_ranges, strict=True):
+        placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
+        apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g]]
+        found += [(d, w, float(reach)) for d, w in zip(apart, weights[g], strict=True)]
     return found
+
+
+def point_distance(shape: object, placement: pin.SE3, point: np.ndarray) -> float:
+    """Signed distance of a point from a convex shape, by Coal."""
+    there = coal.Transform3s(placement.rotation, placement.translation)
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return coal.distance(coal.Sphere(1e-12), coal.Transform3s(np.eye(3), point), shape, there, request, result)
 
 
 def plain(distance: float, reach: float) -> float:
@@ -209,27 +215,33 @@ def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
     made_for = problem("panda", scene_of(), planes=())
     robot, tables = sampled(made_for)
     rng = np.random.default_rng(0)
-    for _ in range(200):
+    closest = np.empty(len(robot.pairs))
+    for _ in range(20_000):
         z = made_for.group.chart(made_for.group.random(rng))
-        closest = np.empty(len(robot.pairs))
         pair_distances(robot, tables, z, closest)
-        if closest.min() < 0.5 * SELF_RANGE:
+        if LEAST_SELF_RANGE < closest.min() < 0.5 * SELF_RANGE:
             break
-    assert closest.min() < 0.5 * SELF_RANGE
+    assert LEAST_SELF_RANGE < closest.min() < 0.5 * SELF_RANGE
     strict = Objective(made_for, samples_of((0, 1.0, 1.0)))(at_end(z))[0]
     lenient = Objective(made_for, samples_of((0, 1.0, 1.0)), ends=z[None])(at_end(z))[0]
     assert strict > 0.0
     assert lenient == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_distances_of_pairs_are_those_of_their_points() -> None:
-    made_for, z = made("panda")
+def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None:
+    made_for, _ = made("panda")
     robot, tables = sampled(made_for)
-    closest = np.empty(len(robot.pairs))
-    pair_distances(robot, tables, z, closest)
+    closest, rng = np.empty(len(robot.pairs)), np.random.default_rng(0)
+    for _ in range(20_000):
+        z = made_for.group.chart(made_for.group.random(rng))
+        pair_distances(robot, tables, z, closest)
+        if 0.0 < closest.min() < np.inf:  # links within range, none inside another
+            break
+    assert 0.0 < closest.min() < np.inf
     own = [d for d, _, _ in distances(made_for, robot, z)][robot.points.shape[1] :]
     at = 0
     for (g, _), distance in zip(robot.pairs, closest, strict=True):
         count = robot.groups[g, 2] - robot.groups[g, 1]
-        assert distance == pytest.approx(min(own[at : at + count]))
+        smallest = min(own[at : at + count])
+        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SELF_RANGE - 1e-6 else np.inf)
         at += count

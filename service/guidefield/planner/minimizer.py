@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.kernels.cholesky import solve_definite
 from guidefield.planner.constraints import TipConstraint
 from guidefield.planner.problem import Problem
 from guidefield.robot.chart import TRANSLATION
@@ -91,7 +92,7 @@ class _Step:
 def _direction(
     problem: Problem, q: np.ndarray, gradient: np.ndarray, metric: np.ndarray, constraint: TipConstraint
 ) -> _Step | None:
-    """The projected step over the joints that are free to move; None where the constraint leaves no freedom."""
+    """The projected step over the joints that are free to move; None where there is no freedom, or no finite metric."""
     group = problem.group
     z = group.chart(q) if group.limited else q  # unlimited joints are never blocked
     blocked = np.zeros(group.nv, bool)
@@ -102,7 +103,9 @@ def _direction(
         M = metric[np.ix_(free, free)]
         M = M + max(REGULARIZATION * np.trace(M) / len(free), 1e-12) * np.eye(len(free))
         C = constraint.rows(q)[:, free]
-        solved = np.linalg.solve(M, np.c_[gradient[free], C.T])
+        solved = np.empty((len(free), 1 + len(C)))
+        if not solve_definite(M, np.c_[gradient[free], C.T], solved):
+            return None
         y, MC = solved[:, 0], solved[:, 1:]
         gram = C @ MC
         Z_free = MC @ _inverse(gram)
