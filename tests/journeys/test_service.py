@@ -329,10 +329,14 @@ def test_nobody_there_is_said(service: Service) -> None:
 # ---- what ends badly
 
 
+def long_job(poses: int) -> dict[str, Any]:
+    """A request that keeps a worker busy for a second a pose, and more: far more solutions are asked than there are."""
+    pose = {"position": [0.4, 0.0, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}
+    return {"type": "inverse_kinematics", "robot": "panda", "solutions": 1_000, "poses": [pose] * poses}
+
+
 def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wire: PlainClient) -> None:
-    rng = np.random.default_rng(0)
-    poses = [{"position": rng.uniform(-9, 9, 3).tolist(), "quaternion_xyzw": [1, 0, 0, 0]} for _ in range(5_000)]
-    long = {"type": "inverse_kinematics", "robot": "panda", "poses": poses}
+    long = long_job(poses=40)
     before = wire.ask("guidefield/local/info")["counters"]["crashes"]
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
         doomed = thread.submit(wire.refusal, "guidefield/local/kinematics", json.dumps(long).encode())
@@ -363,8 +367,7 @@ def test_a_second_service_of_the_name_is_refused(service: Service, tmp_path: Pat
 
 
 def test_a_full_queue_and_a_time_that_is_up_are_answered(tmp_path: Path) -> None:
-    poses = [{"position": [9, 9, n], "quaternion_xyzw": [1, 0, 0, 0]} for n in range(3_000)]
-    busy = json.dumps({"type": "inverse_kinematics", "robot": "panda", "poses": poses}).encode()
+    busy = json.dumps(long_job(poses=4)).encode()
     with (
         running_service(tmp_path, "--workers", "1", "--queue", "1") as service,
         plain_client(service.endpoint) as wire,
