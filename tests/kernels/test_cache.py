@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import json
+import importlib
 import os
 import shutil
 import subprocess
@@ -11,15 +11,15 @@ import numba
 import pytest
 
 from guidefield import kernels
-from guidefield.kernels.cache import fingerprint
+from guidefield.kernels.cache import are_compiled, fingerprint
 
 KERNELS = Path(kernels.__file__).parent
 
 REPORT = """
-import json, os
-import guidefield.kernels
-import numba
-print(json.dumps([numba.config.CACHE_DIR, os.environ["NUMBA_CACHE_DIR"]]))
+from pathlib import Path
+from guidefield.kernels.cache import cache_folder
+from guidefield.kernels.caller import caller
+print(cache_folder(), caller._cache.cache_path)
 """
 
 
@@ -55,18 +55,28 @@ def package(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("chosen", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"])
 def test_folder_is_below_the_one_that_the_user_chose(package: Path, tmp_path: Path, chosen: str) -> None:
     parent = tmp_path / "caches" / (".cache" if chosen == "HOME" else "")
-    configured, exported = json.loads(run(REPORT, package, **{chosen: str(tmp_path / "caches")}))
-    assert configured == exported
-    assert Path(configured) == parent / "guidefield" / f"kernels-{fingerprint(package / 'guidefield/kernels')}"
-    assert Path(configured).is_dir()
+    whole, used = run(REPORT, package, **{chosen: str(tmp_path / "caches")}).split()
+    assert Path(whole) == parent / "guidefield" / "kernels"
+    caller = package / "guidefield/kernels/caller.py"
+    assert Path(used) == Path(whole) / f"caller-{fingerprint(caller)}"
+    assert any(Path(used).glob("*.nbi"))
 
 
-def test_a_process_that_it_starts_uses_the_same_folder(package: Path, tmp_path: Path) -> None:
-    nested = (
-        f"import guidefield.kernels, subprocess, sys\nsubprocess.run([sys.executable, '-c', {REPORT!r}], check=True)"
+def test_another_place_of_the_same_sources_shares_the_machine_code(package: Path, tmp_path: Path) -> None:
+    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "0"]
+    elsewhere = shutil.copytree(package, tmp_path / "elsewhere")
+    assert run(script, elsewhere, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
+
+
+def test_other_packages_keep_numbas_own_folders(package: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.py"
+    other.write_text(
+        "import guidefield.kernels, numba\n@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n"
     )
-    direct = json.loads(run(REPORT, package, NUMBA_CACHE_DIR=str(tmp_path)))
-    assert json.loads(run(nested, package, NUMBA_CACHE_DIR=str(tmp_path))) == direct
+    script = "import other; print(other.f._cache.cache_path)"
+    used = run(f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {script}", package, HOME=str(tmp_path)).strip()
+    assert Path(used) == tmp_path / "__pycache__"
 
 
 def test_stale_machine_code_is_never_run(package: Path, tmp_path: Path) -> None:
@@ -80,17 +90,48 @@ def test_stale_machine_code_is_never_run(package: Path, tmp_path: Path) -> None:
     assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
 
 
-def test_fingerprint_changes_with_names_contents_and_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_edit_leaves_the_machine_code_of_what_does_not_call_it(package: Path, tmp_path: Path) -> None:
+    script = "from guidefield.kernels.callee import callee; callee(); print(sum(callee.stats.cache_hits.values()))"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "0"
+    caller = package / "guidefield/kernels/caller.py"
+    caller.write_text(caller.read_text() + "# an edit\n")
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "1"
+
+
+IMPORTS = {
+    "from": "from guidefield.kernels.{} import something\n",
+    "from the room": "from guidefield.kernels import {}\n",
+    "several": "from guidefield.kernels import (\n    other,\n    {},\n)\n",
+    "renamed": "from guidefield.kernels import {} as short\n",
+    "whole": "import guidefield.kernels.{}\n",
+    "in a function": "def f():\n    from guidefield.kernels.{} import something\n",
+}
+
+
+@pytest.mark.parametrize("form", IMPORTS)
+def test_fingerprint_follows_every_form_of_import_to_the_end(tmp_path: Path, form: str) -> None:
+    def fresh(*, last: str) -> str:
+        folder = tmp_path / last
+        folder.mkdir()
+        (folder / "first.py").write_text(IMPORTS[form].format("second"))
+        (folder / "second.py").write_text(IMPORTS[form].format("third"))
+        (folder / "third.py").write_text(last)
+        return fingerprint(folder / "first.py")
+
+    assert fresh(last="x") != fresh(last="y")
+
+
+def test_fingerprint_changes_with_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.py").write_text("x")
-    seen = [fingerprint(tmp_path)]
-    (tmp_path / "deeper").mkdir()
-    (tmp_path / "deeper/b.py").touch()
-    seen.append(fingerprint(tmp_path))
-    (tmp_path / "a.py").write_text("y")
-    seen.append(fingerprint(tmp_path))
-    (tmp_path / "a.py").rename(tmp_path / "c.py")
-    seen.append(fingerprint(tmp_path))
+    before = fingerprint(tmp_path / "a.py")
+    assert fingerprint(tmp_path / "a.py") == before
     monkeypatch.setattr(numba, "__version__", "0")
-    seen.append(fingerprint(tmp_path))
-    assert len(set(seen)) == len(seen)
-    assert fingerprint(tmp_path) == seen[-1]
+    assert fingerprint(tmp_path / "a.py") != before
+
+
+def test_every_kernel_is_known_to_be_compiled_once_it_is_imported() -> None:
+    for source in KERNELS.glob("*.py"):
+        importlib.import_module(
+            f"guidefield.kernels.{source.stem}" if source.stem != "__init__" else "guidefield.kernels"
+        )
+    assert are_compiled()

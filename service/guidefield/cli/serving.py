@@ -62,11 +62,11 @@ def service_in_child(announce: Callable[[str], None], *, workers: int = 1) -> It
 
 
 def tell_if_kernels_compile(announce: Callable[[str], None]) -> None:
-    """Say why the first run takes long, if this is the first: its machine code is not there yet."""
-    from guidefield.kernels.cache import select_cache_folder
+    """Say why a run takes long if kernels have no machine code yet: in the first one, and after an update."""
+    from guidefield.kernels.cache import are_compiled
 
-    if not any(select_cache_folder().rglob("*.nbi")):
-        announce("compiling the kernels, once for this machine: a minute or two …")
+    if not are_compiled():
+        announce("compiling kernels, once for this version: up to a minute or two …")
 
 
 def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:

@@ -1,57 +1,115 @@
-"""Where numba keeps the machine code of the kernels: a folder of its own for every version of their sources.
+"""Where numba keeps the machine code of the kernels: a folder for every version of a file and of all that it calls.
 
 numba compares a cached function with the file it stands in, but not with the files of the functions that it calls:
-after an edit of a callee it runs the old machine code. A folder named after a hash of all sources cannot be stale.
+after an edit of a callee it runs the old machine code. A folder named after a hash of a file and of every kernel file
+that it imports, directly or not, cannot be stale, and an edit compiles only what depends on it. The sources' place
+is not part of the name: all installations of one version share their machine code.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
+from numba.core.caching import CacheImpl, UserProvidedCacheLocator
 
-_OWNER = "guidefield"
-_PREFIX = "kernels-"
+_PACKAGE = "guidefield.kernels"
+_KEPT = re.compile(r"^@(?:compiled|lane_kernel|lane_step)\(", re.MULTILINE)
+_IMPORT = re.compile(
+    rf"^\s*(?:from\s+{re.escape(_PACKAGE)}\.(\w+)\s+import"
+    rf"|import\s+{re.escape(_PACKAGE)}\.(\w+)"
+    rf"|from\s+{re.escape(_PACKAGE)}\s+import\s+(\([^)]*\)|.*))",
+    re.MULTILINE,
+)
 
 
-def select_cache_folder() -> Path:
-    """Make the folder for these sources, and have numba use it in this process and in those that it starts.
+class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # numba has no types
+    """Tells numba the folder of a kernel's machine code; leaves every function outside this package alone."""
 
-    The folder is ``<parent>/guidefield/kernels-<hash>``. Its parent is numba's configured cache folder
-    (``NUMBA_CACHE_DIR``) if there is one, else ``XDG_CACHE_HOME``, else ``~/.cache``.
+    def __init__(self, function: Callable[..., object], file: str) -> None:
+        super().__init__(function, file)
+        self._folder = kernel_folder(Path(file))
 
-    Returns:
-        The folder; it exists.
+    @classmethod
+    def from_function(cls, function: Callable[..., object], file: str) -> KernelCacheLocator | None:
+        """A locator if the function is one of our kernels.
 
-    Raises:
-        OSError: if the folder cannot be made; set ``NUMBA_CACHE_DIR`` to a writable one.
+        Raises:
+            OSError: if its folder cannot be made or written; set ``NUMBA_CACHE_DIR`` to a writable one.
+        """
+        if Path(file).parent != Path(__file__).parent:
+            return None
+        locator = cls(function, file)
+        locator.ensure_cache_path()
+        return locator
+
+    def get_cache_path(self) -> str:
+        """The folder of the machine code."""
+        return str(self._folder)
+
+
+def use_kernel_folders() -> None:
+    """Have numba ask `KernelCacheLocator` first, in this process."""
+    if CacheImpl._locator_classes[0] is not KernelCacheLocator:
+        CacheImpl._locator_classes.insert(0, KernelCacheLocator)
+
+
+def cache_folder() -> Path:
+    """The folder of all kernels' machine code: ``<parent>/guidefield/kernels``.
+
+    Its parent is numba's configured cache folder (``NUMBA_CACHE_DIR``) if there is one, else ``XDG_CACHE_HOME``, else
+    ``~/.cache``.
     """
-    folder = _parent() / _OWNER / (_PREFIX + fingerprint(Path(__file__).parent))
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    # Both, because numba reads the environment again when it finds it changed.
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    numba.config.CACHE_DIR = str(folder)
-    return folder
+    if numba.config.CACHE_DIR:
+        parent = Path(numba.config.CACHE_DIR).absolute()
+    else:
+        # The specification of XDG has relative paths ignored.
+        home = os.environ.get("XDG_CACHE_HOME", "")
+        parent = Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
+    return parent / "guidefield" / "kernels"
 
 
-def fingerprint(sources: Path) -> str:
-    """Sixteen hexadecimal digits that change with numba's version and with any Python file of a folder."""
+def are_compiled() -> bool:
+    """Whether every file with kernels that numba keeps has machine code."""
+    sources = Path(__file__).parent.glob("*.py")
+    return all(any(kernel_folder(source).glob("*.nbi")) for source in sources if _KEPT.search(source.read_text()))
+
+
+def kernel_folder(source: Path) -> Path:
+    """The folder of one kernel file's machine code; it need not exist."""
+    return cache_folder() / f"{source.stem}-{fingerprint(source)}"
+
+
+def fingerprint(source: Path) -> str:
+    """Sixteen hexadecimal digits that change with numba's version, a file, and what it imports of its folder."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(sources.rglob("*.py")):
-        digest.update(b"\0" + path.relative_to(sources).as_posix().encode() + b"\0")
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    for name in sorted(_closure(source)):
+        digest.update(b"\0" + name.encode() + b"\0" + _read(source.with_name(f"{name}.py"))[0])
     return digest.hexdigest()[:16]
 
 
-def _parent() -> Path:
-    """The folder that the user chose, also when a process that started this one has already put its own below it."""
-    if not numba.config.CACHE_DIR:
-        # The specification of XDG has relative paths ignored.
-        home = os.environ.get("XDG_CACHE_HOME", "")
-        return Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
-    chosen = Path(numba.config.CACHE_DIR).absolute()
-    if chosen.name.startswith(_PREFIX) and chosen.parent.name == _OWNER:
-        return chosen.parent.parent
-    return chosen
+def _closure(source: Path) -> set[str]:
+    """The file's own name and those of all files that it needs."""
+    found = {source.stem}
+    waiting = [source.stem]
+    while waiting:
+        _, imported = _read(source.with_name(f"{waiting.pop()}.py"))
+        waiting.extend(imported - found)
+        found |= imported
+    return found
+
+
+@functools.cache
+def _read(source: Path) -> tuple[bytes, frozenset[str]]:
+    """A file's hash and the names of the files beside it that it imports."""
+    content = source.read_bytes()
+    mentioned: set[str] = set()
+    for first, second, several in _IMPORT.findall(content.decode()):
+        mentioned.update({first, second} - {""}, re.findall(r"\w+", several))
+    beside = frozenset(name for name in mentioned if source.with_name(f"{name}.py").exists())
+    return hashlib.sha256(content).digest(), beside
