@@ -15,7 +15,7 @@ from guidefield.planner.connect import connect, shortcut
 from guidefield.planner.guide import cross
 from guidefield.planner.plane_crossing import ON_PLANE
 from guidefield.planner.problem import Budget, Problem
-from guidefield.planner.relaxation import Outcome, relax
+from guidefield.planner.relaxation import LEAST_SEGMENTS, MOST_SEGMENTS, SEGMENT, SHRUNK, Outcome, relax
 from guidefield.planner.spline import interpolate
 from guidefield.planner.trace import Note, Step
 from guidefield.robot.group import PlanningGroup
@@ -190,6 +190,18 @@ def test_a_path_that_goes_nowhere_is_left_as_it_is() -> None:
         assert relaxed.crossings == {0: len(still) - 1}
 
 
+def test_a_detour_is_cut_short_and_spread_anew() -> None:
+    made, path = over_the_wall()
+    relaxed = relax(made, path, {}).path
+    detour = np.vstack([path[0], relaxed[len(relaxed) // 2] + 0.8, path[0] + 0.4, relaxed[len(relaxed) // 2], path[-1]])
+    shortened = relax(made, detour, {})
+    assert length(shortened.path) < 0.6 * length(detour)
+    expected = np.clip(np.ceil(length(shortened.path) / SEGMENT), LEAST_SEGMENTS, MOST_SEGMENTS)
+    assert len(shortened.path) - 1 <= expected / SHRUNK + 1
+    assert shortened.energy_after < shortened.energy_before
+    np.testing.assert_array_equal(shortened.path[[0, -1]], path[[0, -1]])
+
+
 def test_a_straight_motion_far_from_everything_stays_straight() -> None:
     made = problem("panda", scene_of(), planes=())
     z = made.group.chart(made.q_start)
@@ -287,6 +299,8 @@ def beside_the_way(planned: PlanningGroup, path: np.ndarray) -> Problem:
 def test_every_joint_kind_moves_away_from_a_post(joints: str) -> None:
     planned = grouped(box_arm(joints, 0, size=0.25))
     path = np.array([np.full(planned.nv, -0.35), np.full(planned.nv, 0.35)])
+    if joints.startswith("slide"):
+        path[0, 0] = 0.05  # further in, links would overlap
     made = beside_the_way(planned, path)
     relaxed = relax(made, path, {})
     assert smallest_clearance(made, relaxed.path) > smallest_clearance(made, path) + 0.015

@@ -75,13 +75,20 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
     return Body(kind, (0.0, 0.0, 0.0), bounds, _identity(), (vertices, used))
 
 
-def bounds_in_world(bodies: Sequence[Body]) -> tuple[Floats, Floats]:
-    """Lower and upper corners (n, 3) of boxes about bodies where they are placed; none may be a half-space."""
-    placements, bounds = np.array([body.placement for body in bodies]), np.array([body.bounds for body in bodies])
+def boxes_in_world(bodies: Sequence[Body]) -> Floats:
+    """Boxes along the axes about bodies where they are placed, lower then upper corner, shape (n, 6) [m].
+
+    That of a half-space is everything.
+    """
+    placements = np.array([body.placement for body in bodies]).reshape(-1, 3, 4)
+    bounds = np.array([body.bounds for body in bodies]).reshape(-1, 6)
+    endless = ~np.isfinite(bounds).all(axis=1)
+    bounds[endless] = 0.0
     centres, halves = 0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * (bounds[:, 3:] - bounds[:, :3])
     middles = np.einsum("bij,bj->bi", placements[:, :, :3], centres) + placements[:, :, 3]
     reach = np.einsum("bij,bj->bi", np.abs(placements[:, :, :3]), halves) + _ROUNDING * (1.0 + np.abs(middles))
-    return middles - reach, middles + reach
+    reach[endless] = np.inf
+    return np.hstack([middles - reach, middles + reach])
 
 
 def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) -> DistanceTables:
@@ -99,6 +106,7 @@ def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) ->
         placements=np.array([body.placement for body in bodies], float).reshape(-1, 3, 4),
         sizes=np.array([body.size for body in bodies], float).reshape(-1, 3),
         bounds=np.array([body.bounds for body in bodies], float).reshape(-1, 6),
+        boxes=boxes_in_world(bodies),
         spans=spans,
         nodes=nodes,
         surfaces=surfaces,

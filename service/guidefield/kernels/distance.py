@@ -46,6 +46,7 @@ class DistanceTables(NamedTuple):
         sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
             (0 for a sphere). A half-space is z <= 0.
         bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
+        boxes: A box about it along the world's axes, shape (n, 6) [m].
         spans: Of a surface, where its tree stands: first node, leaves, first triangle, triangles; shape (n, 4).
         nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
         surfaces: Triangles of all surfaces.
@@ -56,12 +57,15 @@ class DistanceTables(NamedTuple):
     placements: Floats
     sizes: Floats
     bounds: Floats
+    boxes: Floats
     spans: np.ndarray
     nodes: Floats
     surfaces: SurfaceTables
 
 
-TABLES = types.NamedTuple((INDICES, INDICES, BLOCKS, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES), DistanceTables)
+TABLES = types.NamedTuple(
+    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES), DistanceTables
+)
 
 
 def distance_at_points(
@@ -156,6 +160,14 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
 
 
 @inlined
+def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
+    """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
+    if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
+        return False
+    return bounds_near(x, y, z, body, tables, reach)
+
+
+@inlined
 def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTables, bodies_out: np.ndarray) -> int:
     """The bodies that may be within reach of a point: all that are, and few others.
 
@@ -173,7 +185,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
     count, bodies = 0, tables.kinds.shape[0]
     first = 0
     while first < bodies and (bodies <= _FEW or tables.kinds[first] == HALF_SPACE):
-        if bounds_near(x, y, z, first, tables, reach):
+        if _body_near(x, y, z, first, tables, reach):
             bodies_out[count] = first
             count += 1
         first += 1
@@ -194,7 +206,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
             top += 2
             continue
         for body in range(first + leaf * LEAF, min(bodies, first + (leaf + 1) * LEAF)):
-            if bounds_near(x, y, z, body, tables, reach):
+            if _body_near(x, y, z, body, tables, reach):
                 bodies_out[count] = body
                 count += 1
     return count

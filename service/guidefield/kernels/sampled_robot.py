@@ -38,7 +38,7 @@ class SampledRobot(NamedTuple):
         ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
         links: Bodies of all collision shapes, in the frame of their joint.
         link_joints: (b,) joint of each of them; 0 is the world.
-        link_balls: (b, 4) centre and radius of a ball about each, in its own frame [m].
+        link_balls: (b, 4) centre and radius of a ball about each, in the frame of its joint [m].
         pairs: (k, 2) group and body of links that are kept apart.
         pair_ranges: (k,) range of the barrier between them [m], positive.
     """
@@ -78,7 +78,7 @@ class Workspace(NamedTuple):
         row: Gradient of one distance by them.
         gradient, hessian: Sums by them.
         world: Placements of the joints.
-        links: Placements of the bodies of the links.
+        links: Placements of the bodies of the links, filled where they are looked at.
         centres, link_centres: Centres of the balls about groups and bodies, (g, 3) and (b, 3) [m].
         subspaces: What chart velocities cause, as twists at the world's origin, (nv, 6).
         forces, inertias: What has gathered at each joint, (n, 6) and (n, 6, 6) of which the upper triangle is used.
@@ -157,7 +157,7 @@ def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
 
 @inlined
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
-    """Placements of joints and links at chart coordinates z, and motion subspaces by the chart of the model."""
+    """Placements of joints at chart coordinates z, and motion subspaces by the chart of the model."""
     joints = robot.joints
     for i in range(robot.offsets.shape[0]):
         work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
@@ -166,8 +166,7 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
     subspaces_by_chart(joints, work.values, work.q, work.subspaces)
     for b in range(robot.link_joints.shape[0]):
-        _composed(work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b])
-        _centre(work.links[b], robot.link_balls[b], work.link_centres[b])
+        _centre(work.world[robot.link_joints[b]], robot.link_balls[b], work.link_centres[b])
     for g in range(robot.groups.shape[0]):
         _centre(work.world[robot.groups[g, 0]], robot.balls[g], work.centres[g])
 
@@ -179,8 +178,9 @@ def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
 
 
 @inlined
-def _composed(outer: Floats, inner: Floats, placement_out: Floats) -> None:
-    """The placement of what is placed in a frame that is placed itself."""
+def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
+    """Fill in the placement of a link's body."""
+    outer, inner, placement_out = work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b]
     for r in range(3):
         for c in range(4):
             value = outer[r, 3] if c == 3 else 0.0

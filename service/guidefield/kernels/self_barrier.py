@@ -11,7 +11,16 @@ from numba import void
 
 from guidefield.kernels.barrier import barrier
 from guidefield.kernels.distance import TABLES, DistanceTables, body_distance, bounds_near
-from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, moved, place, workspace
+from guidefield.kernels.sampled_robot import (
+    ROBOT,
+    SampledRobot,
+    Workspace,
+    lower_gaps,
+    moved,
+    place,
+    place_link,
+    workspace,
+)
 from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
 
 
@@ -35,6 +44,7 @@ def self_barrier(robot: SampledRobot, work: Workspace) -> float:
         near = robot.balls[g, 3] + reach
         if dx * dx + dy * dy + dz * dz >= (near + robot.link_balls[other, 3]) ** 2:
             continue
+        place_link(robot, other, work)
         if not bounds_near(x, y, z, other, links, near):
             continue
         T = work.world[robot.groups[g, 0]]
@@ -59,7 +69,7 @@ def self_barrier(robot: SampledRobot, work: Workspace) -> float:
 def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
     """The links' bodies where they are in the world."""
     t = robot.links
-    return DistanceTables(t.kinds, t.obstacles, work.links, t.sizes, t.bounds, t.spans, t.nodes, t.surfaces)
+    return DistanceTables(t.kinds, t.obstacles, work.links, t.sizes, t.bounds, t.boxes, t.spans, t.nodes, t.surfaces)
 
 
 @inlined
@@ -102,6 +112,7 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
     for k in range(robot.pairs.shape[0]):
         g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
         T = work.world[robot.groups[g, 0]]
+        place_link(robot, other, work)
         distances_out[k] = math.inf
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
             p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])

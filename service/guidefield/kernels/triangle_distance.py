@@ -110,6 +110,18 @@ def _away(p: Vector3, corners: Floats, i: int, s: float, t: float) -> Vector3:
     )
 
 
+@inlined
+def _nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, found: int) -> tuple[float, int]:
+    """Square of the distance to the nearest of some triangles, and its index, if it is nearer than what was found."""
+    for i in range(begin, end):
+        s, t, _ = _closest(p, corners, i)
+        dx, dy, dz = _away(p, corners, i, s, t)
+        square = dx * dx + dy * dy + dz * dz
+        if square < best:
+            best, found = square, i
+    return best, found
+
+
 @compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
 def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, cutoff: float) -> int:
     """The triangle of a tree that is nearest to a point and nearer than a cutoff.
@@ -127,29 +139,33 @@ def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span
     """
     root, leaves, first, count = span
     p = (x, y, z)
-    waiting = np.empty(_STACK, np.int64)
-    waiting[0] = 0
+    if leaves == 1:
+        return _nearest_of(p, surfaces.corners, first, first + count, cutoff * cutoff, -1)[1]
+    waiting, gaps = np.empty(_STACK, np.int64), np.empty(_STACK)
+    waiting[0], gaps[0] = 0, box_gap_squared(x, y, z, surfaces.nodes, root)
     top = 1
     best, found = cutoff * cutoff, -1
     while top > 0:
         top -= 1
         node = waiting[top]
-        if box_gap_squared(x, y, z, surfaces.nodes, root + node) >= best:
+        if gaps[top] >= best:
             continue
         leaf = node - (leaves - 1)
         if leaf >= 0:
-            for i in range(first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)):
-                s, t, _ = _closest(p, surfaces.corners, i)
-                dx, dy, dz = _away(p, surfaces.corners, i, s, t)
-                square = dx * dx + dy * dy + dz * dz
-                if square < best:
-                    best, found = square, i
+            begin, end = first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)
+            best, found = _nearest_of(p, surfaces.corners, begin, end, best, found)
             continue
         near, far = 2 * node + 1, 2 * node + 2
-        if box_gap_squared(x, y, z, surfaces.nodes, root + far) < box_gap_squared(x, y, z, surfaces.nodes, root + near):
-            near, far = far, near
-        waiting[top], waiting[top + 1] = far, near  # the nearer one is looked at first
-        top += 2
+        to_near = box_gap_squared(x, y, z, surfaces.nodes, root + near)
+        to_far = box_gap_squared(x, y, z, surfaces.nodes, root + far)
+        if to_far < to_near:
+            near, far, to_near, to_far = far, near, to_far, to_near
+        if to_far < best:
+            waiting[top], gaps[top] = far, to_far
+            top += 1
+        if to_near < best:  # on top: the nearer one is looked at first
+            waiting[top], gaps[top] = near, to_near
+            top += 1
     return found
 
 

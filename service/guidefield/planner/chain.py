@@ -14,14 +14,14 @@ from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.planner.path_samples import path_samples
 from guidefield.planner.plane_crossing import PlaneCrossing
 from guidefield.planner.problem import Problem
-from guidefield.planner.sampled_robot import sampled_robot
+from guidefield.planner.waypoints import length_of
 from guidefield.robot.chart import TRANSLATION
 from guidefield.scene.distance_tables import distance_tables
 
-STRETCH = 1.0
+STRETCH = 0.5
 """Stretch energy of evenly spaced waypoints: it weighs length against the barrier alike in short and long paths."""
 
-LARGEST_STEP = 0.15
+LARGEST_STEP = 0.3
 """Most that a joint of a waypoint moves in one step [rad, or `SLIDING_UNIT`]."""
 
 SLIDING_UNIT = 0.5
@@ -51,7 +51,8 @@ class Chain:
     """What a chain of waypoints descends, and how it may move.
 
     Attributes:
-        robot: Points and capsules.
+        length: Of the path when the chain was made: its unit of length [rad or m].
+        robot: Points and links.
         tables: Obstacles.
         samples: Where distances are taken.
         stiffness: Of the stretch energy between two waypoints, shape (nv,).
@@ -62,6 +63,7 @@ class Chain:
         crossings: Waypoints that stay on a guide plane.
     """
 
+    length: float
     robot: SampledRobot
     tables: DistanceTables
     samples: Samples
@@ -74,23 +76,32 @@ class Chain:
     crossings: Mapping[int, PlaneCrossing]
 
     @classmethod
-    def of(cls, problem: Problem, path: np.ndarray, held: list[int], crossings: Mapping[int, PlaneCrossing]) -> Chain:
-        """The chain of a problem's path (n, nv).
+    def of(
+        cls,
+        problem: Problem,
+        robot: SampledRobot,
+        path: np.ndarray,
+        held: list[int],
+        crossings: Mapping[int, PlaneCrossing],
+    ) -> Chain:
+        """The chain of a problem's path (n, nv), whose length isn't zero.
 
         Args:
-            problem: Robot, world and obstacles.
+            problem: Limits and obstacles.
+            robot: The robot as points and links.
             path: Waypoints.
             held: Those that stay, the first and the last among them.
             crossings: Those that stay on a guide plane.
         """
-        tables, group = distance_tables(problem.scene), problem.group
+        group = problem.group
         units = np.ones(group.nv)
         for joint in group.joints:
             units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
-        segments, length = len(path) - 1, float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        segments, length = len(path) - 1, length_of(path)
         return cls(
-            robot=sampled_robot(problem, tables, path[held]),
-            tables=tables,
+            length=length,
+            robot=robot,
+            tables=distance_tables(problem.scene),
             samples=path_samples(segments, held),
             stiffness=2.0 * STRETCH * segments / length**2 / units**2,
             units=units,
@@ -109,6 +120,11 @@ class Chain:
             self.robot, self.tables, self.samples, path, self.stiffness, self.clearance, gradient, diagonal, upper
         )
         return Shape(path, value, gradient, diagonal, upper)
+
+    def energy(self, shape: Shape, length: float) -> float:
+        """The objective of a shape for another length of reference [rad or m]."""
+        stretch = 0.5 * float((self.stiffness * np.diff(shape.path, axis=0) ** 2).sum())
+        return shape.value + stretch * ((self.length / length) ** 2 - 1.0)
 
     def step(self, shape: Shape, damping: float) -> np.ndarray | None:
         """Newton's step (n, nv), damped; None where rounding keeps the system from being solved.

@@ -2,11 +2,12 @@
 
 The path becomes a chain of waypoints that descends
 
-    J = lambda (K - 1) / 2 sum |z_{k+1} - z_k|^2 + mean over samples of sum over points of w b(d / range)
+    J = (K - 1) / (2 L^2) sum |z_{k+1} - z_k|^2 + mean over samples of sum over points of w b(d / range)
 
-by Newton's method on a block-tridiagonal system, with Levenberg's damping. The barrier b is the field's near-surface
-law on the exact signed distance d of points on the links, cut off smoothly at a range (kernels/barrier.py). Descending
-the plain potential instead was measured to make paths worse: its far field outvotes the one gap that matters.
+by Newton's method on a block-tridiagonal system, with Levenberg's damping; L is the length at the start: long and
+short paths weigh length against clearance alike. The barrier b is the field's near-surface law on the exact signed
+distance d of points on the links, cut off smoothly at a range (kernels/barrier.py). Descending the plain potential
+instead was measured to make paths worse: its far field outvotes the one gap that matters.
 
 What comes out is a proposal: between the samples, and between the points, nobody has looked. The certificate judges.
 """
@@ -20,11 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import Status
+from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.planner.chain import Chain, Shape
-from guidefield.planner.plane_crossing import PlaneCrossing
+from guidefield.planner.kept_waypoints import KeptWaypoints
 from guidefield.planner.problem import Problem
+from guidefield.planner.sampled_robot import sampled_robot
 from guidefield.planner.trace import Note, Step
-from guidefield.planner.waypoints import respaced
+from guidefield.planner.waypoints import length_of
+from guidefield.scene.distance_tables import distance_tables
 
 SEGMENT = 0.14
 """Length of a segment [rad or m]."""
@@ -35,6 +39,9 @@ MOST_ITERATIONS = 60
 
 SETTLED = 1e-2
 """A step that lowers J by less than this share brings little; two in a row end the relaxation."""
+
+SHRUNK = 0.75
+"""When its length has fallen to this share, the path is spread anew, over fewer waypoints and with the new L."""
 
 EAGERNESS = 2.0
 """A step is taken 1 + this times the share by which the last one lowered J.
@@ -68,7 +75,7 @@ class Relaxed:
         crossings: By index of each guide plane, its index in `path`.
         iterations: How many steps were tried.
         energy_before: J of the path that was given, its waypoints spread evenly; 0 where nothing could move.
-        energy_after: J of the relaxed path.
+        energy_after: J of the relaxed path, with the same L.
         outcome: How it ended.
     """
 
@@ -100,41 +107,42 @@ def relax(
         fixed: Which waypoints stay besides the ends, shape (n,); None: none.
         iterations: Most steps that are tried.
     """
-    held = _held(path, crossings, fixed)
-    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    if length == 0.0:
+    if length_of(path) == 0.0:
         return Relaxed(path, dict(crossings), 0, 0.0, 0.0, Outcome.NOTHING_TO_MOVE)
-    kept = np.array(sorted(held | set(crossings.values())))
-    segments = int(np.clip(np.ceil(length / SEGMENT), LEAST_SEGMENTS, MOST_SEGMENTS))
-    points, indices = respaced(path, kept, segments)
-    placed = dict(zip(kept.tolist(), indices.tolist(), strict=True))
-    on_planes = {
-        placed[index]: PlaneCrossing.through(problem, problem.guide_planes[plane], path[index])
-        for plane, index in crossings.items()
-        if index not in held
-    }
-    chain = Chain.of(problem, points, sorted(placed[index] for index in held), on_planes)
-    first = chain.at(points)
-    last, tried, outcome = _descend(problem, chain, first, iterations)
+    kept = KeptWaypoints.of(problem, path, crossings, fixed)
+    robot = sampled_robot(problem, distance_tables(problem.scene), path[kept.held])
+    chain, shape, kept = _spread(problem, robot, path, kept)
+    length, before, tried = chain.length, shape, 0
+    while True:
+        shape, steps, outcome = _descend(problem, chain, shape, iterations - tried)
+        tried += steps
+        if outcome is not None:
+            break
+        chain, shape, kept = _spread(problem, robot, shape.path, kept)
     problem.counters.iterations += tried
-    if last is first:
-        return Relaxed(path, dict(crossings), tried, first.value, first.value, outcome)
-    _report(problem, first, last, tried, outcome)
-    marks = {plane: placed[index] for plane, index in crossings.items()}
-    return Relaxed(last.path, marks, tried, first.value, last.value, outcome)
+    if shape is before:
+        return Relaxed(path, dict(crossings), tried, before.value, before.value, outcome)
+    relaxed = Relaxed(shape.path, kept.marks, tried, before.value, chain.energy(shape, length), outcome)
+    _report(problem, relaxed)
+    return relaxed
 
 
-def _held(path: np.ndarray, crossings: Mapping[int, int], fixed: np.ndarray | None) -> set[int]:
-    """Waypoints that stay: the ends, those that are fixed, and those on two planes at once."""
-    held = {0, len(path) - 1}
-    if fixed is not None:
-        held |= set(np.flatnonzero(fixed).tolist())
-    at = list(crossings.values())
-    return held | {index for index in at if at.count(index) > 1}
+def _spread(
+    problem: Problem, robot: SampledRobot, path: np.ndarray, kept: KeptWaypoints
+) -> tuple[Chain, Shape, KeptWaypoints]:
+    """The chain of a path's waypoints, spread evenly."""
+    segments = int(np.clip(np.ceil(length_of(path) / SEGMENT), LEAST_SEGMENTS, MOST_SEGMENTS))
+    points, kept = kept.spread(path, segments)
+    chain = Chain.of(problem, robot, points, kept.held, kept.on_planes)
+    return chain, chain.at(points), kept
 
 
-def _descend(problem: Problem, chain: Chain, shape: Shape, iterations: int) -> tuple[Shape, int, Outcome]:
-    """Take steps as long as they bring something; the best shape, the steps tried, how it ended."""
+def _descend(problem: Problem, chain: Chain, shape: Shape, iterations: int) -> tuple[Shape, int, Outcome | None]:
+    """Take steps as long as they bring something.
+
+    Returns:
+        The last shape, how many steps were tried, and how it ended; None: the path has shrunk.
+    """
     damping, fall, settled = FIRST_DAMPING, 0.0, 0
     for tried in range(iterations):
         if (spent := problem.budget.spent()) is not None:
@@ -152,11 +160,13 @@ def _descend(problem: Problem, chain: Chain, shape: Shape, iterations: int) -> t
         settled = settled + 1 if fall < SETTLED else 0
         if settled == 2:
             return shape, tried + 1, Outcome.CONVERGED
+        if length_of(shape.path) < SHRUNK * chain.length:
+            return shape, tried + 1, None
     return shape, iterations, Outcome.OUT_OF_ITERATIONS
 
 
-def _report(problem: Problem, first: Shape, last: Shape, tried: int, outcome: Outcome) -> None:
-    text = f"relaxed in {tried} steps ({outcome}): the objective fell from {first.value:.3g} to {last.value:.3g}"
-    problem.tell(Note(text))
-    for z in last.path:
+def _report(problem: Problem, relaxed: Relaxed) -> None:
+    fell = f"the objective fell from {relaxed.energy_before:.3g} to {relaxed.energy_after:.3g}"
+    problem.tell(Note(f"relaxed in {relaxed.iterations} steps ({relaxed.outcome}): {fell}"))
+    for z in relaxed.path:
         problem.tell(Step("relax", problem.group.from_chart(z), "relaxed"))

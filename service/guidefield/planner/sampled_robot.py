@@ -39,8 +39,6 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     last = np.cumsum(counts)
     joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
     links, pairs = _links(problem), _pairs(problem, moving)
-    bounds = links.bounds
-    spans = bounds[:, 3:] - bounds[:, :3]
     robot = SampledRobot(
         joints=problem.robot_field.joints,
         drivers=np.abs(group.expand_velocity).argmax(axis=1),
@@ -54,7 +52,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         ignored=_ignored(problem, moving),
         links=links,
         link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
-        link_balls=np.column_stack([0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * np.linalg.norm(spans, axis=1)]),
+        link_balls=_balls(links),
         pairs=pairs,
         pair_ranges=np.full(len(pairs), SELF_RANGE),
     )
@@ -83,6 +81,13 @@ def _points(problem: Problem, moving: list[int]) -> list[np.ndarray]:
         samples[indices[body]] @ placement.rotation.T + placement.translation
         for body, placement in zip(moving, placements, strict=True)
     ]
+
+
+def _balls(links: DistanceTables) -> np.ndarray:
+    """Balls about bodies, in the frames of their joints, shape (b, 4)."""
+    low, high = links.bounds[:, :3], links.bounds[:, 3:]
+    centres = np.einsum("bij,bj->bi", links.placements[:, :, :3], 0.5 * (low + high)) + links.placements[:, :, 3]
+    return np.column_stack([centres, 0.5 * np.linalg.norm(high - low, axis=1)])
 
 
 def _ball(points: np.ndarray) -> np.ndarray:
@@ -117,7 +122,9 @@ def _links(problem: Problem) -> DistanceTables:
     """The group's bodies in the frames of their joints."""
     shapes, indices = link_bodies(problem.group.robot), _indices(problem)
     placements = [shape.placement.homogeneous[:3] for shape in problem.group.geometry.geometryObjects]
-    of_group = {name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "spans")}
+    of_group = {
+        name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "boxes", "spans")
+    }
     links = shapes._replace(**of_group, placements=np.array(placements).reshape(-1, 3, 4))
     for array in links[:-1]:
         array.setflags(write=False)

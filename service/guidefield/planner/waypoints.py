@@ -5,6 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 
+def length_of(path: np.ndarray) -> float:
+    """Length of a path of chart points (n, nv) [rad or m]."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
 def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndarray, np.ndarray]:
     """A path cut into segments of about equal length.
 

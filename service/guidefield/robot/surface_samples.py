@@ -19,8 +19,11 @@ SPACING_OF_RADIUS = 0.6
 SMALLEST_SPACING = 0.008
 """No finer than this [m]."""
 
-MOST = 1000
+MOST = 500
 """About how many points a robot gets at most; beyond, all spacings grow alike."""
+
+_POINTS_PER_SQUARE = 0.6
+"""About how many points of a spacing there are on an area of its square."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -36,8 +39,8 @@ def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
             for charged in robot_charges(robot).shapes
         ]
     )
-    expected = sum(_area(*mesh) / spacing**2 for mesh, spacing in zip(meshes, spacings, strict=True))
-    spacings *= np.sqrt(max(1.0, expected / MOST))
+    squares = sum(_area(*mesh) / spacing**2 for mesh, spacing in zip(meshes, spacings, strict=True))
+    spacings *= np.sqrt(max(1.0, _POINTS_PER_SQUARE * squares / MOST))
     return tuple(surface_points(*mesh, float(spacing)).points for mesh, spacing in zip(meshes, spacings, strict=True))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.charged import field_tables
-from guidefield.geometry.distance_bodies import Body, body_tables, bounds_in_world, primitive, triangulated
+from guidefield.geometry.distance_bodies import Body, body_tables, boxes_in_world, primitive, triangulated
 from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field import field_at_points
 from guidefield.scene.mesh import pieces, volume
@@ -28,7 +28,8 @@ def distance_tables(scene: Scene) -> DistanceTables:
     bounded = [pair for pair in bodies if pair[1].kind != HALF_SPACE]
     nodes = np.empty((0, 6))
     if bounded:
-        tree = box_tree(*bounds_in_world([body for _, body in bounded]))
+        boxes = boxes_in_world([body for _, body in bounded])
+        tree = box_tree(boxes[:, :3], boxes[:, 3:])
         nodes, bounded = tree.nodes, [bounded[k] for k in tree.order]
     ordered = endless + bounded
     return body_tables([body for _, body in ordered], [index for index, _ in ordered], nodes)
