@@ -1,74 +1,131 @@
-"""A picture of the field in a plane through a scene: dark valleys between bright obstacles."""
+"""A picture of the field in a plane through a scene: dark valleys between bright walls, with contour lines.
+
+A unit charge is pushed down into the valleys; where the potential is Phi it is as if a large wall were 2 pi/Phi away.
+Colours and contours follow that distance: it is what a person can read.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from guidefield.kernels.field import field_at_points
-from guidefield.kernels.field_tables import FieldTables
+from guidefield.kernels.field import Field, field_at_points
+from guidefield.scene.scene import Scene
+from guidefield.scene.slice_plane import SlicePlane
 
-DECADES = 2.5
-"""How many powers of ten a picture spans, from its darkest."""
+CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Distances of a wall whose potential the contour lines mark [m]."""
+
+FINE_CONTOURS = (0.015, 0.025, 0.03, 0.04, 0.06, 0.07, 0.08, 0.15, 0.25, 0.3, 0.4, 0.6, 0.7, 0.8, 1.5, 2.5, 3.0, 4.0)
+"""The same of fainter lines between: they show the valley of a narrow passage."""
+
+NEAREST = 0.015
+"""Distance of a wall that has the brightest colour; what is nearer has it too [m]."""
+
+LEAST_DECADES = 0.5
+"""The colours span at least so many powers of ten."""
+
+SOLID_COLOR = (98, 101, 108)
+"""Inside of solids."""
+
+_VIRIDIS = np.array(
+    [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137), (53, 183, 121),
+     (109, 205, 89), (180, 222, 44), (253, 231, 37)], float,
+)  # fmt: skip
+"""Colours of equal steps from far to near, that differ as much in brightness for every eye."""
+
+_LINE = 0.9
+"""Half width of a contour line [pixels]."""
+
+_LINE_OPACITY, _FINE_OPACITY = 0.6, 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class SlicePlane:
-    """A rectangle in the world.
+class FieldSlice:
+    """A picture, and where it belongs.
 
     Attributes:
-        corner: Where the picture's first row and column meet, shape (3,) [m].
-        across: From there along the first row to the last column, shape (3,) [m].
-        down: From there along the first column to the last row, shape (3,) [m].
+        image: RGB, shape (rows, columns, 3), uint8; the first row is on top.
+        plane: The rectangle of the world that it covers; `plane.corners` go with the texture coordinates (0, 0),
+            (1, 0), (1, 1), (0, 1), `plane.projected` puts points of the world into the picture.
+        log_potential: log10 of the potential [1/m] of each pixel, shape (rows, columns); NaN inside of solids, -inf
+            where nothing is charged.
     """
 
-    corner: np.ndarray
-    across: np.ndarray
-    down: np.ndarray
+    image: np.ndarray
+    plane: SlicePlane
+    log_potential: np.ndarray
 
-    def points(self, rows: int, columns: int) -> np.ndarray:
-        """Centres of the pixels, shape (rows, columns, 3) [m]."""
-        s, t = (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
-        points: np.ndarray = self.corner + s[None, :, None] * self.across + t[:, None, None] * self.down
-        return points
+    @property
+    def pose(self) -> Any:
+        """T_world_picture, a pinocchio.SE3: of its centre, x to the right, y up."""
+        return self.plane.pose
 
-
-def horizontal(centre: tuple[float, float, float], size: float) -> SlicePlane:
-    """A square seen from above: x to the right, y up."""
-    corner = np.array([centre[0] - 0.5 * size, centre[1] + 0.5 * size, centre[2]])
-    return SlicePlane(corner, np.array([size, 0.0, 0.0]), np.array([0.0, -size, 0.0]))
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height [m]."""
+        return self.plane.size
 
 
-def potential_slice(tables: FieldTables, plane: SlicePlane, resolution: int) -> np.ndarray:
-    """The logarithm of the potential in a plane.
+def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320) -> FieldSlice:
+    """The scene's field in a plane, as a picture.
+
+    Dark is far from everything, bright near a surface, by the logarithm of the potential; grey is inside of a solid.
+    Contour lines are where the potential is that of a wall 1, 2, 5, 10 .. cm away.
 
     Args:
-        tables: What is charged.
-        plane: Where.
+        scene: What is charged.
+        plane: Where, e.g. one of `slice_plane.planes_along` the tip's path.
         resolution: Pixels along the longer side.
-
-    Returns:
-        log10 of the potential [1/m], shape (rows, columns); NaN inside of solids, -inf where nothing is charged.
 
     Raises:
         ValueError: if the resolution is not positive.
     """
-    if resolution < 1:
-        raise ValueError(f"`resolution` must be positive, got {resolution}")
-    width, height = float(np.linalg.norm(plane.across)), float(np.linalg.norm(plane.down))
-    columns, rows = (max(1, round(resolution * side / max(width, height))) for side in (width, height))
-    field = field_at_points(tables, plane.points(rows, columns).reshape(-1, 3))
+    rows, columns = plane.pixels(resolution)
+    field = field_at_points(scene.tables, plane.points(rows, columns).reshape(-1, 3))
     with np.errstate(divide="ignore"):
-        image = np.log10(field.potential)
-    image[field.winding > 0.5] = np.nan
-    return image.reshape(rows, columns)
+        log_potential = np.log10(field.potential)
+    solid = field.winding > 0.5
+    colors = _blended(_colors(log_potential, solid), _contours(field, plane, plane.size[0] / columns) * ~solid)
+    colors[solid] = SOLID_COLOR
+    log_potential[solid] = np.nan
+    image = np.round(colors).astype(np.uint8).reshape(rows, columns, 3)
+    values = log_potential.reshape(rows, columns)
+    for array in (image, values):
+        array.setflags(write=False)
+    return FieldSlice(image, plane, values)
 
 
-def shaded(image: np.ndarray) -> np.ndarray:
-    """Grey levels of a slice, shape (rows, columns), uint8: valleys dark, walls and what is inside of solids white."""
-    finite = image[np.isfinite(image)]
-    low = float(finite.min()) if finite.size else 0.0
-    share = np.clip((image - low) / DECADES, 0.0, 1.0)
-    levels: np.ndarray = np.where(np.isnan(image), 255.0, 255.0 * share).astype(np.uint8)
-    return levels
+def _colors(log_potential: np.ndarray, solid: np.ndarray) -> np.ndarray:
+    """Colours of the logarithms, shape (n, 3): from the lowest of them up to that of the nearest wall."""
+    shown = log_potential[np.isfinite(log_potential) & ~solid]
+    low = float(shown.min()) if len(shown) else 0.0
+    high = max(math.log10(2.0 * math.pi / NEAREST), low + LEAST_DECADES)
+    at = np.clip((log_potential - low) / (high - low), 0.0, 1.0) * (len(_VIRIDIS) - 1)
+    steps = np.arange(len(_VIRIDIS))
+    return np.column_stack([np.interp(at, steps, channel) for channel in _VIRIDIS.T])
+
+
+def _contours(field: Field, plane: SlicePlane, pixel: float) -> np.ndarray:
+    """Share of ink of contour lines in each pixel, shape (n,): by their distance, from the gradient in the plane."""
+    rotation = plane.pose.rotation
+    in_plane = field.gradient @ rotation[:, :2]
+    # Potential, relative, that a pixel makes: no line is wider than where it changes by a thousandth.
+    slope = np.maximum(np.linalg.norm(in_plane, axis=1) * pixel, 1e-3 * field.potential) + 1e-9
+    inked = np.zeros(len(field.potential))
+    for distances, opacity in ((CONTOURS, _LINE_OPACITY), (FINE_CONTOURS, _FINE_OPACITY)):
+        for distance in distances:
+            off = np.abs(field.potential - 2.0 * math.pi / distance) / slope
+            inked = np.maximum(inked, opacity * np.clip(_LINE + 0.5 - off, 0.0, 1.0))
+    return inked
+
+
+def _blended(colors: np.ndarray, inked: np.ndarray) -> np.ndarray:
+    """Lines over colours: light on dark, dark on light."""
+    bright = colors @ np.array([0.299, 0.587, 0.114]) > 140.0
+    ink = np.where(bright, 20.0, 245.0)[:, None]
+    blended: np.ndarray = (1.0 - inked[:, None]) * colors + inked[:, None] * ink
+    return blended
