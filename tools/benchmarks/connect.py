@@ -2,16 +2,13 @@
 
 Usage: tools/bench connect --problems <folder> [--every N] [--sequences N] [<robot> ...]
 
-The folder holds `problems/<robot>.json.gz`, `robots/<robot>/<robot>.urdf` and, if rows of other planners are wanted,
-`peers.json.gz`; its README says how they are written. Beside our times stand those of the peers' rows on the same
-problems, scaled by Pinocchio's forward kinematics, which a row's machine did in `PEERS_KINEMATICS`.
+The folder is described in problems.py. Beside our times stand those of the peers' rows on the same problems, scaled by
+Pinocchio's forward kinematics, which a row's machine did in `PEERS_KINEMATICS`.
 """
 
 from __future__ import annotations
 
 import argparse
-import gzip
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,19 +17,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.problems import ROBOTS, Problems, scene_message
 from benchmarks.timing import best
 from guidefield.collision.certificate import certify
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.messages import scene as messages
-from guidefield.messages.requests import UrdfFile
 from guidefield.planner import lane_tree
 from guidefield.planner.connect import LANE_ATTEMPTS, LANE_FINER, LANE_RESOLUTION
 from guidefield.planner.plan import polyline
 from guidefield.planner.problem import Budget
-from guidefield.robot.catalog import Catalog
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.selection import select
 from guidefield.scene.scene import build
 
 PEERS_KINEMATICS = 0.30
@@ -62,49 +56,33 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--problems", type=Path, required=True, help="folder of problems and robots")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--sequences", type=int, default=1, help="sequences of samples to judge by")
-    parser.add_argument("robots", nargs="*", default=["panda", "ur5", "fetch", "baxter"])
+    parser.add_argument("robots", nargs="*", default=list(ROBOTS))
     options = parser.parse_args(arguments)
     for robot in options.robots:
         _robot(options.problems, robot, options.every, options.sequences)
 
 
 def _robot(folder: Path, robot: str, every: int, sequences: int) -> None:
-    with gzip.open(folder / "problems" / f"{robot}.json.gz") as file:
-        declared = json.load(file)
-    group = _group(folder, robot, declared)
-    problems = [problem for problem in declared["problems"] if problem["valid"]][::every]
-    kinematics = _kinematics_us(group)
-    print(f"\n{robot}: {len(problems)} problems, Pinocchio's forward kinematics {kinematics:.2f} us")
+    given = Problems.load(folder, robot, every)
+    kinematics = _kinematics_us(given.group)
+    print(f"\n{robot}: {len(given.problems)} problems, Pinocchio's forward kinematics {kinematics:.2f} us")
     for sequence in range(sequences):
-        rows = [_row(group, declared["joint_names"], problem, sequence) for problem in problems]
+        rows = [_row(given, problem, sequence) for problem in given.problems]
         _print(f"sequence {sequence}", rows)
-    peers = _peers(folder, robot)
+    peers = given.peers_rows()
     if peers:
-        chosen = [peers[key] for problem in problems if (key := (problem["set"], problem["index"])) in peers]
+        chosen = [peers[key] for problem in given.problems if (key := (problem["set"], problem["index"])) in peers]
         times = np.array([row["plan_us"] for row in chosen if row["solved"]]) * kinematics / PEERS_KINEMATICS
         _print_times(f"  VAMP's rows, scaled, {len(times)} solved of {len(chosen)}", times)
 
 
-def _group(folder: Path, robot: str, declared: dict[str, Any]) -> PlanningGroup:
-    path = folder / "robots" / robot / robot
-    model = Catalog().load(
-        UrdfFile(path=f"{path}.urdf", srdf_path=f"{path}.srdf", package_dirs=[str(folder / "robots")])
-    )
-    rest = model.rest.copy()
-    for name, value in declared["other_joints"].items():
-        joint = model.joint(name)
-        if joint is not None and joint.nq == 1:
-            rest[joint.idx_q] = value
-    return select(model, declared["joint_names"], None, rest, pin.SE3.Identity())
-
-
-def _row(group: PlanningGroup, names: list[str], problem: dict[str, Any], sequence: int) -> Row:
-    z_start, z_goal = (_chart(group, names, values) for values in (problem["start"], problem["goals"][0]))
-    message = _scene(problem)
+def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
+    z_start, z_goal = given.ends(problem)
+    message = scene_message(problem)
     plan = whole = np.inf
     for _ in range(REPEATS):
         began = time.perf_counter()
-        world = World.build(group, build(message))
+        world = World.build(given.group, build(message))
         lanes = Lanes.build(world)
         ready = time.perf_counter()
         resolution, refused, rng = LANE_RESOLUTION, 0, np.random.default_rng(sequence)
@@ -128,38 +106,6 @@ def _grown(
 ) -> lane_tree.Found:
     budget = Budget(time.monotonic() + SECONDS)
     return lane_tree.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
-
-
-def _chart(group: PlanningGroup, names: list[str], values: list[float]) -> np.ndarray:
-    by_name = dict(zip(names, values, strict=True))
-    # a few values of the problems lie some micrometres or microradians beyond the limits
-    return np.clip([by_name[joint.name] for joint in group.joints], group.lower, group.upper)
-
-
-def _scene(problem: dict[str, Any]) -> messages.Scene:
-    obstacles: list[messages.Obstacle] = []
-    for declared in problem["obstacles"]:
-        name, position = declared["name"], tuple(declared["position"])
-        turn = np.array(declared["quaternion_xyzw"])
-        placement = {"name": name, "position": position, "quaternion_xyzw": tuple(turn / np.linalg.norm(turn))}
-        match declared["type"]:
-            case "box":
-                obstacles.append(messages.Box(size=tuple(declared["size"]), **placement))
-            case "cylinder":
-                obstacles.append(messages.Cylinder(radius=declared["radius"], length=declared["height"], **placement))
-            case "sphere":
-                obstacles.append(messages.Sphere(name=name, radius=declared["radius"], position=position))
-    return messages.Scene(name="problem", obstacles=obstacles)
-
-
-def _peers(folder: Path, robot: str) -> dict[tuple[str, int], dict[str, Any]]:
-    """VAMP's rows by problem set and index."""
-    path = folder / "peers.json.gz"
-    if not path.exists():
-        return {}
-    with gzip.open(path) as file:
-        rows = json.load(file)["rows"]
-    return {(row["set"], row["index"]): row for row in rows if row["planner"] == "vamp rrtc" and row["robot"] == robot}
 
 
 def _kinematics_us(group: PlanningGroup) -> float:
