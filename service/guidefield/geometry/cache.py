@@ -1,0 +1,188 @@
+"""Arrays that took long to compute, kept on disk under a hash of everything that they depend on.
+
+Entries are files of ``<cache>/guidefield/geometry``, where ``<cache>`` is ``XDG_CACHE_HOME`` or ``~/.cache``. An entry
+is written beside its place and renamed, so that processes may read and write the same ones at the same time. It starts
+with the hash of what follows: one that was cut short or altered is computed again. The key covers the sources of what
+computes, so that an edit never meets old results. When the folder is full, the entries unused for longest go.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import functools
+import hashlib
+import logging
+import os
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+_log = logging.getLogger(__name__)
+
+MOST_BYTES = 512 * 2**20
+"""Size of the folder, beyond which entries are removed."""
+
+KEPT_SHARE = 0.75
+"""What of that is kept then."""
+
+STALE = 3600.0
+"""A draft of that age was left by a process that was killed [s]."""
+
+_DIGEST = hashlib.sha256().digest_size
+_PACKAGE = Path(__file__).parent.parent
+_ROOMS = ("geometry", "kernels")
+"""Where what computes is looked for; other rooms only hand over inputs."""
+
+Arrays = Mapping[str, np.ndarray]
+
+
+class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An array as it is on disk."""
+
+    dtype: Literal["<f8", "<i8", "|b1"]
+    shape: tuple[int, ...]
+    data: bytes
+
+
+_encode = msgspec.msgpack.Encoder().encode
+_decode = msgspec.msgpack.Decoder(dict[str, _Stored]).decode
+
+
+def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
+    """What `make` returns, from disk if it was computed from the same inputs before.
+
+    Args:
+        kind: What is computed: a short name for files.
+        inputs: Everything that the result depends on, by name; numbers as arrays of no dimension.
+        make: Computes arrays of float64, int64 or bool, of one dimension at least, by name. After an edit of its
+            module, or of one of geometry or kernels that this imports, directly or not, it is asked again.
+
+    Returns:
+        The arrays, read-only. If the disk can't be read or written, they are computed, and a warning is logged.
+    """
+    path = folder() / f"{kind}-{_key(kind, inputs, make)}"
+    arrays = _read(path)
+    if arrays is None:
+        arrays = {name: np.ascontiguousarray(array) for name, array in make().items()}
+        _write(path, arrays)
+    for array in arrays.values():
+        array.setflags(write=False)
+    return arrays
+
+
+def folder() -> Path:
+    """Where entries are kept; a relative ``XDG_CACHE_HOME`` is ignored, as its specification has it."""
+    chosen = os.environ.get("XDG_CACHE_HOME", "")
+    base = Path(chosen) if Path(chosen).is_absolute() else Path.home() / ".cache"
+    return base / "guidefield" / "geometry"
+
+
+def _key(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> str:
+    digest = hashlib.sha256(f"{_sources(make.__module__)} {kind}".encode())
+    for name, array in sorted(inputs.items()):
+        digest.update(f"\0{name} {array.dtype.str} {array.shape}\0".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _sources(module: str) -> str:
+    """Changes with numpy's version, with a module of this package, and with what it needs of the rooms that compute."""
+    found: set[str] = set()
+    waiting = {module}
+    digest = hashlib.sha256(np.__version__.encode())
+    while waiting:
+        found |= waiting
+        waiting = {needed for name in waiting for needed in _imports(name)} - found
+    for name in sorted(found):
+        if (path := _source(name)) is not None:
+            digest.update(b"\0" + name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _imports(module: str) -> set[str]:
+    """The modules of the rooms that compute that a module of this package imports, by their full names."""
+    path = _source(module)
+    named: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())) if path is not None else ():
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            named.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+        elif isinstance(node, ast.Import):
+            named.update(alias.name for alias in node.names)
+    rooms = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
+    return {name for name in named if name.startswith(rooms) and _source(name) is not None}
+
+
+def _source(module: str) -> Path | None:
+    """File of a module of this package; None of anything else."""
+    path = _PACKAGE.parent.joinpath(*module.split(".")).with_suffix(".py")
+    return path if module.startswith(f"{_PACKAGE.name}.") and path.is_file() else None
+
+
+def _read(path: Path) -> dict[str, np.ndarray] | None:
+    """The arrays of an entry; None if there is no such entry, or none that can be used."""
+    try:
+        content = path.read_bytes()
+        os.utime(path)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        _log.warning("cannot read %s: %s", path, error)
+        return None
+    payload = content[_DIGEST:]
+    if hashlib.sha256(payload).digest() != content[:_DIGEST]:
+        _log.warning("%s is damaged and is computed again", path)
+        return None
+    try:
+        stored = _decode(payload)
+        return {
+            name: np.frombuffer(array.data, dtype=array.dtype).reshape(array.shape) for name, array in stored.items()
+        }
+    except (msgspec.DecodeError, ValueError) as error:
+        _log.warning("%s is not understood (%s) and is computed again", path, error)
+        return None
+
+
+def _write(path: Path, arrays: Arrays) -> None:
+    payload = _encode(
+        {
+            name: _Stored(np.dtype(array.dtype).str, array.shape, array.tobytes())  # type: ignore[arg-type]
+            for name, array in arrays.items()
+        }
+    )
+    draft = path.with_name(f".{uuid.uuid4().hex}")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        try:
+            draft.write_bytes(hashlib.sha256(payload).digest() + payload)
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
+        _make_room(path.parent)
+    except OSError as error:
+        _log.warning("cannot keep %s: %s", path, error)
+
+
+def _make_room(entries: Path) -> None:
+    """Remove what was used longest ago, if there is too much, and drafts that nobody writes any more."""
+    known = []
+    for path in entries.iterdir():
+        with contextlib.suppress(FileNotFoundError):  # another process may remove it meanwhile
+            status = path.stat()
+            if not path.name.startswith("."):
+                known.append((status.st_mtime, status.st_size, path))
+            elif status.st_mtime < time.time() - STALE:
+                path.unlink()
+    total = sum(size for _, size, _ in known)
+    if total <= MOST_BYTES:
+        return
+    for _, size, path in sorted(known):
+        if total <= KEPT_SHARE * MOST_BYTES:
+            return
+        path.unlink(missing_ok=True)
+        total -= size

@@ -1,0 +1,222 @@
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from guidefield.geometry import cache
+from guidefield.geometry.cache import folder, remembered
+
+INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
+RESULT = {"spheres": np.linspace(0, 1, 8).reshape(2, 4), "first": np.arange(3), "solid": np.array([True, False])}
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+class Counted:
+    """Computes `RESULT`, and counts."""
+
+    def __init__(self) -> None:
+        self.times = 0
+
+    def __call__(self) -> dict[str, np.ndarray]:
+        self.times += 1
+        return dict(RESULT)
+
+
+def check(arrays: dict[str, np.ndarray]) -> None:
+    assert set(arrays) == set(RESULT)
+    for name, array in RESULT.items():
+        assert arrays[name].dtype == array.dtype
+        assert (arrays[name] == array).all()
+        assert arrays[name].shape == array.shape
+        assert not arrays[name].flags.writeable
+
+
+def entries() -> list[Path]:
+    return sorted(folder().iterdir())
+
+
+def test_it_is_computed_once(tmp_path: Path) -> None:
+    make = Counted()
+    for _ in range(3):
+        check(remembered("cover", INPUTS, make))
+    assert make.times == 1
+    assert [path.name.split("-")[0] for path in entries()] == ["cover"]
+    assert entries()[0].is_relative_to(tmp_path / "guidefield" / "geometry")
+
+
+def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    make = Counted()
+    points = INPUTS["points"]
+    others = [
+        ("cover", INPUTS),
+        ("inner", INPUTS),
+        ("cover", {**INPUTS, "delta": np.array(0.016)}),
+        ("cover", {**INPUTS, "delta": np.array([0.015])}),
+        ("cover", {"points": points, "other": INPUTS["delta"]}),
+        ("cover", {**INPUTS, "points": points.reshape(3, 4)}),
+        ("cover", {**INPUTS, "points": points.view(np.int64)}),
+    ]
+    for kind, inputs in others:
+        remembered(kind, inputs, make)
+    assert make.times == len(others)
+    monkeypatch.setattr(cache, "_sources", lambda module: "edited")
+    remembered("cover", INPUTS, make)
+    assert make.times == len(others) + 1
+
+
+def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "guidefield"
+    for name, text in {
+        "robot/coverage": "from guidefield.geometry import cover\nfrom guidefield.robot.model import Robot",
+        "robot/model": "",
+        "geometry/cover": "import guidefield.kernels.greedy",
+        "geometry/other": "",
+        "kernels/greedy": "from guidefield.kernels.bits import ones",
+        "kernels/bits": "ones = 1",
+    }.items():
+        path = package / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    monkeypatch.setattr(cache, "_PACKAGE", package)
+    seen = {_fingerprint()}
+    for name in ("kernels/bits", "geometry/cover", "robot/coverage"):
+        with (package / f"{name}.py").open("a") as file:
+            file.write("\n# edited")
+        seen.add(_fingerprint())
+    assert len(seen) == 4
+    for name in ("geometry/other", "robot/model"):
+        (package / f"{name}.py").write_text("# edited")
+    assert _fingerprint() in seen
+
+
+def _fingerprint() -> str:
+    cache._sources.cache_clear()
+    return cache._sources("guidefield.robot.coverage")
+
+
+def test_real_sources_lead_to_the_kernels() -> None:
+    needed = cache._imports("guidefield.geometry.cover")
+    assert {"guidefield.geometry.elements", "guidefield.kernels.ball_cover"} <= needed
+    assert all(cache._source(name) is not None for name in needed)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[:20],
+        lambda content: content[:-1],
+        lambda content: content[:40] + bytes([content[40] ^ 1]) + content[41:],
+        lambda content: content + b"\0",
+    ],
+    ids=["empty", "short", "cut", "flipped", "longer"],
+)
+def test_a_damaged_entry_is_computed_again(damage, caplog: pytest.LogCaptureFixture) -> None:
+    make = Counted()
+    remembered("cover", INPUTS, make)
+    (path,) = entries()
+    path.write_bytes(damage(path.read_bytes()))
+    with caplog.at_level(logging.WARNING):
+        check(remembered("cover", INPUTS, make))
+    assert "damaged" in caplog.text
+    check(remembered("cover", INPUTS, make))
+    assert make.times == 2
+
+
+def test_an_entry_of_another_kind_of_thing_is_computed_again(caplog: pytest.LogCaptureFixture) -> None:
+    make = Counted()
+    remembered("cover", INPUTS, make)
+    (path,) = entries()
+    for payload in (b"\x93\x01\x02\x03", cache._encode({"spheres": {"dtype": "|O", "shape": [1], "data": b"x" * 8}})):
+        path.write_bytes(cache.hashlib.sha256(payload).digest() + payload)
+        check(remembered("cover", INPUTS, make))
+    assert make.times == 3
+    assert "not understood" in caplog.text
+
+
+def test_without_a_disk_it_is_computed_each_time(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "guidefield").write_text("a file where the folder should be")
+    make = Counted()
+    check(remembered("cover", INPUTS, make))
+    check(remembered("cover", INPUTS, make))
+    assert make.times == 2
+    assert "cannot" in caplog.text
+
+
+def test_a_relative_folder_is_ignored(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "here")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert folder() == tmp_path / "home" / ".cache" / "guidefield" / "geometry"
+
+
+def test_what_was_unused_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "MOST_BYTES", 20_000)
+    big = {"array": np.zeros(500)}
+    for k in range(4):
+        remembered(f"k{k}", INPUTS, lambda: big)
+        os.utime(entries()[-1], (k + 1e9, k + 1e9))
+    remembered("k0", INPUTS, lambda: pytest.fail("it is there"))  # used again, so that k1 is the oldest
+    remembered("k4", INPUTS, lambda: big)
+    names = [path.name.split("-")[0] for path in entries()]
+    assert "k0" in names
+    assert "k4" in names
+    assert "k1" not in names
+    assert sum(path.stat().st_size for path in entries()) <= 20_000
+
+
+def test_drafts_left_behind_are_removed_in_time() -> None:
+    remembered("cover", INPUTS, Counted())
+    old, new = folder() / ".old", folder() / ".new"
+    for path in (old, new):
+        path.write_bytes(b"half of")
+    os.utime(old, (time.time() - 2 * cache.STALE,) * 2)
+    remembered("inner", INPUTS, Counted())
+    assert not old.exists()
+    assert new.exists()
+
+
+def test_a_computation_that_fails_leaves_nothing() -> None:
+    def fail() -> dict[str, np.ndarray]:
+        raise RuntimeError("no")
+
+    with pytest.raises(RuntimeError, match="no"):
+        remembered("cover", INPUTS, fail)
+    assert not folder().exists()
+
+
+WORKER = """
+import sys
+import numpy as np
+from guidefield.geometry import cache
+cache.MOST_BYTES = 300_000
+rng = np.random.default_rng(int(sys.argv[1]))
+for step in range(300):
+    k = int(rng.integers(20))
+    made = cache.remembered("shared", {"k": np.array(k)}, lambda: {"array": np.full(3000, float(k))})
+    assert (made["array"] == k).all() and len(made["array"]) == 3000
+    if step % 37 == 0:
+        some = sorted(cache.folder().glob("shared-*"))
+        if some:
+            some[k % len(some)].write_bytes(b"damaged")
+"""
+
+
+def test_several_processes_share_it() -> None:
+    workers = [
+        subprocess.Popen([sys.executable, "-c", WORKER, str(seed)], stderr=subprocess.PIPE, text=True)
+        for seed in range(3)
+    ]
+    reports = [worker.communicate(timeout=120)[1] for worker in workers]
+    assert [worker.returncode for worker in workers] == [0, 0, 0], reports
+    assert not [path for path in entries() if path.name.startswith(".")]
