@@ -9,8 +9,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from guidefield.geometry.closed import connected_pieces
 from guidefield.robot.shapes import triangulation
-from guidefield.scene.mesh import mesh_surface, pieces
+from guidefield.scene.mesh import mesh_surface
 
 if TYPE_CHECKING:
     from guidefield.collision.world import World
@@ -81,7 +82,7 @@ def _piece_points(shape: Any) -> np.ndarray:
         surface = mesh_surface(*triangulation(shape))
         if surface is None:
             return np.empty((0, 3))
-        first_of_each = np.unique(pieces(len(surface.vertices), surface.triangles))
+        first_of_each = np.unique(connected_pieces(len(surface.vertices), surface.triangles))
         return np.array(surface.vertices[first_of_each])
     if isinstance(shape, coal.Convex):
         return np.array([np.mean(shape.points(), axis=0)])

@@ -8,10 +8,10 @@ import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.charged import field_tables
+from guidefield.geometry.closed import connected_pieces, volume
 from guidefield.geometry.distance_bodies import Body, body_tables, boxes_in_world, primitive, triangulated
 from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field import field_at_points
-from guidefield.scene.mesh import pieces, volume
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
@@ -49,7 +49,7 @@ def _bodies(obstacle: Obstacle) -> list[Body]:
 
 def _solids(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
     """Triangles of each solid: a connected piece that encloses a volume, with the hollows that lie within it."""
-    labels = pieces(len(vertices), triangles)[triangles[:, 0]]
+    labels = connected_pieces(len(vertices), triangles)[triangles[:, 0]]
     parts = [triangles[labels == label] for label in np.unique(labels)]
     solids = sorted((part for part in parts if volume(vertices, part) > 0.0), key=lambda part: volume(vertices, part))
     hollows = [part for part in parts if volume(vertices, part) <= 0.0]

@@ -9,6 +9,8 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.closed import compact, connected_pieces, volume
+
 _FLAT = 1e-9
 """A closed mesh with less volume than this fraction of its size cubed has no inside."""
 
@@ -44,7 +46,7 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
         vertices: Shape (v, 3) [m].
         triangles: Shape (t, 3), indices of vertices.
     """
-    vertices, triangles = _compact(vertices, triangles)
+    vertices, triangles, _ = compact(vertices, triangles)
     if not len(triangles) or _areas(vertices, triangles).max() <= 1e-12 * np.ptp(vertices, axis=0).max() ** 2:
         return None
     triangles, solid, warnings = _facing_outwards(vertices, triangles)
@@ -63,36 +65,6 @@ def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     tree.endModel()
     tree.computeLocalAABB()
     return tree
-
-
-def pieces(vertex_count: int, triangles: np.ndarray) -> np.ndarray:
-    """Connected pieces of a mesh: for each vertex the lowest index of a vertex it is connected to, shape (v,)."""
-    labels = np.arange(vertex_count)
-    while True:
-        lowest = labels[triangles].min(axis=1)
-        hooked = labels.copy()
-        np.minimum.at(hooked, triangles.ravel(), np.repeat(lowest, 3))
-        np.minimum.at(hooked, labels, hooked.copy())
-        hooked = hooked[hooked]
-        if np.array_equal(hooked, labels):
-            return labels
-        labels = hooked
-
-
-def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    """Volume within a closed mesh [m^3]; negative if its triangles run clockwise from outside."""
-    corners = vertices[triangles] - vertices.mean(axis=0)
-    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
-
-
-def _compact(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices at the same place, drop triangles that have a vertex twice and vertices that no triangle uses."""
-    merged, new_index = np.unique(vertices, axis=0, return_inverse=True)
-    triangles = new_index.reshape(-1)[triangles]
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    used, triangles = np.unique(triangles, return_inverse=True)
-    return merged[used], triangles.reshape(-1, 3)
 
 
 def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -193,7 +165,10 @@ def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
     forward, backward = _edge_counts(triangles)
     if not ((forward == 1) & (backward == 1)).all():
         return None
-    if len(np.unique(pieces(len(vertices), triangles))) > 1 or _deepest_dent(vertices, triangles) > _CONVEX * size:
+    if (
+        len(np.unique(connected_pieces(len(vertices), triangles))) > 1
+        or _deepest_dent(vertices, triangles) > _CONVEX * size
+    ):
         return None
     points = coal.StdVec_Vec3s()
     for vertex in vertices:

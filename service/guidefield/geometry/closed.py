@@ -1,0 +1,89 @@
+"""Closed surfaces of triangles: vertices merged, gaps found and closed, pieces told apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.geometry.surfaces import Floats, Integers
+
+
+def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, Integers]:
+    """Merge vertices at the same place, and leave out what is too much then.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+
+    Returns:
+        Vertices that triangles use; triangles with three different ones; which of the given ones each is.
+
+    Raises:
+        ValueError: if a vertex is not finite.
+    """
+    vertices = np.asarray(vertices, dtype=np.float64) + 0.0  # so that 0 and -0 are the same place
+    if not np.isfinite(vertices).all():
+        raise ValueError("`vertices` must be finite")
+    merged, index = np.unique(vertices, axis=0, return_inverse=True)
+    corners = index.reshape(-1)[np.asarray(triangles, dtype=np.int64).reshape(-1, 3)]
+    a, b, c = corners.T
+    kept = np.flatnonzero((a != b) & (b != c) & (c != a))
+    used, corners = np.unique(corners[kept], return_inverse=True)
+    return merged[used], corners.reshape(-1, 3).astype(np.int64), kept
+
+
+def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float]:
+    """Triangles that close a surface: a fan for each connected part of its boundary.
+
+    The boundary are the edges that are run through more often in one direction than in the other. It has no boundary
+    itself: what comes to a vertex leaves it. So the sides of a fan cancel, whatever its apex.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3), each with three different vertices.
+
+    Returns:
+        The lids, shape (n, 3), and the largest extent of a part of the boundary [m]; 0 if the surface is closed.
+    """
+    edges = _boundary(triangles, len(vertices))
+    if not len(edges):
+        return np.empty((0, 3), np.int64), 0.0
+    used, local = np.unique(edges, return_inverse=True)
+    labels = connected_pieces(len(used), local.reshape(-1, 2))
+    fans = np.column_stack([used[labels[local.reshape(-1, 2)[:, 0]]], edges[:, 1], edges[:, 0]])
+    low, high = np.full((len(used), 3), np.inf), np.full((len(used), 3), -np.inf)
+    np.minimum.at(low, labels, vertices[used])
+    np.maximum.at(high, labels, vertices[used])
+    parts = np.unique(labels)
+    extent = float(np.linalg.norm(high[parts] - low[parts], axis=1).max())
+    return fans[(fans[:, 0] != fans[:, 1]) & (fans[:, 0] != fans[:, 2])], extent
+
+
+def connected_pieces(count: int, simplices: Integers) -> Integers:
+    """For each of `count` vertices the lowest one that edges or triangles (n, k) connect it to, shape (count,)."""
+    labels = np.arange(count)
+    while True:
+        lower = labels.copy()
+        np.minimum.at(lower, simplices.ravel(), np.repeat(labels[simplices].min(axis=1), simplices.shape[1]))
+        np.minimum.at(lower, labels, lower.copy())
+        lower = lower[lower]
+        if np.array_equal(lower, labels):
+            return labels
+        labels = lower
+
+
+def volume(vertices: Floats, triangles: Integers) -> float:
+    """Volume within a closed surface [m^3]; negative if its triangles run clockwise from outside."""
+    corners = vertices[triangles] - vertices.mean(axis=0)
+    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
+
+
+def _boundary(triangles: Integers, vertex_count: int) -> Integers:
+    """Edges (n, 2) of the boundary, as often as they are run through more this way than the other."""
+    start = triangles.ravel()
+    end = np.roll(triangles, -1, axis=1).ravel()
+    edges, index = np.unique(np.minimum(start, end) * vertex_count + np.maximum(start, end), return_inverse=True)
+    surplus = np.bincount(index.reshape(-1), weights=np.where(start < end, 1.0, -1.0)).astype(np.int64)
+    low, high = np.divmod(edges, vertex_count)
+    forward = np.where(surplus > 0, low, high), np.where(surplus > 0, high, low)
+    boundary: Integers = np.repeat(np.column_stack(forward), np.abs(surplus), axis=0)
+    return boundary
