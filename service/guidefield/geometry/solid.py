@@ -1,0 +1,164 @@
+"""The body that a surface of triangles bounds, and how deep a point is in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.geometry.box_tree import box_tree
+from guidefield.geometry.closed import closing_lids, compact, connected_pieces, volume
+from guidefield.geometry.pseudonormals import pseudonormals
+from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
+from guidefield.kernels.inscribed import depths_at, distances_at
+from guidefield.kernels.ray_winding import windings_at
+from guidefield.kernels.triangle_distance import SurfaceTables
+
+_SLIVER = 1e-12
+"""Twice the area of a triangle over its longest edge's square, below which it is a line that its neighbours share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A body: the union of the solids that closed pieces of a surface bound; of an open surface, the surface alone.
+
+    Attributes:
+        surface: Distinct vertices; the triangles, those of one solid together, counter-clockwise from outside.
+        owners: For each triangle, which solid's it is, shape (t,).
+        given: For each triangle, which of those that were given it is, shape (t,); -1 for a lid, which closes a gap.
+        closed: Whether it has an inside.
+        tables: The triangles with an area as the distance kernels read them.
+        spans: Where the tree of each solid stands in the tables, shape (k, 4).
+    """
+
+    surface: Surface
+    owners: Integers
+    given: Integers
+    closed: bool
+    tables: SurfaceTables
+    spans: Integers
+
+    @property
+    def area(self) -> float:
+        """Area of the surface [m^2]."""
+        a, b, c = np.moveaxis(self.surface.corners, 1, 0)
+        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+    @property
+    def lids(self) -> int:
+        """How many triangles close gaps."""
+        return int((self.given < 0).sum())
+
+    def depths(self, points: Floats) -> Floats:
+        """Depths (n,) of points (n, 3) [m]: radius of a ball about each within the body; minus the distance outside.
+
+        Where solids overlap, a larger ball may be within their union.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        depths = np.empty(len(points))
+        if self.closed:
+            depths_at(points, self.tables, self.spans, depths)
+            return depths
+        return -self.distances(points)
+
+    def distances(self, points: Floats) -> Floats:
+        """Distances (n,) of points (n, 3) to the surface, from inside or outside [m]."""
+        distances = np.empty(len(points))
+        distances_at(np.ascontiguousarray(points, dtype=np.float64), self.tables, self.spans, distances)
+        return distances
+
+
+def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Solid:
+    """The body that triangles bound.
+
+    A surface is closed if every edge is run through as often in one direction as in the other. Meshes come with cracks:
+    gaps of limited extent are closed by lids. A piece that encloses a negative volume is a hollow of the solid that it
+    lies in; in none, it is a solid turned inside out, and turned back.
+
+    Args:
+        vertices: Shape (v, 3) [m]; those at the same place become one.
+        triangles: Shape (t, 3).
+        widest_gap: Largest extent of a gap that is closed [m].
+
+    Raises:
+        ValueError: if there is no triangle with an area, or a vertex is not finite.
+    """
+    vertices, triangles, given = compact(vertices, triangles)
+    across = _with_area(vertices, triangles)
+    if not across.any():
+        raise ValueError("a surface needs a triangle with an area")
+    lids, widest = closing_lids(vertices, triangles)
+    closed = widest <= widest_gap
+    owners = np.zeros(len(triangles), np.int64)
+    if closed:
+        triangles = np.concatenate([triangles, lids])
+        given = np.concatenate([given, np.full(len(lids), -1)])
+        triangles, owners = _solids(vertices, triangles)
+        order = np.argsort(owners, kind="stable")
+        triangles, given, owners = triangles[order], given[order], owners[order]
+    for array in (owners, given):
+        array.setflags(write=False)
+    tables, spans = _tables(vertices, triangles, owners)
+    return Solid(surface(vertices, triangles), owners, given, closed, tables, spans)
+
+
+def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
+    """Triangles, those of a solid counter-clockwise from outside, and for each the solid it belongs to."""
+    if volume(vertices, triangles) < 0.0:
+        triangles = triangles[:, ::-1]
+    _, piece = np.unique(connected_pieces(len(vertices), triangles)[triangles[:, 0]], return_inverse=True)
+    piece = piece.reshape(-1)
+    volumes = [volume(vertices, triangles[piece == k]) for k in range(int(piece.max()) + 1)]
+    solids = [k for k, enclosed in enumerate(volumes) if enclosed > 0.0]
+    owner = np.arange(len(volumes))
+    for k, enclosed in enumerate(volumes):
+        if enclosed < 0.0:
+            around = [s for s in solids if _lies_in(vertices, triangles[piece == k], triangles[piece == s])]
+            if around:
+                owner[k] = min(around, key=lambda s: volumes[s])
+            else:
+                triangles[piece == k] = triangles[piece == k][:, ::-1]
+    _, owners = np.unique(owner[piece], return_inverse=True)
+    return np.ascontiguousarray(triangles), owners.reshape(-1).astype(np.int64)
+
+
+def _lies_in(vertices: Floats, inner: Integers, outer: Integers) -> bool:
+    """Whether a piece of a closed surface, which doesn't cross another, lies within it."""
+    if not _with_area(vertices, outer).any():
+        return False
+    point = np.ascontiguousarray(vertices[inner[0]].mean(axis=0)[None])
+    tables, spans = _tables(vertices, outer, np.zeros(len(outer), np.int64))
+    winding = np.empty(1, np.int64)
+    windings_at(point, tables, tuple(spans[0].tolist()), winding)
+    return bool(winding[0] > 0)
+
+
+def _with_area(vertices: Floats, triangles: Integers) -> np.ndarray:
+    """Which triangles are more than a line, shape (t,)."""
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    across = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    longest = np.maximum.reduce([np.linalg.norm(edge, axis=1) for edge in (b - a, c - b, a - c)])
+    wide: np.ndarray = across > _SLIVER * longest**2
+    return wide
+
+
+def _tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:
+    """The triangles with an area as the kernels read them, each owner's in a tree, and where the trees stand."""
+    wide = _with_area(vertices, triangles)
+    triangles, owners = triangles[wide], owners[wide]
+    nodes, corners, normals, spans = [], [], [], []
+    node = first = 0
+    for owner in np.unique(owners):
+        own = triangles[owners == owner]
+        a, b, c = np.moveaxis(vertices[own], 1, 0)
+        tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+        nodes.append(tree.nodes)
+        corners.append(np.hstack([a, b - a, c - a])[tree.order])
+        normals.append(pseudonormals(vertices, own)[tree.order])
+        spans.append((node, tree.leaves, first, len(own)))
+        node, first = node + len(tree.nodes), first + len(own)
+    arrays = [np.ascontiguousarray(np.concatenate(rows)) for rows in (nodes, corners, normals)]
+    where = np.array(spans, np.int64)
+    for array in (*arrays, where):
+        array.setflags(write=False)
+    return SurfaceTables(*arrays), where
