@@ -1,0 +1,151 @@
+"""Covers of boxes, cylinders, capsules and spheres, in the shape's own frame: rows and grids of equal balls.
+
+Where balls in a row or a grid leave the shape too far, or are many, the surface is covered like any other; what takes
+fewer balls is kept. All raise ValueError if the overhang is so small for the shape that there might be very many balls.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.cover import MOST_BALLS, Cover, assembled, cover
+from guidefield.geometry.solid import solid
+from guidefield.geometry.surfaces import Floats, Integers
+
+FEW = 8
+"""A grid of so few balls isn't compared with anything."""
+
+_MOST_ALONG, _MOST_IN_GRID = 64, 512
+
+_ROUNDING = 1.0 + 1e-12
+
+_PRISM_EXCESS = 0.01
+"""By how much the prism around a cylinder may leave it, as a share of delta."""
+
+
+def cover_sphere(radius: float) -> Cover:
+    """Cover of a sphere: itself."""
+    return _direct(np.zeros((1, 3)), radius, np.array([radius]), radius)
+
+
+def cover_capsule(radius: float, length: float, delta: float) -> Cover:
+    """Cover of a capsule along z.
+
+    Args:
+        radius: Radius [m].
+        length: Length of its straight part [m].
+        delta: Largest overhang [m].
+    """
+    half = 0.5 * length
+    # a ball that overhangs by delta reaches so far along the straight part; the ends' centres lie delta within it
+    reach = np.sqrt(2.0 * radius * delta + delta * delta)
+    count = 1 if half <= delta else 1 + _in_row((half - delta) / reach)
+    overhang = half if count == 1 else _least_overhang(radius, half, count, delta)
+    ends = half - min(overhang, half)
+    centres = np.zeros((count, 3))
+    centres[:, 2] = np.linspace(-ends, ends, count)
+    return _direct(centres, radius + overhang, np.full(count, radius), half + radius)
+
+
+def cover_cylinder(radius: float, length: float, delta: float) -> Cover:
+    """Cover of a cylinder with flat ends along z.
+
+    Args:
+        radius: Radius [m].
+        length: Length [m].
+        delta: Largest overhang [m].
+    """
+    count = _in_row(0.5 * length / np.sqrt(2.0 * radius * delta + delta * delta))
+    half = 0.5 * length / count
+    ball = float(np.hypot(radius, half))
+    bound = float(np.hypot(radius, 0.5 * length))
+    if ball <= delta + min(radius, half):
+        centres = np.zeros((count, 3))
+        centres[:, 2] = half * (2.0 * np.arange(count) + 1.0 - count)
+        return _direct(centres, ball, np.minimum(radius, 0.5 * length - np.abs(centres[:, 2])), bound)
+    sides = int(np.ceil(np.pi / np.arccos(radius / (radius + _PRISM_EXCESS * delta))))
+    prism = solid(*surfaces.cylinder(radius, length, max(sides, 12)))
+    around = cover(prism, (1.0 - _PRISM_EXCESS) * delta).spheres
+    return _indirect(around, _depth_in_cylinder(around[:, :3], radius, 0.5 * length), bound)
+
+
+def cover_box(size: ArrayLike, delta: float) -> Cover:
+    """Cover of a box about the origin; `size` is its full extents, shape (3,) [m], `delta` the largest overhang [m]."""
+    half = 0.5 * np.asarray(size, dtype=np.float64)
+    counts = _fewest_cells(half, delta)
+    grid = None
+    if counts is not None:
+        cell = half / counts
+        axes = [cell[k] * (2.0 * np.arange(counts[k]) + 1.0 - counts[k]) for k in range(3)]
+        centres = np.array(list(product(*axes)))
+        depths = (half - np.abs(centres)).min(axis=1)
+        grid = _direct(centres, float(np.linalg.norm(cell)), depths, float(np.linalg.norm(half)))
+        if len(centres) <= FEW:
+            return grid
+    around = cover(solid(*surfaces.box(2.0 * half)), delta).spheres
+    if grid is not None and len(grid.spheres) <= len(around):
+        return grid
+    return _indirect(around, (half - np.abs(around[:, :3])).min(axis=1), float(np.linalg.norm(half)))
+
+
+_NOTHING = np.empty(0, np.int64), np.empty(0, np.int64)
+
+
+def _direct(centres: Floats, radius: float, depths: Floats, bound: float) -> Cover:
+    """Equal balls about centres of those depths, and a ball about the origin that contains the shape."""
+    return _indirect(np.column_stack([centres, np.full(len(centres), radius * _ROUNDING)]), depths, bound)
+
+
+def _indirect(balls: Floats, depths: Floats, bound: float) -> Cover:
+    """Balls about centres of those depths, and a ball about the origin that contains the shape."""
+    return assembled(balls, depths, np.array([0.0, 0.0, 0.0, bound * _ROUNDING]), _NOTHING, solid=True)
+
+
+def _in_row(count: float) -> int:
+    """So many balls, rounded up."""
+    if not count < MOST_BALLS:
+        raise ValueError(f"{count:.3g} balls in a row are too many: a larger overhang takes fewer")
+    return int(np.ceil(count))
+
+
+def _least_overhang(radius: float, half: float, count: int, delta: float) -> float:
+    """The least overhang, at most delta, with which that many balls cover a capsule, by bisection."""
+    low, high = 0.0, delta
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        spacing = 2.0 * (half - middle) / (count - 1)
+        enough = 0.25 * spacing * spacing <= 2.0 * radius * middle + middle * middle
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def _fewest_cells(half: Floats, delta: float) -> Integers | None:
+    """Into how many equal cells to divide a box along its axes so that their balls overhang by at most delta.
+
+    A ball about a cell overhangs by its radius less the least half extent, in the corner of the box; None if it takes
+    too many.
+    """
+    most = np.clip(np.ceil(np.sqrt(3.0) * half / delta), 1, _MOST_ALONG).astype(int)
+    counts = np.stack(np.meshgrid(*(np.arange(1, n + 1) for n in most), indexing="ij"), axis=-1)
+    counts = counts.reshape(-1, 3)
+    counts = counts[counts.prod(axis=1) <= _MOST_IN_GRID]
+    cells = half / counts
+    fits = np.linalg.norm(cells, axis=1) <= delta + cells.min(axis=1)
+    if not fits.any():
+        return None
+    fitting = counts[fits]
+    chosen: Integers = fitting[int(fitting.prod(axis=1).argmin())]
+    return chosen
+
+
+def _depth_in_cylinder(points: Floats, radius: float, half: float) -> Floats:
+    """Depths (n,) of points in a cylinder along z [m]; negative outside."""
+    side = radius - np.linalg.norm(points[:, :2], axis=1)
+    end = half - np.abs(points[:, 2])
+    outside = np.hypot(np.minimum(side, 0.0), np.minimum(end, 0.0))
+    depths: Floats = np.where((side >= 0.0) & (end >= 0.0), np.minimum(side, end), -outside)
+    return depths

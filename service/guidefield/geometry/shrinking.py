@@ -1,0 +1,67 @@
+"""Balls that contain elements together, each made as small as what it has to contain allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.geometry.elements import Elements, blocks
+from guidefield.geometry.solid import Solid
+from guidefield.geometry.surfaces import Floats, Integers
+from guidefield.kernels.ball_cover import reaches
+from guidefield.kernels.enclosing_ball import smallest_ball
+
+MOVES = (1.0, 0.5, 0.25)
+"""Shares of the way to the centre of the smallest ball about its elements that a ball's centre is tried to move."""
+
+EASE = 0.1
+"""Least overhang of a ball, as a share of delta.
+
+One that fits a surface closely all over would make the proof for the inside look at very many very small cells.
+"""
+
+
+def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin: float) -> tuple[Floats, Integers]:
+    """Balls that contain all elements by a margin, no larger than they have to be.
+
+    Args:
+        body: The body that the elements are of.
+        balls: Balls that contain all elements by the margin, and leave the body by at most `delta`; shape (n, 4) [m].
+        elements: What has to be contained.
+        delta: Largest overhang [m].
+        margin: By how much [m].
+
+    Returns:
+        Balls that leave the body by no more, without those that nothing is left for, shape (m, 4); for each element the
+        ball that contains it.
+    """
+    radii, owners = np.empty(len(balls)), np.empty(len(elements.bounds), np.int64)
+    reduced = np.column_stack([balls[:, :3], balls[:, 3] - margin])
+    reaches(reduced, elements.points, elements.first_point, elements.bounds, blocks(elements), radii, owners)
+    kept, owners = np.unique(owners, return_inverse=True)
+    owners = owners.reshape(-1)
+    small = np.column_stack([balls[kept, :3], radii[kept] + margin])
+    small = _recentred(body, small, elements, owners, delta, margin)
+    small[:, 3] = np.maximum(small[:, 3], body.depths(small[:, :3]) + EASE * delta)
+    return small, owners
+
+
+def _recentred(body: Solid, balls: Floats, elements: Elements, owners: Integers, delta: float, margin: float) -> Floats:
+    """Balls moved towards the smallest about what they own, where that makes them smaller and keeps the overhang."""
+    counts = 3 * np.diff(elements.first)
+    order = np.argsort(np.repeat(owners, counts), kind="stable")
+    owned = np.split(elements.points[order], np.cumsum(np.bincount(owners, weights=counts).astype(np.int64))[:-1])
+    targets = np.empty((len(balls), 4))
+    for ball, points in enumerate(owned):
+        smallest_ball(np.ascontiguousarray(points), targets[ball])
+    result = balls.copy()
+    for share in MOVES:
+        centres = balls[:, :3] + share * (targets[:, :3] - balls[:, :3])
+        radii = np.array([_reach(points, centre) for points, centre in zip(owned, centres, strict=True)]) + margin
+        better = (radii < result[:, 3]) & (radii <= body.depths(centres) + delta)
+        result[better] = np.column_stack([centres, radii])[better]
+    return result
+
+
+def _reach(points: Floats, centre: Floats) -> float:
+    offsets = points - centre
+    return float(np.sqrt((offsets * offsets).sum(axis=1).max()))

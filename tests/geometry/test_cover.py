@@ -1,0 +1,128 @@
+"""Covers contain bodies and keep their overhang, by plain distances and dense sampling."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.cover import Cover, cover
+from guidefield.geometry.solid import solid
+from tests.geometry import solids
+
+ROUNDING = 1e-12
+
+BODIES = {
+    "box": (solids.lying(solids.box((0.05, 0.08, 0.12))), 0.01),
+    "thin plate": (solids.box((0.1, 0.08, 0.001)), 0.01),
+    "needle": (solids.box((0.2, 0.002, 0.003)), 0.01),
+    "ring": (solids.lying(solids.torus()), 0.01),
+    "channel": (solids.channel(), 0.008),
+    "hollow": (solids.hollow(), 0.02),
+    "overlapping": (solids.overlapping(), 0.01),
+    "inside out": (solids.turned(solids.channel()), 0.015),
+    "cracked": (solids.cracked(), 0.01),
+    "large overhang": (solids.box((0.05, 0.08, 0.12)), 0.3),
+    "fine mesh": (tuple(surfaces.sphere(0.05, 3)), 0.01),
+    "bowl": (solids.lying(solids.bowl()), 0.015),
+    "two-sided sheet": (solids.together(solids.bowl(), solids.turned(solids.bowl())), 0.015),
+}
+
+bodies = pytest.mark.parametrize("name", BODIES)
+
+
+@functools.cache
+def covered(name: str) -> tuple[solids.Mesh, float, Cover]:
+    mesh, delta = BODIES[name]
+    return mesh, delta, cover(solid(*mesh, widest_gap=0.02), delta)
+
+
+@bodies
+def test_the_surface_is_contained(name: str) -> None:
+    mesh, _, balls = covered(name)
+    points = solids.on_surface(mesh, 4_000, np.random.default_rng(0))
+    assert solids.in_balls(points, balls.spheres).all()
+
+
+@bodies
+def test_the_inside_is_contained(name: str) -> None:
+    mesh, _, balls = covered(name)
+    assert balls.solid == (name != "bowl")
+    points = solids.in_box_of(mesh, 5_000, np.random.default_rng(1))
+    inside = points[np.abs(solids.winding(points, mesh)) > 0.5]
+    if name not in ("bowl", "two-sided sheet"):
+        assert len(inside) > 100
+        assert solids.in_balls(inside, balls.spheres).all()
+
+
+@bodies
+def test_no_ball_leaves_the_body_by_more_than_said(name: str) -> None:
+    mesh, delta, balls = covered(name)
+    assert balls.overhang <= delta
+    points = solids.around(balls.spheres, max(20, 1500 // len(balls.spheres)), np.random.default_rng(2))
+    flat = points.reshape(-1, 3)
+    beyond = np.where(np.abs(solids.winding(flat, mesh)) > 0.5, 0.0, solids.distance(flat, mesh))
+    if name == "cracked":
+        # a lid may lie off the surface; the overhang is over the closed surface, here a little less than a ball
+        beyond = np.maximum(np.linalg.norm(flat, axis=1) - 0.06, 0.0)
+    assert (beyond.reshape(len(balls.spheres), -1).max(axis=1) <= balls.overhangs + ROUNDING).all()
+
+
+@bodies
+def test_levels_above_contain_what_is_below(name: str) -> None:
+    mesh, _, balls = covered(name)
+    assert balls.first[0] == 0
+    assert balls.first[-1] == len(balls.spheres)
+    assert (np.diff(balls.first) >= 1).all()
+    assert (np.diff(balls.first) <= 8).all()
+    for group, (first, last) in zip(balls.groups, zip(balls.first, balls.first[1:], strict=False), strict=True):
+        own = balls.spheres[first:last]
+        assert (np.linalg.norm(own[:, :3] - group[:3], axis=1) + own[:, 3] <= group[3] + ROUNDING).all()
+    assert (np.linalg.norm(mesh[0][mesh[1]] - balls.bound[:3], axis=2) <= balls.bound[3]).all()
+
+
+@bodies
+def test_every_triangle_is_contained_in_the_spheres_that_answer_for_it(name: str) -> None:
+    mesh, _, balls = covered(name)
+    assert set(balls.triangles.tolist()) == set(range(len(mesh[1])))
+    owners = np.repeat(np.arange(len(balls.spheres)), np.diff(balls.first_triangle))
+    rng = np.random.default_rng(3)
+    for triangle in rng.choice(len(mesh[1]), min(60, len(mesh[1])), replace=False):
+        points = rng.dirichlet(np.ones(3), 200) @ mesh[0][mesh[1][triangle]]
+        assert solids.in_balls(points, balls.spheres[owners[balls.triangles == triangle]]).all()
+
+
+def test_less_overhang_takes_more_balls() -> None:
+    body = solid(*solids.torus())
+    counts = [len(cover(body, delta).spheres) for delta in (0.03, 0.015, 0.007)]
+    assert counts == sorted(set(counts))
+    # a row around the ring, as wide as the ring and as much more as is allowed
+    assert counts[1] <= 14
+
+
+def test_a_ball_needs_hardly_more_than_one() -> None:
+    body = solid(*surfaces.sphere(0.1, 3))
+    found = cover(body, 0.01)
+    assert len(found.spheres) == 1
+    assert found.spheres[0, 3] < 0.103
+
+
+def test_the_same_body_gives_the_same_balls() -> None:
+    mesh, delta = BODIES["channel"]
+    first, second = (cover(solid(*mesh), delta) for _ in range(2))
+    for name in ("spheres", "overhangs", "groups", "first", "bound", "triangles", "first_triangle"):
+        assert (getattr(first, name) == getattr(second, name)).all()
+        assert not getattr(first, name).flags.writeable
+
+
+@pytest.mark.parametrize("delta", [0.0, -0.01, np.nan, np.inf])
+def test_delta_must_be_positive(delta: float) -> None:
+    with pytest.raises(ValueError, match="delta"):
+        cover(solid(*solids.channel()), delta)
+
+
+def test_what_takes_too_many_balls_is_refused() -> None:
+    with pytest.raises(ValueError, match="too many balls"):
+        cover(solid(*solids.box((10.0, 10.0, 10.0))), 0.001)
