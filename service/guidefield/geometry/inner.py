@@ -1,0 +1,121 @@
+"""A few balls that are inside of a body for certain, and fill much of it: what touches one touches the body."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from guidefield.geometry.elements import Pieces, bisected, gathered
+from guidefield.geometry.medial import medial_balls
+from guidefield.geometry.solid import Solid
+from guidefield.geometry.surfaces import Floats
+
+MOST = 8
+"""Most balls of a body."""
+
+SAFETY = 1e-6
+"""By how much a ball is smaller than the depth of its centre, so that it is inside whatever rounding does [m]."""
+
+LEAST_RADIUS = 1e-3
+"""Smaller balls aren't worth looking at [m]."""
+
+RESOLUTION = 0.01
+"""Of candidates closer than this one is looked at, as a share of the body's extent."""
+
+SLACK = 0.02
+"""By how much candidates may miss the surface that they were grown from, as a share of the body's extent."""
+
+STEPS = 16
+"""Moves of a chosen ball to where it is deeper."""
+
+CANDIDATES = 600
+SAMPLES = 2000
+"""About how many points of a grid within the body stand for its volume."""
+
+_MOST_ALONG = 64
+"""Most of them in a row: a flat body must not get very many."""
+
+
+def inner_balls(body: Solid) -> Floats:
+    """Balls inside a body: centre and radius, shape (n, 4) [m], the one that fills most first.
+
+    There are none in an open surface, not even if it was closed by lids: what is inside may not touch it. Nor are there
+    any in a body that is flat. The same body gives the same balls.
+    """
+    if not body.closed or body.lids:
+        return _frozen(np.empty((0, 4)))
+    low, high = body.surface.vertices.min(axis=0), body.surface.vertices.max(axis=0)
+    corners = body.surface.corners
+    size = float(np.sqrt(4.0 * body.area / CANDIDATES))
+    elements = gathered(bisected(Pieces(corners, np.arange(len(corners))), size), size)
+    extent = float((high - low).max())
+    balls = medial_balls(body, elements, CANDIDATES, RESOLUTION * extent, SLACK * extent)
+    balls[:, 3] -= SAFETY
+    samples = _grid(low, high)
+    samples = samples[body.depths(samples) > 0.0]
+    balls = balls[balls[:, 3] >= LEAST_RADIUS]
+    if not len(balls) or not len(samples):
+        return _frozen(np.empty((0, 4)))
+    return _frozen(_most_filling(body, balls, samples, RESOLUTION * extent))
+
+
+def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> Floats:
+    """At most `MOST` balls, each the one that fills most that those before it don't, moved to where it is deeper."""
+    filled = _holds(balls, samples).astype(np.float32)
+    missing = np.ones(len(samples), np.float32)
+    chosen: list[Floats] = []
+    while len(chosen) < MOST:
+        gains = filled @ missing
+        best = int(gains.argmax())
+        if gains[best] == 0.0:
+            break
+        ball = _deeper(body, balls[best], step)
+        fills = _holds(ball[None], samples)[0]
+        if fills @ missing < gains[best]:
+            ball, fills = balls[best], filled[best] > 0.0
+        chosen.append(ball)
+        missing[fills] = 0.0
+    return np.array(chosen)
+
+
+def _holds(balls: Floats, samples: Floats) -> np.ndarray:
+    """Which ball (n, 4) contains which sample (m, 3), shape (n, m)."""
+    middle = samples.mean(axis=0)
+    centres, points = balls[:, :3] - middle, samples - middle
+    squares = (centres * centres).sum(axis=1)[:, None] + (points * points).sum(axis=1) - 2.0 * centres @ points.T
+    holds: np.ndarray = squares <= balls[:, 3:] ** 2
+    return holds
+
+
+def _deeper(body: Solid, ball: Floats, step: float) -> Floats:
+    """A ball moved along edges and diagonals of a cube, by smaller and smaller steps, while that makes it larger."""
+    centre, radius = ball[:3], float(ball[3])
+    for _ in range(STEPS):
+        trials = centre + step * _WAYS
+        radii = body.depths(trials) - SAFETY
+        best = int(radii.argmax())
+        if radii[best] > radius:
+            centre, radius = trials[best], float(radii[best])
+        else:
+            step *= 0.5
+    return np.append(centre, radius)
+
+
+_WAYS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+
+
+def _grid(low: Floats, high: Floats) -> Floats:
+    """About `SAMPLES` points of a cubic grid in a box, in the middles of its cells."""
+    extents = np.maximum(high - low, 1e-9)
+    step = float(np.cbrt(np.prod(extents) / SAMPLES))
+    counts = np.clip(np.ceil(extents / step), 1, _MOST_ALONG).astype(int)
+    axes = [low[k] + (np.arange(counts[k]) + 0.5) * extents[k] / counts[k] for k in range(3)]
+    grid: Floats = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid
+
+
+def _frozen(balls: Floats) -> Floats:
+    balls = np.ascontiguousarray(balls)
+    balls.setflags(write=False)
+    return balls

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.solid import solid
+from tests.geometry import solids
+
+BODIES = {
+    "box": solids.lying(solids.box((0.05, 0.08, 0.12))),
+    "ring": solids.lying(solids.torus()),
+    "channel": solids.channel(),
+    "hollow": solids.hollow(),
+    "overlapping": solids.overlapping(),
+    "inside out": solids.turned(solids.channel()),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_balls_are_inside_and_fill_much(name: str) -> None:
+    mesh = BODIES[name]
+    balls = inner_balls(solid(*mesh))
+    assert 4 <= len(balls) <= 8
+    assert not balls.flags.writeable
+    assert (np.abs(solids.winding(balls[:, :3], mesh)) > 0.5).all()
+    rng = np.random.default_rng(0)
+    on_balls = solids.around(balls, 500, rng).reshape(-1, 3)
+    assert (np.abs(solids.winding(on_balls, mesh)) > 0.5).all()
+    points = solids.in_box_of(mesh, 5000, rng)
+    inside = points[np.abs(solids.winding(points, mesh)) > 0.5]
+    assert solids.in_balls(inside, balls).mean() > (0.4 if name == "ring" else 0.2)
+
+
+@pytest.mark.parametrize("mesh", [solids.torus(), solids.channel(), solids.hollow()], ids=["ring", "channel", "hollow"])
+def test_balls_are_as_far_from_the_surface_as_they_are_large(mesh: solids.Mesh) -> None:
+    balls = inner_balls(solid(*mesh))
+    assert (balls[:, 3] < solids.distance(balls[:, :3], mesh)).all()
+
+
+def test_a_channel_is_filled_beside_its_opening() -> None:
+    mesh = solids.channel()
+    balls = inner_balls(solid(*mesh))
+    middle = np.random.default_rng(1).uniform([0.0205, 0.0205, 0.0], [0.0595, 0.07, 0.05], (2000, 3))
+    assert not solids.in_balls(middle, balls).any()
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [solids.bowl(), solids.cracked(), solids.together(solids.bowl(), solids.turned(solids.bowl()))],
+    ids=["open", "cracked", "sheet"],
+)
+def test_there_are_none_where_nothing_is_known_to_be_inside(mesh: solids.Mesh) -> None:
+    assert inner_balls(solid(*mesh, widest_gap=0.02)).shape == (0, 4)
+
+
+def test_the_same_body_gives_the_same_balls() -> None:
+    first, second = (inner_balls(solid(*solids.torus())) for _ in range(2))
+    assert (first == second).all()
