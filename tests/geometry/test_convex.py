@@ -66,3 +66,10 @@ def test_known_hulls() -> None:
 def test_points_without_a_body_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="points"):
         convex_hull(points)
+
+
+def test_a_vertex_with_too_many_neighbours_is_refused() -> None:
+    angles = 2.0 * np.pi * np.arange(300) / 300
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(300)])
+    with pytest.raises(ValueError, match="neighbors"):
+        convex_hull(np.vstack([rim, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]))

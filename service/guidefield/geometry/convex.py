@@ -18,7 +18,8 @@ def convex_hull(points: Floats) -> Surface:
         points: Shape (n, 3) [m].
 
     Raises:
-        ValueError: if the points are not of that shape, not finite, or lie in a plane.
+        ValueError: if the points are not of that shape, not finite, or lie in a plane, or if a vertex has more
+            neighbours than Coal can count.
     """
     cloud = np.asarray(points, dtype=np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
@@ -27,7 +28,10 @@ def convex_hull(points: Floats) -> Surface:
         raise ValueError("`points` must be finite")
     cloud = np.unique(cloud, axis=0)
     rounded = _rounded(cloud)
-    hull = coal.Convex.convexHull(_vector(rounded), True, "Qt")
+    try:
+        hull = coal.Convex.convexHull(_vector(rounded), True, "Qt")
+    except RuntimeError as error:
+        raise ValueError(f"Coal cannot make the hull of {len(cloud)} points: {error}") from None
     index = {row.tobytes(): k for k, row in enumerate(rounded)}
     chosen = [index[vertex.tobytes()] for vertex in np.asarray(hull.points())]
     triangles = [[hull.polygons(k)[corner] for corner in range(3)] for k in range(hull.num_polygons)]

@@ -7,6 +7,11 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.solid import solid
+from guidefield.geometry.stand_off import stand_off
+from guidefield.geometry.surfaces import surface
 from guidefield.robot.model import GeometryChoice
 
 HULL_STAND_OFF = 0.005
@@ -15,9 +20,6 @@ HULL_STAND_OFF = 0.005
 The hull contains the mesh, so it is safe at any distance; where it would stand off further, free space would be lost
 (a gripper's hollow, a bent link) and the mesh itself is judged.
 """
-
-HULL_PROBES = 400
-"""Points of the hull's surface whose distance to the mesh is measured."""
 
 
 def settle(model: Any, geometry: Any) -> tuple[GeometryChoice, ...]:
@@ -45,39 +47,37 @@ def settle(model: Any, geometry: Any) -> tuple[GeometryChoice, ...]:
 def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull."""
     if isinstance(shape, coal.BVHModelBase):
-        vertices, faces = np.array(shape.vertices()), [shape.tri_indices(i) for i in range(shape.num_tris)]
+        vertices, faces = np.array(shape.vertices()), (shape.tri_indices(i) for i in range(shape.num_tris))
     else:
-        vertices, faces = np.array(shape.points()), [shape.polygons(i) for i in range(shape.num_polygons)]
+        vertices, faces = np.array(shape.points()), (shape.polygons(i) for i in range(shape.num_polygons))
     return vertices, np.array([(face[0], face[1], face[2]) for face in faces])
 
 
 def _settled(mesh: Any) -> tuple[Any, str, float]:
     """The shape that a mesh is judged as, what that is, and how far it stands off."""
-    try:
-        mesh.buildConvexHull(True, "Qt")
-    except RuntimeError:  # a flat mesh has no hull with a volume
+    vertices, triangles = triangulation(mesh)
+    found = remembered("hull", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles))
+    (distance,) = found["stand_off"].tolist()
+    if distance > HULL_STAND_OFF:
         return mesh, "triangle mesh", 0.0
-    hull = mesh.convex
-    stand_off = _stand_off(hull, mesh)
-    if stand_off <= HULL_STAND_OFF:
-        return hull, "convex hull", stand_off
-    return mesh, "triangle mesh", 0.0
+    return _convex(found["vertices"], found["triangles"]), "convex hull", distance
 
 
-def _stand_off(hull: Any, mesh: Any) -> float:
-    """Largest distance from points on the hull's facets to the mesh [m]."""
-    vertices, triangles = triangulation(hull)
-    corners = vertices[triangles]
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    widest = np.argsort(areas)[::-1]  # a far stand-off needs a wide facet: probe the widest ones best
-    share = np.maximum(1, np.round(HULL_PROBES * areas[widest] / areas.sum()).astype(int))
-    rng = np.random.default_rng(0)
-    probe, here, nowhere = coal.Sphere(1e-9), coal.Transform3s.Identity(), coal.Transform3s.Identity()
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    largest = 0.0
-    for triangle, count in zip(corners[widest][:HULL_PROBES], share[:HULL_PROBES], strict=True):
-        for weights in [np.full(3, 1 / 3), *rng.dirichlet(np.ones(3), int(count) - 1)]:
-            here.setTranslation(weights @ triangle)
-            result.clear()
-            largest = max(largest, coal.distance(probe, here, mesh, nowhere, request, result))
-    return float(largest)
+def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
+    """Hull of a mesh, and how far it stands off: infinitely far where there is none."""
+    try:
+        hull = convex_hull(vertices)
+        distance = stand_off(hull, solid(vertices, triangles))
+    except ValueError:  # the mesh is flat, or too fine for Coal
+        hull, distance = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf
+    return {"vertices": hull.vertices, "triangles": hull.triangles, "stand_off": np.array([distance])}
+
+
+def _convex(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+    """A hull as Coal's shape."""
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in vertices:
+        points.append(vertex)
+    for corners in triangles.tolist():
+        faces.append(coal.Triangle(*corners))
+    return coal.Convex(points, faces)
