@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry import surfaces
+from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
 from guidefield.geometry.convex import convex_hull
@@ -85,17 +86,30 @@ _SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
 
 
 def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> ChargedShape:
+    inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array(spacing)}
+    found = remembered("charges", inputs, lambda: _found(vertices, triangles, spacing))
+    (radius,) = found["radius"].tolist()
+    p0, p1 = found["axis"]
+    return ChargedShape(found["points"], found["weights"], Capsule(p0, p1, radius))
+
+
+def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Arrays:
     capsule = fit_capsule(_hull_vertices(vertices))
     # a thin edge must not slip between the points of a thin link
     points: SurfacePoints = surface_points(vertices, triangles, min(spacing, 2.0 * capsule.radius))
-    return ChargedShape(points.points, points.weights, capsule)
+    return {
+        "points": points.points,
+        "weights": points.weights,
+        "axis": np.array([capsule.p0, capsule.p1]),
+        "radius": np.array([capsule.radius]),
+    }
 
 
 def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
-    """The vertices that decide what contains a shape; all of them where it is flat."""
+    """The vertices that decide what contains a shape; all of them where it has no hull."""
     try:
         return convex_hull(vertices).vertices
-    except ValueError:
+    except ValueError:  # it is flat, or too fine for Coal
         return vertices
 
 
