@@ -1,0 +1,169 @@
+"""The balls of a robot's links: those that contain each collision shape, and those inside of it."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+
+from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cover import Cover, cover
+from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
+from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
+from guidefield.geometry.solid import solid
+from guidefield.geometry.surfaces import Floats
+from guidefield.robot.model import RobotModel
+from guidefield.robot.shapes import triangulation
+
+DELTA = 0.015
+"""By how much covers may leave the shapes, unless told otherwise [m]."""
+
+WIDEST_GAP = 0.02
+"""Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
+
+Progress = Callable[[int, int, str], None]
+"""Told before each shape: how many are done, how many there are, its name."""
+
+
+def silent(done: int, of: int, name: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeCoverage:
+    """Balls of one collision shape, in the shape's own frame, as it is judged: primitive, hull or mesh.
+
+    Attributes:
+        cover: Balls that contain it, with the levels above them.
+        inner: Balls inside of it, shape (n, 4) [m]; none in an open mesh.
+    """
+
+    cover: Cover
+    inner: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Balls of every collision shape of a robot.
+
+    Attributes:
+        shapes: In the geometry's order.
+        delta: By how much the covers may leave the shapes [m].
+    """
+
+    shapes: tuple[ShapeCoverage, ...]
+    delta: float
+
+    @property
+    def spheres(self) -> int:
+        """How many spheres contain the robot."""
+        return sum(len(shape.cover.spheres) for shape in self.shapes)
+
+    @property
+    def inner(self) -> int:
+        """How many balls are inside of it."""
+        return sum(len(shape.inner) for shape in self.shapes)
+
+    @property
+    def overhang(self) -> float:
+        """Largest overhang of a sphere [m], at most `delta`."""
+        return max(shape.cover.overhang for shape in self.shapes)
+
+    @property
+    def mean_overhang(self) -> float:
+        """Mean overhang of the spheres [m]."""
+        return float(np.concatenate([shape.cover.overhangs for shape in self.shapes]).mean())
+
+
+def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = silent) -> Coverage:
+    """Covers and inner balls of a robot's collision shapes; computed once, and kept on disk.
+
+    Args:
+        robot: The robot.
+        delta: By how much the covers may leave the shapes [m].
+        progress: Told before each shape, if there is anything to be done.
+
+    Raises:
+        ValueError: if `delta` is not positive.
+    """
+    if not (delta > 0.0 and np.isfinite(delta)):
+        raise ValueError(f"`delta` must be positive, got {delta} m")
+    known = _known.setdefault(robot, {})
+    if delta not in known:
+        shapes = []
+        geometry = robot.geometry.geometryObjects
+        for done, shape in enumerate(geometry):
+            progress(done, len(geometry), shape.name)
+            shapes.append(_shape_coverage(shape.geometry, delta))
+        known[delta] = Coverage(tuple(shapes), delta)
+    return known[delta]
+
+
+_known: weakref.WeakKeyDictionary[RobotModel, dict[float, Coverage]] = weakref.WeakKeyDictionary()
+
+
+def _shape_coverage(shape: Any, delta: float) -> ShapeCoverage:
+    kind = next((kind for kind in _KINDS if isinstance(shape, kind)), None)
+    if kind is None:
+        raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
+    inputs, build = _KINDS[kind]
+    arrays = inputs(shape)
+    name = f"coverage-{kind.__name__.lower()}"
+    return _restored(remembered(name, {**arrays, "delta": np.array(delta)}, lambda: _stored(build(arrays, delta))))
+
+
+def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
+    body = solid(arrays["vertices"], arrays["triangles"], WIDEST_GAP)
+    return ShapeCoverage(cover(body, delta), inner_balls(body))
+
+
+def _mesh_arrays(shape: Any) -> Arrays:
+    vertices, triangles = triangulation(shape)
+    return {"vertices": vertices, "triangles": triangles}
+
+
+def _box(arrays: Arrays, delta: float) -> ShapeCoverage:
+    return ShapeCoverage(cover_box(arrays["size"], delta), inner_box(arrays["size"]))
+
+
+def _sphere(arrays: Arrays, delta: float) -> ShapeCoverage:  # noqa: ARG001 - as the others
+    radius = float(arrays["radius"])
+    return ShapeCoverage(cover_sphere(radius), inner_sphere(radius))
+
+
+def _cylinder(arrays: Arrays, delta: float) -> ShapeCoverage:
+    radius, length = arrays["size"].tolist()
+    return ShapeCoverage(cover_cylinder(radius, length, delta), inner_cylinder(radius, length))
+
+
+def _capsule(arrays: Arrays, delta: float) -> ShapeCoverage:
+    radius, length = arrays["size"].tolist()
+    return ShapeCoverage(cover_capsule(radius, length, delta), inner_capsule(radius, length))
+
+
+_KINDS: dict[type, tuple[Callable[[Any], Arrays], Callable[[Arrays, float], ShapeCoverage]]] = {
+    coal.Box: (lambda s: {"size": 2.0 * np.asarray(s.halfSide)}, _box),
+    coal.Sphere: (lambda s: {"radius": np.array(s.radius)}, _sphere),
+    coal.Cylinder: (lambda s: {"size": np.array([s.radius, 2.0 * s.halfLength])}, _cylinder),
+    coal.Capsule: (lambda s: {"size": np.array([s.radius, 2.0 * s.halfLength])}, _capsule),
+    coal.BVHModelBase: (_mesh_arrays, _mesh),
+    coal.Convex: (_mesh_arrays, _mesh),
+}
+"""What the balls of each kind of shape depend on, and how they are found."""
+
+_FIELDS = ("spheres", "overhangs", "groups", "first", "bound", "triangles", "first_triangle")
+
+
+def _stored(found: ShapeCoverage) -> Arrays:
+    arrays = {name: getattr(found.cover, name) for name in _FIELDS}
+    return {**arrays, "inner": found.inner, "solid": np.array([found.cover.solid])}
+
+
+def _restored(arrays: Arrays) -> ShapeCoverage:
+    fields = {name: arrays[name] for name in _FIELDS}
+    return ShapeCoverage(Cover(**fields, solid=bool(arrays["solid"][0])), arrays["inner"])
