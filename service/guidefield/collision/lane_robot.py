@@ -14,6 +14,7 @@ from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoin
 from guidefield.kernels.lane_tables import LaneBodies
 from guidefield.kernels.separation import Parts
 from guidefield.kernels.tree_kinematics import PRISMATIC
+from guidefield.robot.coverage import ShapeCoverage
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.tables import joint_table
 
@@ -33,15 +34,12 @@ class LaneRobot:
     parts: Parts
 
 
-def lane_robot(
-    group: PlanningGroup, covers: Sequence[np.ndarray], inners: Sequence[np.ndarray], pairs: np.ndarray
-) -> LaneRobot:
+def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.ndarray) -> LaneRobot:
     """Build the tables of a group all of whose joints have one degree of freedom.
 
     Args:
         group: The robot's planned joints.
-        covers: For each collision shape, balls that contain it: centres in its own frame and radii, shape (n, 4) [m].
-        inners: For each, balls inside it, shape (k, 4); maybe none.
+        balls: For each collision shape, those that contain it and those inside it, in its own frame.
         pairs: Indices of the shapes that must not touch each other, shape (p, 2).
 
     Raises:
@@ -51,12 +49,12 @@ def lane_robot(
     table, roots = PartsTable(), []
     moved_covers, moved_inners, bounds = [], [], []
     shapes = list(group.geometry.geometryObjects)
-    for shape, cover, inner in zip(shapes, covers, inners, strict=True):
+    for shape, own in zip(shapes, balls, strict=True):
         placement = pin.SE3(turns[shape.parentJoint].T, np.zeros(3)) * shape.placement
         roots.append(table.add_shape(shape.geometry, placement))
-        moved_covers.append(_moved(placement, cover))
-        moved_inners.append(_moved(placement, inner))
-        bounds.append(_ball_about(moved_covers[-1]))
+        moved_covers.append(_moved(placement, own.cover.spheres))
+        moved_inners.append(_moved(placement, own.inner))
+        bounds.append(_moved(placement, own.cover.bound[None]))
     carriers = np.array([shape.parentJoint for shape in shapes], np.int64)
     moving = np.flatnonzero(carriers)
     bodies = LaneBodies(
@@ -108,20 +106,6 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
 
 def _moved(placement: Any, balls: np.ndarray) -> np.ndarray:
     return np.column_stack([balls[:, :3] @ placement.rotation.T + placement.translation, balls[:, 3]])
-
-
-def _ball_about(balls: np.ndarray) -> np.ndarray:
-    """A ball (1, 4) about balls."""
-    low, high = (balls[:, :3] - balls[:, 3:]).min(axis=0), (balls[:, :3] + balls[:, 3:]).max(axis=0)
-    centre = 0.5 * (low + high)
-    for _ in range(20):  # towards the ball that sticks out furthest (Badoiu and Clarkson)
-        reaches = np.linalg.norm(balls[:, :3] - centre, axis=1) + balls[:, 3]
-        farthest = int(np.argmax(reaches))
-        trial = centre + 0.1 * (balls[farthest, :3] - centre)
-        if (np.linalg.norm(balls[:, :3] - trial, axis=1) + balls[:, 3]).max() >= reaches[farthest]:
-            break
-        centre = trial
-    return np.array([[*centre, (np.linalg.norm(balls[:, :3] - centre, axis=1) + balls[:, 3]).max()]])
 
 
 def _offsets(groups: Sequence[np.ndarray]) -> np.ndarray:

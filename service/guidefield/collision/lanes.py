@@ -10,9 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.bodies import bounding_ball
 from guidefield.collision.convex_parts import UnservedError
-from guidefield.collision.inner_balls import inner_balls
 from guidefield.collision.lane_robot import lane_robot
 from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
@@ -21,6 +19,7 @@ from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until
 from guidefield.kernels.lane_tables import BALL, Scratch
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import WORK
+from guidefield.robot.coverage import coverage
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +43,12 @@ class Lanes:
         """
         if any(joint.nv != 1 for joint in world.model.joints[1:]):
             raise UnservedError("a joint with several degrees of freedom")
-        shapes = [shape.geometry for shape in world.group.geometry.geometryObjects]
-        covers = [np.array([[*centre, radius]]) for centre, radius in map(bounding_ball, shapes)]
-        inners = [inner_balls(shape) for shape in shapes]
         own, mixed = np.split(world.pairs, [world.n_self])
-        robot = lane_robot(world.group, covers, inners, own)
-        tested = np.zeros((len(covers), len(world.scene.obstacles)), bool)
-        tested[mixed[:, 0], mixed[:, 1] - len(covers)] = True
+        robot = lane_robot(world.group, coverage(world.group.robot).shapes, own)
+        tested = np.zeros((robot.bodies.size, len(world.scene.obstacles)), bool)
+        tested[mixed[:, 0], mixed[:, 1] - robot.bodies.size] = True
         scene = lane_scene(world.scene.obstacles, tested)
-        n_bodies, n_obstacles = len(covers), len(scene.obstacles.kinds)
+        n_bodies, n_obstacles = robot.bodies.size, len(scene.obstacles.kinds)
         scratch = Scratch(
             poses=np.zeros(world.model.njoints * POSE, np.float32),
             centres=np.zeros(max(1, len(robot.bodies.cover) // 4) * BALL, np.float32),

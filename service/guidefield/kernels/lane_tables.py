@@ -34,7 +34,7 @@ class LaneBodies(NamedTuple):
         roots: (n,) its root in the robot's parts.
         order: (m,) the bodies that move in the world, in the order in which they are tested: those far out first.
         pairs: (2 * p,) bodies that must not touch each other.
-        bounds: (4 * n,) a ball about each body's cover.
+        bounds: (4 * n,) a ball about each.
         cover: (4 * c,) balls that contain the bodies.
         inner: (4 * i,) balls that are inside them.
     """
