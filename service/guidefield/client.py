@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 import uuid
+from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -33,7 +34,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Scene
-from guidefield.messages.values import Reply
+from guidefield.messages.values import Reply, RootJoint
 
 KinematicsReply = (
     ForwardKinematicsReply | InverseKinematicsReply | ClearanceReply | PointPotentialReply | RobotPotentialReply
@@ -130,6 +131,23 @@ class Client:
     def robot(self, name: str) -> RobotReply:
         """One robot: joints, limits, frames, groups, collision pairs."""
         return self._ask(f"robots/{name}", RobotReply)
+
+    def store_robot(
+        self,
+        name: str,
+        urdf: str,
+        *,
+        srdf: str | None = None,
+        meshes: Mapping[str, bytes] | None = None,
+        root_joint: RootJoint = "fixed",
+    ) -> None:
+        """Store a robot of one's own under a name; `meshes` are files by the URIs that the URDF has for them."""
+        files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes or {}), root_joint=root_joint)
+        self._ask(f"robots/{name}", Done, files)
+
+    def delete_robot(self, name: str) -> None:
+        """Forget a stored robot."""
+        self._ask(f"robots/{name}?delete", Done)
 
     def scenes(self) -> list[str]:
         """The scenes that can be named."""

@@ -35,6 +35,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.values import Reply
 from guidefield.run import Run
+from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NullRunStore, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
 
@@ -63,6 +64,7 @@ class Engine:
         instance: Name of the service it answers for; part of the key of a recording.
         runs: Where runs are kept.
         scenes: Where scenes are read and kept.
+        robots: Where clients' robots are kept.
         local_files: Whether a request may name a URDF file.
     """
 
@@ -72,11 +74,13 @@ class Engine:
         *,
         runs: Runs | None = None,
         scenes: Scenes | None = None,
+        robots: Robots | None = None,
         local_files: LocalFiles = LocalFiles.ALLOWED,
     ) -> None:
         self._instance = instance
         self._runs: Runs = NullRunStore() if runs is None else runs
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
+        self._robots: Robots = NoRobots() if robots is None else robots
         self._local_files = local_files
         self._built: OrderedDict[bytes, Scene] = OrderedDict()
         self._began = time.monotonic()
@@ -88,6 +92,8 @@ class Engine:
             requests.Potential: self._kinematics,
             requests.ReadRobots: self._read_robots,
             requests.ReadRobot: self._read_robot,
+            requests.StoreRobot: self._store_robot,
+            requests.DeleteRobot: self._delete_robot,
             requests.ReadScenes: self._read_scenes,
             requests.ReadScene: self._read_scene,
             requests.StoreScene: self._store_scene,
@@ -193,12 +199,20 @@ class Engine:
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots
 
-        return robots(self._catalog)
+        return robots(self._catalog, self._robots)
 
     def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
         from guidefield.handlers.robots import robot
 
         return robot(self._robot(request.name))
+
+    def _store_robot(self, request: requests.StoreRobot) -> Done:
+        self._robots.write(request.name, request.files, self._catalog.load)
+        return Done(done=f"robot {request.name!r} is stored")
+
+    def _delete_robot(self, request: requests.DeleteRobot) -> Done:
+        self._robots.delete(request.name)
+        return Done(done=f"robot {request.name!r} is deleted")
 
     def _read_scenes(self, _request: requests.ReadScenes) -> ScenesReply:
         return ScenesReply(scenes=self._scenes.names())
@@ -248,7 +262,8 @@ class Engine:
                 "send its text as a `urdf`, or a name of the catalog",
                 path=reference.path,
             )
-        return self._catalog.load(reference)
+        sent = self._robots.find(reference) if isinstance(reference, str) else None
+        return self._catalog.load(reference if sent is None else sent)
 
     def _scene(self, reference: requests.SceneReference) -> Scene:
         """The scene that a request means, built; the last few stay built, known by their content."""

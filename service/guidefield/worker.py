@@ -13,6 +13,7 @@ from guidefield.errors import GuidefieldError, InternalFailure
 from guidefield.messages import codec, keys
 from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import PlanRequest
+from guidefield.stores.robots import RobotStore
 from guidefield.stores.runs import RunStore
 from guidefield.stores.scenes import SceneStore
 
@@ -40,7 +41,7 @@ class EngineSetup:
 
     Attributes:
         instance: Name of the service.
-        data: Folder of its runs and scenes.
+        data: Folder of its runs, scenes and robots.
         log_level: How much a worker logs, to stderr.
     """
 
@@ -58,6 +59,7 @@ class EngineSetup:
             self.instance,
             runs=self.runs(),
             scenes=SceneStore(self.data / "scenes"),
+            robots=RobotStore(self.data / "robots"),
             local_files=LocalFiles.REFUSED,
         )
 

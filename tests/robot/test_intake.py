@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import RobotInvalid, Status
-from guidefield.messages.requests import MAX_URDF_CHARACTERS
+from guidefield.messages.values import MAX_URDF_CHARACTERS
 from guidefield.robot.intake import MAX_DOF, MAX_LINKS, check_geometry_complete, check_urdf
 from guidefield.robot.meshes import MeshResolver
 from guidefield.robot.native_stderr import captured_stderr

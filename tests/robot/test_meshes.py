@@ -28,8 +28,8 @@ def refused(resolver, uri):
     assert error.code is Status.ROBOT_INVALID
     assert uri in error.message
     assert error.details["uri"] == uri
-    for folder in error.details["folders"]:
-        assert folder in error.message
+    for allowed in error.details["allowed"]:
+        assert allowed in error.message
     return error
 
 
@@ -60,7 +60,7 @@ def test_nothing_outside_is_read_whether_it_exists_or_not(home, uri):
     wire = MeshResolver.for_wire([home / "ws"])
     present = refused(wire, uri.format(home=home)).message
     absent = refused(wire, uri.format(home=home).replace("secret", "absent")).message
-    assert "outside the allowed folders" in present
+    assert "outside what is allowed" in present
     assert present.replace("secret", "absent") == absent
 
 

@@ -114,7 +114,7 @@ FAULTS = {
     "flat mesh": ((BOX, '<mesh filename="a.stl" scale="1 1 0"/>'), 6, "mesh", "must not be zero"),
     "mesh over the net": ((BOX, '<mesh filename="http://a.b/c.stl"/>'), 6, "mesh", "cannot be fetched"),
     "mesh of no package": ((BOX, '<mesh filename="package://lost/c.stl"/>'), 6, "mesh", "was not found"),
-    "mesh elsewhere": ((BOX, '<mesh filename="/etc/c.stl"/>'), 6, "mesh", "outside the allowed folders"),
+    "mesh elsewhere": ((BOX, '<mesh filename="/etc/c.stl"/>'), 6, "mesh", "outside what is allowed"),
     "not a mesh": ((BOX, '<mesh filename="package://a/passwd"/>'), 6, "mesh", "not a mesh file"),
     "malformed visual": (('<sphere radius="0.1"/>', "<sphere/>"), 5, "sphere", "must have 'radius'"),
     "visual without shape": (('<sphere radius="0.1"/>', ""), 5, "visual", "with a shape"),

@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Protocol
 
 from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.configuration import configuration_to_wire
 from guidefield.robot.model import Joint, RobotModel
+from guidefield.robot.sent import SentRobot
 
 
-def robots(catalog: Catalog) -> RobotsReply:
+class StoredRobots(Protocol):
+    """Whoever keeps robots that clients sent."""
+
+    def names(self) -> list[str]:
+        """Their names."""
+
+    def find(self, name: str) -> SentRobot | None:
+        """One of them; None if it is gone meanwhile."""
+
+
+def robots(catalog: Catalog, stored: StoredRobots) -> RobotsReply:
     """The robots that can be named, and what was found wrong with those that cannot be used."""
-    return RobotsReply(robots=list(catalog.summaries()))
+    sent = [robot for name in stored.names() if (robot := stored.find(name)) is not None]
+    return RobotsReply(robots=catalog.summaries(sent))
 
 
 def robot(model: RobotModel) -> RobotReply:

@@ -38,7 +38,14 @@ def _decoder(kind: Any, encoding: Encoding) -> Any:
     return msgspec.json.Decoder(kind) if encoding is Encoding.JSON else msgspec.msgpack.Decoder(kind)
 
 
-for _kind in (_Tag, requests.PlanRequest, requests.KinematicsRequest, requests.TaggedRequest, Scene):
+for _kind in (
+    _Tag,
+    requests.PlanRequest,
+    requests.KinematicsRequest,
+    requests.TaggedRequest,
+    requests.RobotFiles,
+    Scene,
+):
     for _encoding in Encoding:
         _decoder(_kind, _encoding)
 

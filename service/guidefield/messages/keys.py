@@ -105,6 +105,16 @@ def _kinematics(query: Query) -> requests.Request:
     return request
 
 
+def _robot(query: Query) -> requests.Request:
+    name = query.key[1]
+    if "delete" in query.parameters:
+        _refuse_payload(query)
+        return requests.DeleteRobot(name)
+    if not query.payload:
+        return requests.ReadRobot(name)
+    return requests.StoreRobot(name, codec.decode(query.payload, requests.RobotFiles, query.encoding))
+
+
 def _scene(query: Query) -> requests.Request:
     name = query.key[1]
     if "delete" in query.parameters:
@@ -147,7 +157,7 @@ _RULES = {
     ("plan", 1): _Rule(_plan, takes_payload=True),
     ("kinematics", 1): _Rule(_kinematics, takes_payload=True),
     ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
-    ("robots", 2): _Rule(lambda query: requests.ReadRobot(query.key[1])),
+    ("robots", 2): _Rule(_robot, frozenset({"delete"}), takes_payload=True),
     ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
     ("scenes", 2): _Rule(_scene, frozenset({"delete"}), takes_payload=True),
     ("runs", 1): _Rule(_runs, frozenset({"status", "robot", "since"})),

@@ -9,6 +9,7 @@ import msgspec
 
 from guidefield.messages.scene import GuidePlane, Obstacle, Scene
 from guidefield.messages.store_requests import (
+    DeleteRobot as DeleteRobot,
     DeleteRun as DeleteRun,
     DeleteScene as DeleteScene,
     ReadInfo as ReadInfo,
@@ -18,7 +19,9 @@ from guidefield.messages.store_requests import (
     ReadRuns as ReadRuns,
     ReadScene as ReadScene,
     ReadScenes as ReadScenes,
+    RobotFiles as RobotFiles,
     StoreRequest,
+    StoreRobot as StoreRobot,
     StoreScene as StoreScene,
 )
 from guidefield.messages.values import (
@@ -28,7 +31,9 @@ from guidefield.messages.values import (
     Placement,
     Positive,
     QuaternionXYZW,
+    RootJoint,
     RunId,
+    UrdfCharacters,
     Vector3,
     require_finite,
     require_unit_quaternion,
@@ -38,10 +43,7 @@ JointValue = float | list[float]
 Positions = dict[str, JointValue]
 """A configuration: joint name to value; see wire.md "Configurations" for the value of each kind of joint."""
 
-RootJoint = Literal["fixed", "planar", "free"]
 Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
-
-MAX_URDF_CHARACTERS = 4_000_000
 
 
 def require_finite_positions(field: str, positions: Positions) -> None:
@@ -53,8 +55,8 @@ def require_finite_positions(field: str, positions: Positions) -> None:
 class UrdfText(Message, tag_field="type", tag="urdf"):
     """A robot sent as text. Meshes must come from packages that the service allows."""
 
-    text: Annotated[str, msgspec.Meta(max_length=MAX_URDF_CHARACTERS)]
-    srdf: Annotated[str, msgspec.Meta(max_length=MAX_URDF_CHARACTERS)] | None = None
+    text: UrdfCharacters
+    srdf: UrdfCharacters | None = None
     root_joint: RootJoint = "fixed"
 
 

@@ -56,12 +56,14 @@ class RobotReply(Reply):
 
 
 class RobotSummary(Reply):
-    """One line of the list of robots."""
+    """One line of the list of robots; those of one family are variants. `dof` is without joints that mimic others."""
 
     name: str
     source: str
+    family: str
     dof: int | None = None
     joint_kinds: dict[str, int] = {}
+    mimics: int = 0
     groups: list[str] = []
     tip: str | None = None
     problem: str | None = None

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import msgspec
+
 from guidefield.messages.scene import Scene
-from guidefield.messages.values import Message, Name, RunId
+from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfCharacters
 
 
 class ReadRobots(Message, tag_field="type", tag="robots"):
@@ -12,6 +16,31 @@ class ReadRobots(Message, tag_field="type", tag="robots"):
 
 class ReadRobot(Message, tag_field="type", tag="robot"):
     """Describe one robot: joints, limits and their sources, frames, groups, collision pairs."""
+
+    name: Name
+
+
+class RobotFiles(Message):
+    """A client's own robot: its URDF, its SRDF, and mesh files by the URIs that the URDF has for them.
+
+    What a mesh file names itself (materials, textures, buffers) is sent too, by the URI that its name leads to.
+    """
+
+    urdf: UrdfCharacters
+    srdf: UrdfCharacters | None = None
+    meshes: dict[Annotated[str, msgspec.Meta(min_length=1, max_length=1024)], bytes] = {}
+    root_joint: RootJoint = "fixed"
+
+
+class StoreRobot(Message, tag_field="type", tag="store_robot"):
+    """Store a robot under a name that the catalog doesn't have, in place of an earlier one of that name."""
+
+    name: Name
+    files: RobotFiles
+
+
+class DeleteRobot(Message, tag_field="type", tag="delete_robot"):
+    """Forget a stored robot."""
 
     name: Name
 
@@ -68,4 +97,6 @@ class DeleteRun(Message, tag_field="type", tag="delete_run"):
 
 
 RunRequest = ReadRuns | ReadRun | DeleteRun
-StoreRequest = ReadRobots | ReadRobot | ReadScenes | ReadScene | StoreScene | DeleteScene | ReadInfo | RunRequest
+RobotRequest = ReadRobots | ReadRobot | StoreRobot | DeleteRobot
+SceneRequest = ReadScenes | ReadScene | StoreScene | DeleteScene
+StoreRequest = RobotRequest | SceneRequest | ReadInfo | RunRequest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -14,6 +14,11 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
 RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+
+MAX_URDF_CHARACTERS = 4_000_000
+UrdfCharacters = Annotated[str, msgspec.Meta(max_length=MAX_URDF_CHARACTERS)]
+RootJoint = Literal["fixed", "planar", "free"]
+"""How a robot's root link moves in the world."""
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)

@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import importlib.resources
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot import card as cards
-from guidefield.robot.card import RobotCard
+from guidefield.robot.library import entries
 from guidefield.robot.loading import load
-from guidefield.robot.meshes import CATALOG_PACKAGE, MeshResolver, catalog_share
+from guidefield.robot.meshes import MeshResolver
 from guidefield.robot.model import RobotModel, RobotSource
-from guidefield.robot.summary import summarize
+from guidefield.robot.sent import SentRobot
+from guidefield.robot.summary import summarize, summarize_sent
 
 MAX_CACHED = 32
 """Robots kept loaded."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One name of the catalog: the card, and whether it is ours or found."""
-
-    name: str
-    card: RobotCard
-    folder: Path
-    source: str
 
 
 class Catalog:
@@ -46,13 +34,14 @@ class Catalog:
 
     def names(self) -> list[str]:
         """Names that `load` knows."""
-        return sorted(_entries())
+        return list(entries())
 
-    def summaries(self) -> list[RobotSummary]:
-        """A line about each name, in their order; robots with a problem say it."""
-        return [summarize(e.name, e.source, e.folder, e.card) for _, e in sorted(_entries().items())]
+    def summaries(self, sent: Iterable[SentRobot] = ()) -> list[RobotSummary]:
+        """A line about each name, in their order, then about robots that clients sent; those with a problem say it."""
+        found = [summarize(entry) for entry in entries().values()]
+        return [*found, *(summarize_sent(robot, self._package_dirs) for robot in sent)]
 
-    def load(self, reference: RobotReference) -> RobotModel:
+    def load(self, reference: RobotReference | SentRobot) -> RobotModel:
         """The robot that a request means.
 
         Raises:
@@ -65,21 +54,27 @@ class Catalog:
             self._loaded[key] = self._build(reference)
         return self._loaded[key]
 
-    def _build(self, reference: RobotReference) -> RobotModel:
+    def _build(self, reference: RobotReference | SentRobot) -> RobotModel:
         if isinstance(reference, str):
             return self._from_catalog(reference)
+        if isinstance(reference, SentRobot):
+            source = RobotSource(reference.urdf, None, reference.root_joint)
+            resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
+            return load(reference.name, source, reference.srdf, cards.EMPTY, resolver)
         if isinstance(reference, UrdfText):
             source = RobotSource(reference.text, None, reference.root_joint)
             return load("urdf", source, reference.srdf, cards.EMPTY, MeshResolver.for_wire(self._package_dirs))
         return _from_file(reference)
 
     def _from_catalog(self, name: str) -> RobotModel:
-        entry = _entries().get(name)
+        entry = entries().get(name)
         if entry is None:
+            variants = [e.name for e in entries().values() if e.family == name]
+            hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
             raise RobotInvalid(
-                f"there is no robot {name!r}; `guidefield robots` lists those there are",
-                robot=name,
-                available=self.names(),
+                f"there is no robot {name[:64]!r}; {hint}",
+                robot=name[:64],
+                available=variants or self.names(),
             )
         path = entry.folder / entry.card.urdf
         srdf = (entry.folder / entry.card.srdf).read_text() if entry.card.srdf else None
@@ -99,38 +94,14 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     return load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver)
 
 
-def _key(reference: RobotReference) -> str:
+def _key(reference: RobotReference | SentRobot) -> str:
     if isinstance(reference, str):
         return f"catalog:{reference}"
+    if isinstance(reference, SentRobot):
+        return f"sent:{reference.name}:{reference.content}"
     if isinstance(reference, UrdfText):
         content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
         return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
     path = Path(reference.path).expanduser()
     changed = path.stat().st_mtime_ns if path.is_file() else 0
     return f"file:{path.resolve()}:{changed}:{reference.srdf_path}:{reference.package_dirs}:{reference.root_joint}"
-
-
-@functools.cache
-def _entries() -> dict[str, Entry]:
-    """Every name: found URDFs first, our cards over them."""
-    robots = catalog_share() / CATALOG_PACKAGE / "robots"
-    entries = {}
-    urdfs = sorted(robots.glob("*/*/*.urdf"))
-    stems = [path.stem for path in urdfs]
-    for path in urdfs:
-        package = path.parts[-3].removesuffix("_description")
-        name = path.stem.removesuffix("_robot").lower()
-        if stems.count(path.stem) > 1 or (name in entries):
-            name = package.lower()
-        srdf = robots / path.parts[-3] / "srdf" / f"{path.stem}.srdf"
-        card = RobotCard(str(path.relative_to(robots)), str(srdf.relative_to(robots)) if srdf.is_file() else None)
-        entries[name] = Entry(name, card, robots, "example-robot-data")
-    ours = importlib.resources.files("guidefield.robots")
-    for resource in sorted(ours.iterdir(), key=lambda r: r.name):
-        if resource.name.endswith(".card.json"):
-            name = resource.name.removesuffix(".card.json")
-            card = cards.decode(resource.read_bytes())
-            folder = robots if (robots / card.urdf).is_file() else Path(str(ours))
-            origin = "example-robot-data" if folder is robots else "guidefield"
-            entries[name] = Entry(name, card, folder, origin)
-    return entries

@@ -48,6 +48,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     joints = {key: check_joint(element, links, version, warnings) for key, element in joint_elements.items()}
     mimics = check_mimics(joint_elements, joints, warnings)
     root_link = _check_tree(root, links, joints, joint_elements)
+    written = [(mesh, mesh.get("filename", "")) for mesh in root.iter("mesh")]
     collisions = {key: check_link(element, version, resolver, warnings) for key, element in links.items()}
     return UrdfFacts(
         name=name,
@@ -57,6 +58,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
         collisions={key: shapes for key, shapes in collisions.items() if shapes},
         mimics=mimics,
         warnings=tuple(warnings),
+        meshes={mesh.get("filename"): uri for mesh, uri in written},
         text=etree.tostring(root, encoding="unicode"),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     facts = check_urdf(source.urdf_text, resolver)
     described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
     source = dataclasses.replace(source, urdf_text=facts.text)
-    model, geometry = _parse(name, source)
+    model, geometry = _parse(name, source, facts.meshes)
     check_geometry_complete(facts, geometry, model)
     model = with_ball_joints(name, model, card.ball_joints)
     if not geometry.ngeoms:
@@ -87,8 +88,8 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     )
 
 
-def _parse(name: str, source: RobotSource) -> tuple[Any, Any]:
-    """Pinocchio's model and collision geometry; its stated reason becomes ours."""
+def _parse(name: str, source: RobotSource, meshes: Mapping[str, str]) -> tuple[Any, Any]:
+    """Pinocchio's model and collision geometry; its stated reason becomes ours, mesh files named as in the URDF."""
     root = ROOT_JOINTS[source.root_joint]
     with captured_stderr() as stderr:
         try:
@@ -97,7 +98,9 @@ def _parse(name: str, source: RobotSource) -> tuple[Any, Any]:
             geometry = pin.GeometryModel()
             pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
         except (ValueError, RuntimeError) as error:
-            reason = stderr.reason() or str(error)
+            reason = stderr.reason() or " ".join(str(error).partition("message: ")[2].split()) or str(error)
+            for path, uri in meshes.items():
+                reason = reason.replace(path, repr(uri))
             raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
     return model, geometry
 

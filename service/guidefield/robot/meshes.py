@@ -36,12 +36,16 @@ class MeshResolver:
         package_dirs: Folders that hold packages, or are packages, in the order in which they are searched.
         base: Folder that relative paths start from; None where there is none.
         packages: Folder of each package that is known by name; these are looked in first.
+        given: Files that came with the robot, by the URIs that it has for them; these come before all others.
         folders: Every allowed folder: those of the other attributes.
+        told: What an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours.
     """
 
     package_dirs: tuple[Path, ...] = ()
     base: Path | None = None
     packages: Mapping[str, Path] = field(default_factory=dict)
+    given: Mapping[str, Path] = field(default_factory=dict)
+    told: tuple[str, ...] | None = None
     folders: tuple[Path, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -49,9 +53,15 @@ class MeshResolver:
         object.__setattr__(self, "folders", tuple(dict.fromkeys(_folded(folder) for folder in allowed)))
 
     @classmethod
-    def for_wire(cls, package_dirs: Iterable[Path] = ()) -> MeshResolver:
-        """For robots that a client sends: the packages of example-robot-data, and folders that the service allows."""
-        return cls(packages=_catalog_packages(), package_dirs=tuple(package_dirs))
+    def for_wire(cls, package_dirs: Iterable[Path] = (), given: Mapping[str, Path] | None = None) -> MeshResolver:
+        """For robots that a client sends: what came with them, example-robot-data, and folders that the service allows.
+
+        Its errors name no folder of this machine.
+        """
+        folders = tuple(package_dirs)
+        own = ("further packages of the service",) if folders else ()
+        told = ("meshes sent with the robot", f"package://{CATALOG_PACKAGE}/", *own)
+        return cls(packages=_catalog_packages(), package_dirs=folders, given=given or {}, told=told)
 
     @classmethod
     def for_file(cls, urdf_path: Path, package_dirs: Iterable[Path] = ()) -> MeshResolver:
@@ -72,8 +82,10 @@ class MeshResolver:
 
         Raises:
             RobotInvalid: if the URI is of another kind, the file isn't a mesh, is missing, or lies outside the allowed
-                folders; names the URI and the folders that were looked in.
+                folders; names the URI and what is allowed.
         """
+        if uri in self.given:
+            return self.given[uri]
         if Path(uri).suffix.lower() not in MESH_SUFFIXES:
             raise self._refused(uri, f"is not a mesh file; one ends in {', '.join(MESH_SUFFIXES)}")
         candidates = self._candidates(uri)
@@ -82,9 +94,9 @@ class MeshResolver:
             real = path.resolve()
             if _is_within(real, (folder.resolve() for folder in self.folders)):
                 return real
-            raise self._refused(uri, f"is a link that leads outside the allowed folders, to {real}")
+            raise self._refused(uri, "is a link that leads outside what is allowed")
         if candidates and not inside:
-            raise self._refused(uri, "lies outside the allowed folders")
+            raise self._refused(uri, "lies outside what is allowed")
         raise self._refused(uri, "was not found")
 
     def _candidates(self, uri: str) -> list[Path]:
@@ -103,9 +115,9 @@ class MeshResolver:
         return [_folded(start / path) for start in (self.base, *self.package_dirs) if start is not None]
 
     def _refused(self, uri: str, why: str) -> RobotInvalid:
-        folders = [str(folder) for folder in self.folders]
+        allowed = [str(folder) for folder in self.folders] if self.told is None else list(self.told)
         return RobotInvalid(
-            f"mesh {uri!r} {why} (allowed folders: {', '.join(folders) or 'none'})", uri=uri, folders=folders
+            f"mesh {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})", uri=uri, allowed=allowed
         )
 
 

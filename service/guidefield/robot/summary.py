@@ -3,47 +3,71 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
+import msgspec
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.replies import RobotSummary
-from guidefield.robot import srdf
+from guidefield.robot import card as cards, srdf
+from guidefield.robot.ball_joints import with_ball_joints
 from guidefield.robot.card import RobotCard
 from guidefield.robot.intake import check_urdf
+from guidefield.robot.library import Entry
 from guidefield.robot.loading import default_tip
 from guidefield.robot.meshes import MeshResolver
 from guidefield.robot.native_stderr import captured_stderr
+from guidefield.robot.sent import SentRobot
+from guidefield.robot.urdf_facts import JOINT_DOF
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
+ROOT_KINDS = {"planar": "planar", "free": "floating"}
+"""Kind of the joint between the world and a root that moves."""
+DEGREES = {**JOINT_DOF, "spherical": 3}
+"""Degrees of freedom by kind of joint."""
 
 
-def summarize(name: str, source: str, folder: Path, card: RobotCard) -> RobotSummary:
-    """Joints, groups and tip of a robot; or what is wrong with it.
+def summarize(entry: Entry) -> RobotSummary:
+    """Joints, groups and tip of a robot of the catalog; or what is wrong with it."""
+    card, path = entry.card, entry.folder / entry.card.urdf
+    described = (entry.folder / card.srdf).read_text() if card.srdf else None
+    line = RobotSummary(name=entry.name, source=entry.source, family=entry.family)
+    return _summary(line, path.read_text(), described, card, MeshResolver.for_file(path))
 
-    Args:
-        name: What the catalog calls it.
-        source: Where it comes from.
-        folder: Folder of the card's paths.
-        card: Its files and defaults.
-    """
-    path = folder / card.urdf
+
+def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:
+    """The same about a robot that a client stored; it may take meshes from those folders too."""
+    line = RobotSummary(name=robot.name, source="stored", family=robot.name)
+    card = msgspec.structs.replace(cards.EMPTY, root_joint=robot.root_joint)
+    return _summary(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
+
+
+def _summary(
+    line: RobotSummary, urdf: str, srdf_text: str | None, card: RobotCard, resolver: MeshResolver
+) -> RobotSummary:
     try:
-        facts = check_urdf(path.read_text(), MeshResolver.for_file(path))
-        described = srdf.parse((folder / card.srdf).read_text()) if card.srdf else srdf.Srdf()
+        facts = check_urdf(urdf, resolver)
+        described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
         with captured_stderr():
             model = pin.buildModelFromXML(facts.text)
     except (RobotInvalid, ValueError) as error:
-        return RobotSummary(name=name, source=source, problem=str(error))
-    planned = [joint for joint in facts.joints.values() if joint.kind in MOVABLE and joint.name not in facts.mimics]
-    problem = None if facts.collisions else "it has no collision geometry"
-    return RobotSummary(
-        name=name,
-        source=source,
-        dof=int(model.nv) - len(facts.mimics),
-        joint_kinds=dict(Counter(joint.kind for joint in planned)),
-        groups=sorted(described.groups),
+        return msgspec.structs.replace(line, problem=str(error))
+    model = with_ball_joints(line.name, model, card.ball_joints)
+    kinds = Counter(
+        "spherical" if joint.name in card.ball_joints else joint.kind
+        for joint in facts.joints.values()
+        if joint.kind in MOVABLE and joint.name not in facts.mimics
+    )
+    if card.root_joint != "fixed":
+        kinds[ROOT_KINDS[card.root_joint]] += 1
+    return msgspec.structs.replace(
+        line,
+        dof=sum(DEGREES[kind] * count for kind, count in kinds.items()),
+        joint_kinds=dict(kinds),
+        mimics=len(facts.mimics),
+        groups=sorted({*described.groups, *(["default"] if card.group else [])}),
         tip=default_tip(model, described, card),
-        problem=problem,
+        problem=None if facts.collisions else "it has no collision geometry",
     )

@@ -61,6 +61,7 @@ class UrdfFacts:
         mimics: Joints that follow another: name to (name of the joint followed, multiplier, offset). A joint that is
             followed may itself follow another; there are no cycles.
         warnings: What is odd but harmless.
+        meshes: What the text called each mesh file, by the path that stands in `text` now.
         text: The URDF as checked, for the parsers that come next: without comments, numbers separated by single
             spaces, mesh files as absolute paths, and without those `<visual>` whose mesh can't be read.
     """
@@ -72,4 +73,5 @@ class UrdfFacts:
     collisions: Mapping[str, tuple[CollisionFacts, ...]]
     mimics: Mapping[str, tuple[str, float, float]]
     warnings: tuple[str, ...]
+    meshes: Mapping[str, str]
     text: str

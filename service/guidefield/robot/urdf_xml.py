@@ -9,7 +9,7 @@ from typing import Any
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
-from guidefield.messages.requests import MAX_URDF_CHARACTERS
+from guidefield.messages.values import MAX_URDF_CHARACTERS
 
 Element = Any
 """An element of lxml, for which there are no types."""

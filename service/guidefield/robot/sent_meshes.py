@@ -1,0 +1,202 @@
+"""Mesh files that a client sent: checked, and named by their content, so that no name of theirs becomes a path.
+
+Some kinds of mesh file name others: an .obj its materials, these their textures, a .dae its textures, a .gltf its
+buffers. Whoever opens such a file opens what it names. So each of these names must be that of another file that was
+sent, and is replaced by the name that that file has here.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import posixpath
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from urllib.parse import unquote
+
+from lxml import etree
+
+from guidefield.errors import RobotInvalid
+
+MAX_MESHES = 1_000
+MAX_MESH_BYTES = 32 * 2**20
+MAX_DEPTH = 3
+"""A file may name files that name files: an .obj materials, these textures."""
+
+MESHES = (".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+"""Kinds of mesh file that are taken from a client; a .3mf is a packed archive and isn't."""
+COMPANIONS = (".bin", ".bmp", ".jpeg", ".jpg", ".mtl", ".png", ".tga")
+"""Kinds of file that a mesh may name."""
+
+_OBJ_NAMES = re.compile(rb"^([ \t]*mtllib[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
+_MTL_NAMES = re.compile(rb"^([ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+)([^\n]+)", re.MULTILINE | re.IGNORECASE)
+_LINE_ENDS = re.compile(rb"[\r\v\f\x00\x1c-\x1e]")
+"""What one reader or another takes for the end of a line, besides a line feed."""
+_GLB_MAGIC, _GLB_JSON = b"glTF", b"JSON"
+
+
+@dataclass(frozen=True)
+class NamedByContent:
+    """Files under names that are made of a hash of their content and the kind of file.
+
+    Attributes:
+        files: Content by that name.
+        names: That name by the URI under which a file was sent.
+    """
+
+    files: Mapping[str, bytes]
+    names: Mapping[str, str]
+
+
+def named_by_content(meshes: Mapping[str, bytes]) -> NamedByContent:
+    """Check what a client sent beside a URDF, and name it by its content.
+
+    Args:
+        meshes: Content by URI, as the URDF has it; textures and the like by the URI that a mesh's own name leads to.
+
+    Raises:
+        RobotInvalid: if there are too many or too large files, a file is of an unknown kind, can't be read, or names a
+            file that wasn't sent; says which URI.
+    """
+    if len(meshes) > MAX_MESHES:
+        raise RobotInvalid(f"{len(meshes)} meshes were sent, at most {MAX_MESHES} are read", limit=MAX_MESHES)
+    naming = _Naming(meshes)
+    for uri in meshes:
+        naming.name_of(uri)
+    return NamedByContent(naming.files, naming.names)
+
+
+@dataclass
+class _Naming:
+    """Names files from those on that name no others."""
+
+    meshes: Mapping[str, bytes]
+    files: dict[str, bytes] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
+
+    def name_of(self, uri: str, depth: int = 0) -> str:
+        if uri not in self.names:
+            suffix, content = _suffix(uri), self.meshes[uri]
+            if len(content) > MAX_MESH_BYTES:
+                raise _fault(uri, f"has {len(content)} bytes, at most {MAX_MESH_BYTES} are read", limit=MAX_MESH_BYTES)
+            if suffix in _REWRITERS:
+                content = _REWRITERS[suffix](content, uri, functools.partial(self._referred, uri, depth))
+            name = f"{hashlib.sha256(content).hexdigest()}{suffix}"
+            self.files[name], self.names[uri] = content, name
+        return self.names[uri]
+
+    def _referred(self, uri: str, depth: int, reference: str) -> str:
+        """What a file that another names is called here."""
+        beside = _beside(uri, reference)
+        if beside not in self.meshes:
+            raise _fault(uri, f"names {reference[:200]!r}, which was not sent", names=reference[:200])
+        if depth == MAX_DEPTH:
+            raise _fault(uri, f"names {reference[:200]!r}: files that name each other", names=reference[:200])
+        return self.name_of(beside, depth + 1)
+
+
+def _beside(uri: str, reference: str) -> str:
+    """The URI of a file that another names relative to itself."""
+    scheme, separator, path = uri.rpartition("://")
+    named = reference.replace("\\", "/")
+    return scheme + separator + posixpath.normpath(posixpath.join(posixpath.dirname(path), named))
+
+
+def _suffix(uri: str) -> str:
+    suffix = PurePosixPath(uri).suffix.lower()
+    if suffix not in (*MESHES, *COMPANIONS):
+        raise _fault(uri, f"is of no kind that can be sent; those are {', '.join((*MESHES, *COMPANIONS))}")
+    return suffix
+
+
+_Referred = Callable[[str], str]
+
+
+def _rewritten_lines(names: re.Pattern[bytes], word: bytes, content: bytes, uri: str, referred: _Referred) -> bytes:
+    """A file of lines, of which those that begin with a word name a file at their end."""
+
+    def line(match: re.Match[bytes]) -> bytes:
+        words = match[2].decode(errors="replace").strip()
+        options, _, name = words.rpartition(" ") if words.startswith("-") else ("", "", words)
+        return match[1] + " ".join([*options.split(), referred(name)]).encode()
+
+    content = _LINE_ENDS.sub(b"\n", content)
+    if b"\\\n" in content:
+        raise _fault(uri, "has lines that go on after a backslash")
+    told = sum(match[0].lower().count(word) == 1 for match in names.finditer(content) if word in match[0].lower())
+    if content.lower().count(word) != told:
+        raise _fault(uri, f"has {word.decode()!r} where it doesn't begin a line that names a file")
+    return names.sub(line, content)
+
+
+def _rewritten_gltf(content: bytes, uri: str, referred: _Referred) -> bytes:
+    """A glTF document with every URI in it replaced; those that hold their data stay."""
+    try:
+        document = json.loads(content)
+        parts = [document]
+        while parts:
+            part = parts.pop()
+            if isinstance(part, dict) and isinstance(reference := part.get("uri"), str):
+                part["uri"] = reference if reference.startswith("data:") else referred(unquote(reference))
+            inner = part.values() if isinstance(part, dict) else part
+            parts.extend(item for item in inner if isinstance(item, dict | list))
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        raise _fault(uri, "is no glTF document") from None
+    return json.dumps(document).encode()
+
+
+def _checked_glb(content: bytes, uri: str, _referred: _Referred) -> bytes:
+    """A binary glTF, which must have all its data in itself."""
+
+    def refuse(reference: str) -> str:
+        raise _fault(uri, f"names {reference[:200]!r}; a .glb must hold all that it needs", names=reference[:200])
+
+    length = int.from_bytes(content[12:16], "little")
+    if content[:4] != _GLB_MAGIC or content[16:20] != _GLB_JSON or 20 + length > len(content):
+        raise _fault(uri, "is no binary glTF")
+    _rewritten_gltf(content[20 : 20 + length], uri, refuse)
+    return content
+
+
+def _rewritten_dae(content: bytes, uri: str, referred: _Referred) -> bytes:
+    """A Collada document with the names of its images replaced; it must not draw on other documents."""
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise _fault(uri, "must not have a <!DOCTYPE>, nor entities")
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(content, parser)
+    except etree.XMLSyntaxError as error:
+        raise _fault(uri, f"is not XML: {error.msg}") from None
+    for element in root.iter(etree.Element):
+        url = element.get("url", "")
+        if url and not url.startswith("#"):
+            raise _fault(uri, f"names {url[:200]!r}, which is outside the document", names=url[:200])
+        if etree.QName(element).localname in ("init_from", "ref") and not len(element):
+            _rename_image(element, referred)
+    rewritten: bytes = etree.tostring(root, xml_declaration=True, encoding="utf-8")
+    return rewritten
+
+
+def _rename_image(element: etree._Element, referred: _Referred) -> None:
+    """Replace the name in an image's <init_from>; a surface's has the id of an image of the same document."""
+    text = (element.text or "").strip()
+    parent = element.getparent()
+    inside_image = parent is not None and etree.QName(parent).localname in ("image", "init_from")
+    if text and inside_image:
+        element.text = referred(unquote(text.removeprefix("file://")))
+
+
+_REWRITERS: dict[str, Callable[[bytes, str, _Referred], bytes]] = {
+    ".obj": functools.partial(_rewritten_lines, _OBJ_NAMES, b"mtllib"),
+    ".mtl": functools.partial(_rewritten_lines, _MTL_NAMES, b"map_"),
+    ".gltf": _rewritten_gltf,
+    ".glb": _checked_glb,
+    ".dae": _rewritten_dae,
+}
+
+
+def _fault(uri: str, message: str, **details: object) -> RobotInvalid:
+    return RobotInvalid(f"mesh {uri[:200]!r} {message}", uri=uri[:200], **details)

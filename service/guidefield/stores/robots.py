@@ -1,0 +1,203 @@
+"""Robots that clients stored: texts and meshes on disk, by a hash of all that was sent; names lead to hashes.
+
+What was sent is written once, to a folder named by the hash, and never changed; a name is a small file that holds a
+hash. So a robot can be tried before its name is given out, and a worker that still loads the robot of a name finds all
+of it, whatever becomes of the name meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import shutil
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from guidefield.errors import RequestTooLarge, RobotInvalid
+from guidefield.messages import codec
+from guidefield.messages.requests import RobotFiles
+from guidefield.messages.values import RootJoint
+from guidefield.robot import library
+from guidefield.robot.sent import SentRobot
+from guidefield.robot.sent_meshes import named_by_content
+from guidefield.stores.files import checked_name, flush_folder, read_if_any, write_atomically
+
+MAX_ROBOTS = 200
+MAX_BYTES = 4 * 2**30
+"""What all stored robots may take on disk."""
+
+_DESCRIPTION = "robot.json"
+
+
+class Robots(Protocol):
+    """What an engine asks of a store of robots."""
+
+    def names(self) -> list[str]:
+        """The robots that clients stored, in alphabetical order."""
+
+    def find(self, name: str) -> SentRobot | None:
+        """A stored robot, or None."""
+
+    def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
+        """Keep a robot that can be loaded; what `load` raises comes through, and nothing is kept."""
+
+    def delete(self, name: str) -> None:
+        """Forget a robot; RobotInvalid if none of that name was stored."""
+
+
+class NoRobots:
+    """Where there is no data folder: only the catalog's robots."""
+
+    def names(self) -> list[str]:
+        """None."""
+        return []
+
+    def find(self, _name: str) -> SentRobot | None:
+        """None."""
+        return None
+
+    def write(self, name: str, _files: RobotFiles, _load: Callable[[SentRobot], object]) -> None:
+        """Raise RobotInvalid: nothing can be stored here."""
+        raise RobotInvalid(
+            f"robot {name[:64]!r} cannot be stored: robots are kept only where there is a data folder; "
+            "send its text inside the request, or name its file",
+            robot=name[:64],
+        )
+
+    def delete(self, name: str) -> None:
+        """Raise RobotInvalid: nothing is stored here."""
+        raise _unknown(name, [])
+
+
+class _Description(msgspec.Struct, frozen=True):
+    """What a folder holds besides mesh files."""
+
+    urdf: str
+    srdf: str | None
+    root_joint: RootJoint
+    meshes: dict[str, str]
+
+
+class RobotStore:
+    """Clients' robots in a folder, which several processes may share. Where the disk refuses, OSError comes through.
+
+    Args:
+        folder: Made if it isn't there.
+        limit: How many robots may be stored.
+        limit_bytes: How much all of them may take.
+    """
+
+    def __init__(self, folder: Path, limit: int = MAX_ROBOTS, limit_bytes: int = MAX_BYTES) -> None:
+        self._names, self._contents = folder / "names", folder / "contents"
+        self._limit, self._limit_bytes = limit, limit_bytes
+        for made in (self._names, self._contents):
+            made.mkdir(parents=True, exist_ok=True)
+
+    def names(self) -> list[str]:
+        """The robots that clients stored, in alphabetical order."""
+        return sorted(path.name for path in self._names.iterdir() if not path.name.startswith("."))
+
+    def find(self, name: str) -> SentRobot | None:
+        """A stored robot, or None.
+
+        Raises:
+            MalformedRequest: if the name can't be a file's.
+        """
+        content = read_if_any(self._path(name))
+        return None if content is None else self._read(name, content.decode())
+
+    def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
+        """Keep a robot under a name, in place of an earlier one of that name.
+
+        Args:
+            name: What to call it.
+            files: What was sent.
+            load: Tries the robot; what it raises comes through, and nothing is kept.
+
+        Raises:
+            MalformedRequest: if the name can't be a file's.
+            RobotInvalid: if the name is the catalog's, which means the same everywhere; or if a mesh can't be taken.
+            RequestTooLarge: if there are too many or too large robots already.
+        """
+        path = self._path(name)
+        if name in library.entries():
+            raise RobotInvalid(
+                f"robot {name!r} comes with the package and cannot be replaced; choose another name", robot=name
+            )
+        named = named_by_content(files.meshes)
+        described = _Description(files.urdf, files.srdf, files.root_joint, dict(named.names))
+        content = hashlib.sha256(msgspec.json.encode(described, order="sorted")).hexdigest()
+        with self._alone():
+            if not path.exists() and len(self.names()) >= self._limit:
+                raise RequestTooLarge(f"{self._limit} robots are stored already; delete one first", limit=self._limit)
+            self._put(content, {**named.files, _DESCRIPTION: codec.encode(described)})
+            try:
+                load(self._read(name, content))
+                write_atomically(path, content.encode())
+            finally:
+                self._sweep()
+
+    def delete(self, name: str) -> None:
+        """Forget a stored robot.
+
+        Raises:
+            RobotInvalid: if none of that name was stored.
+        """
+        with self._alone():
+            try:
+                self._path(name).unlink()
+            except FileNotFoundError:
+                raise _unknown(name, self.names()) from None
+            self._sweep()
+
+    def _read(self, name: str, content: str) -> SentRobot:
+        folder = self._contents / content
+        described = msgspec.json.decode((folder / _DESCRIPTION).read_bytes(), type=_Description)
+        meshes = {uri: folder / file for uri, file in described.meshes.items()}
+        return SentRobot(name, content, described.urdf, described.srdf, meshes, described.root_joint)
+
+    def _put(self, content: str, files: dict[str, bytes]) -> None:
+        """Write what was sent to its folder, all of it or nothing."""
+        folder = self._contents / content
+        if folder.exists():
+            return
+        taken = sum(path.stat().st_size for path in self._contents.rglob("*") if path.is_file())
+        if taken + sum(map(len, files.values())) > self._limit_bytes:
+            raise RequestTooLarge(
+                f"stored robots would take more than {self._limit_bytes} bytes; delete one first",
+                limit=self._limit_bytes,
+            )
+        draft = self._contents / f".{uuid.uuid4().hex}.new"
+        draft.mkdir()
+        for file, data in files.items():
+            write_atomically(draft / file, data)
+        draft.rename(folder)
+        flush_folder(self._contents)
+
+    def _sweep(self) -> None:
+        """Remove what no name leads to."""
+        used = {(self._names / name).read_text() for name in self.names()}
+        for folder in self._contents.iterdir():
+            if folder.name not in used:
+                shutil.rmtree(folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """One process at a time changes the store."""
+        with (self._contents.parent / ".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+    def _path(self, name: str) -> Path:
+        return self._names / checked_name(name, "robot")
+
+
+def _unknown(name: str, names: list[str]) -> RobotInvalid:
+    return RobotInvalid(
+        f"no robot {name[:64]!r} is stored; stored are {', '.join(names) or 'none'}", robot=name[:64], available=names
+    )

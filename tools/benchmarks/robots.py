@@ -1,0 +1,113 @@
+"""Every robot of the catalog: how long it takes to load, what it is, and one real plan among obstacles.
+
+Options: [--output FOLDER] [--seconds N] [--planning N] [--memory GB] [name ..]. A line for each robot: time to load in
+a fresh process with an empty cache on disk and with a full one, degrees of freedom, pairs of links by the reason for
+which they aren't tested, and a plan from its rest configuration to a random free one among random boxes: certified, and
+looked at again by Coal at dense samples. A robot that can't be planned for has its error instead. Each runs in a
+process of its own within limits of time and memory, so that none is left out. With --output, the table is also written
+there as robots.md and robots.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from guidefield.robot.catalog import Catalog
+
+BENCH = Path(__file__).resolve().parents[1] / "bench"
+
+COLUMNS = {
+    "name": "robot",
+    "cold": "cold [s]",
+    "cached": "cached [s]",
+    "dof": "DoF",
+    "planned": "planned",
+    "shapes": "shapes",
+    "pairs": "pairs",
+    "left_out": "left out",
+    "status": "plan",
+    "planning": "planning [s]",
+    "duration": "motion [s]",
+    "clearance": "clearance [mm]",
+    "dense": "free at dense samples",
+}
+"""Keys of a line to headings of the table."""
+
+Line = dict[str, Any]
+
+
+def run(arguments: list[str]) -> None:
+    """Measure."""
+    parser = argparse.ArgumentParser(prog="tools/bench robots", description=__doc__)
+    parser.add_argument("--output", type=Path)
+    parser.add_argument("--seconds", type=float, default=300.0, help="limit for each robot")
+    parser.add_argument("--planning", type=float, default=30.0, help="allowed planning time")
+    parser.add_argument("--memory", type=float, default=6.0, help="limit for each robot [GB]")
+    parser.add_argument("--one", action="store_true", help="one robot in this process, its line as JSON")
+    parser.add_argument("names", nargs="*")
+    asked = parser.parse_args(arguments)
+    if asked.one:
+        from benchmarks.one.robot import measured
+
+        print(json.dumps(measured(asked.names[0], asked.planning, asked.memory)))
+        return
+    names = asked.names or Catalog().names()
+    lines = []
+    print(_heading(), flush=True)
+    for name in names:
+        lines.append(_in_process(name, asked))
+        print(_row(lines[-1]), flush=True)
+    print(summary(lines))
+    if asked.output is not None:
+        asked.output.mkdir(parents=True, exist_ok=True)
+        (asked.output / "robots.json").write_text(json.dumps(lines, indent=1) + "\n")
+        table = "\n".join([_heading(), *map(_row, lines)])
+        (asked.output / "robots.md").write_text(f"{table}\n\n{summary(lines)}\n")
+
+
+def summary(lines: Sequence[Line]) -> str:
+    """How many are planned for, and what becomes of the others."""
+    planned = [line for line in lines if line["status"] == "SUCCESS"]
+    others = [f"- {line['name']}: {line['status']}: {line['message']}" for line in lines if line not in planned]
+    return "\n".join([f"{len(planned)} of {len(lines)} robots: a certified plan", *others])
+
+
+def _in_process(name: str, asked: argparse.Namespace) -> Line:
+    """The line of one robot, measured in a process of its own with a cache of its own."""
+    command = [sys.executable, str(BENCH), "robots", "--one", name]
+    command += ["--planning", str(asked.planning), "--memory", str(asked.memory)]
+    try:
+        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=asked.seconds)
+    except subprocess.TimeoutExpired:
+        return {"name": name, "status": "TIME LIMIT", "message": f"not done within {asked.seconds:g} s"}
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or ["no word"])[-1]
+        return {"name": name, "status": f"ENDED WITH {done.returncode}", "message": last}
+    line: Line = json.loads(done.stdout.strip().splitlines()[-1])
+    return line
+
+
+def _heading() -> str:
+    return f"| {' | '.join(COLUMNS.values())} |\n|{'---|' * len(COLUMNS)}"
+
+
+def _row(line: Line) -> str:
+    return f"| {' | '.join(_cell(line.get(key)) for key in COLUMNS)} |"
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "NO"
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{count} {reason}" for reason, count in value.items())
+    return str(value)
