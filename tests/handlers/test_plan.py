@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -56,7 +57,10 @@ def test_a_reply_has_everything_the_wire_promises() -> None:
     assert reply.metrics is not None
     assert reply.metrics.duration == pytest.approx(trajectory.times[-1])
     assert reply.metrics.joint_path_length >= np.hypot(0.6, 0.356) - 1e-6
-    assert reply.timing.total > 0.0
+    spent = msgspec.to_builtins(reply.timing)
+    assert spent.pop("total") == pytest.approx(sum(spent.values()), abs=0.02)
+    assert spent["ends"] > 0.0
+    assert spent["measure"] > 0.0
     assert reply.seed == 7
     assert codec.encode(reply)
 

@@ -124,11 +124,13 @@ def _timing(timing: Timing) -> str:
     spent = [
         ("queue", timing.queue),
         ("load", timing.load),
+        ("ends", timing.ends),
         ("guide", timing.guide),
         ("connect", timing.connect),
         ("relax", timing.relax),
         ("parameterize", timing.parameterize),
         ("certify", timing.certify),
+        ("measure", timing.measure),
     ]
     parts = ", ".join(f"{name} {_milliseconds(seconds)}" for name, seconds in spent if seconds >= 5e-5)
     return f"{_milliseconds(timing.total)} in all" + (f" ({parts})" if parts else "")

@@ -7,9 +7,8 @@ curve; else the curve is halved, for the pairs that are left, down to a floor.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -23,8 +22,8 @@ COAL_ACCURACY = 1e-6
 WIDEST = 0.3
 """Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
 
-BATCH = 16
-"""Stretches whose bounds are computed together."""
+BATCH = 64
+"""At most so many stretches have their bounds computed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,8 @@ class _Stretch:
 def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor: float = 1e-4) -> Verdict:
     """Judge a motion.
 
-    The pieces are judged in order; the first refusal ends it. Whether the robot is wholly inside a closed mesh at the
+    All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
+    that the first refusal along the motion is the one that is told. Whether the robot is wholly inside a closed mesh at the
     start is another question: `World.enclosed`.
 
     Args:
@@ -86,11 +86,19 @@ def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor:
         floor: A pair whose possible motion [m] is down to this and which still can't be told apart is undecided.
     """
     judge = _Judge(world, min_clearance, floor)
-    narrow = _narrow_stretches(np.asarray(pieces, float))
-    while batch := list(itertools.islice(narrow, BATCH)):
-        refusal = judge.refusal(batch)
-        if refusal is not None:
-            return refusal
+    refusal = None
+    level = list(_narrow_stretches(np.asarray(pieces, float)))
+    while level:
+        finer: list[_Stretch] = []
+        for first in range(0, len(level), BATCH):
+            halves, found = judge.halved(level[first : first + BATCH])
+            finer += halves
+            if found is not None:
+                refusal = found
+                break
+        level = finer
+    if refusal is not None:
+        return replace(refusal, evaluations=judge.evaluations)
     return Verdict(True, "free", None, None, None, None, None, judge.evaluations)
 
 
@@ -132,20 +140,27 @@ class _Judge:
         self.evaluations = 0
         self._kept = np.where(world.is_obstacle_pair, min_clearance, 0.0)
         self._margins = np.zeros((world.geometry.ngeoms, world.geometry.ngeoms))
+        self._signed = world.signed.tolist()
         self._entries = (world.pairs[:, 0], world.pairs[:, 1])
 
-    def refusal(self, stretches: Sequence[_Stretch]) -> Verdict | None:
-        """Why the first of some stretches that isn't free is refused, or None; each is halved where it must be."""
+    def halved(self, stretches: Sequence[_Stretch]) -> tuple[list[_Stretch], Verdict | None]:
+        """Judge some stretches in order, up to the first that is refused.
+
+        Returns:
+            The halves of those that can't be told yet; why the last one that was looked at is refused, or None.
+        """
         qs, centres, bounds = self._measure(stretches)
+        finer: list[_Stretch] = []
         for stretch, *at_middle in zip(stretches, qs, centres, bounds, strict=True):
             left = self._left(stretch, *at_middle)
             if not left:
                 continue
             halves = stretch.halves(left if 2 * len(left) < len(self._kept) else None)
-            refusal = self._refusal_at(halves[1], stretch.start, left, at_middle[-1]) or self.refusal(halves)
+            refusal = self._refusal_at(halves[1], stretch.start, left, at_middle[-1])
             if refusal is not None:
-                return refusal
-        return None
+                return finer, refusal
+            finer += halves
+        return finer, None
 
     def _measure(self, stretches: Sequence[_Stretch]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         """At each stretch's middle: configuration, centres (s, r, 3) of balls, bounds (s, n) within the box."""
@@ -163,20 +178,32 @@ class _Judge:
         return qs, centres, world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
 
     def _left(self, stretch: _Stretch, q: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[int]:
-        """Pairs of a stretch that are within their bounds, and what they have to keep, at the middle of its box."""
+        """Pairs of a stretch that are within their bounds, and what they have to keep, at the middle of its box.
+
+        Hulls are asked first, the meshes in them only where that does not tell.
+        """
         world = self.world
         self.evaluations += 1
-        margins = bounds + self._kept + COAL_ACCURACY
-        self._set_margins(margins)
+        margins = self._matrix(bounds + self._kept + COAL_ACCURACY)
+        world.hull_margin_data.setSecurityMargins(world.hulls, margins, True, True)
         if stretch.pairs is None:
-            if not pin.computeCollisions(world.model, world.data, world.margin_broad_phase, q, True):
+            if not pin.computeCollisions(world.model, world.data, world.hull_broad_phase, q, True):
                 return []
             apart = world.bodies.separations(centres, world.pairs, world.n_self)
-            pairs = np.flatnonzero(apart <= margins).tolist()
+            pairs = np.flatnonzero(apart <= margins[self._entries]).tolist()
         else:
-            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
+            pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
             pairs = stretch.pairs
-        return [pair for pair in pairs if pin.computeCollision(world.geometry, world.margin_data, pair)]
+        left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]
+        if all(self._signed[pair] for pair in left):
+            return left
+        world.margin_data.setSecurityMargins(world.geometry, margins, True, True)
+        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
+        return [
+            pair
+            for pair in left
+            if self._signed[pair] or pin.computeCollision(world.geometry, world.margin_data, pair)
+        ]
 
     def _refusal_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
         """Why the curve is refused where its rest begins: it touches there, or the pairs left can't move any less."""
@@ -201,14 +228,14 @@ class _Judge:
                 return "contact", pair
         wanting = [pair for pair in pairs if self._kept[pair] > 0.0]
         if wanting:
-            self._set_margins(self._kept)
+            world.margin_data.setSecurityMargins(world.geometry, self._matrix(self._kept), True, True)
             pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
         for pair in wanting:
             if pin.computeCollision(world.geometry, world.margin_data, pair):
                 return "too close", pair
         return None
 
-    def _set_margins(self, margins: np.ndarray) -> None:
-        """Have Coal count pairs as touching that are within margins (n,) [m]."""
+    def _matrix(self, margins: np.ndarray) -> np.ndarray:
+        """The matrix by bodies from which Coal takes within what margins (n,) pairs count as touching [m]."""
         self._margins[self._entries] = margins
-        self.world.margin_data.setSecurityMargins(self.world.geometry, self._margins, True, True)
+        return self._margins

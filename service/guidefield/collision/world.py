@@ -15,6 +15,7 @@ from guidefield.collision.broad_phase import broad_phase, scratch_space, thicken
 from guidefield.collision.clearance import ClearanceAt, clearance
 from guidefield.collision.contact import Contact, contacts
 from guidefield.collision.enclosure import enclosed
+from guidefield.collision.hulls import with_hulls
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.errors import UnknownObject
 from guidefield.robot.group import PlanningGroup
@@ -39,9 +40,10 @@ class World:
         model: The group's Pinocchio model.
         geometry: Pinocchio geometry model of all bodies, with the pairs.
         data: Scratch of `model`.
+        hulls: The same with convex hulls in the place of meshes; `geometry` itself where there are none.
         geometry_data: Scratch of `geometry`, for contact itself.
-        margin_data: Scratch of `geometry`, for contact within margins.
-        broad_phase, margin_broad_phase: What finds close bodies first, for the one and the other.
+        margin_data, hull_margin_data: Scratch of `geometry` and of `hulls`, for contact within margins.
+        broad_phase, hull_broad_phase: What finds close bodies first, for contact, and for hulls within margins.
         bodies: Balls and boxes about the bodies.
         motion_bound: How much closer pairs can come when the robot moves.
         body_names: Link or obstacle by body.
@@ -55,11 +57,13 @@ class World:
     scene: Scene
     model: Any
     geometry: Any
+    hulls: Any
     data: Any
     geometry_data: Any
     margin_data: Any
+    hull_margin_data: Any
     broad_phase: Any
-    margin_broad_phase: Any
+    hull_broad_phase: Any
     bodies: Bodies
     motion_bound: MotionBound
     body_names: tuple[str, ...]
@@ -100,17 +104,20 @@ class World:
         for array in (pairs, is_obstacle_pair, signed):
             array.setflags(write=False)
         measured = bodies(group, scene.obstacles)
-        geometry_data, margin_data = scratch_space(geometry), scratch_space(geometry)
+        hulls = with_hulls(geometry) if surfaces.any() else geometry
+        geometry_data, hull_margin_data = scratch_space(geometry), scratch_space(hulls)
         return cls(
             group=group,
             scene=scene,
             model=group.model,
             geometry=geometry,
+            hulls=hulls,
             data=group.model.createData(),
             geometry_data=geometry_data,
-            margin_data=margin_data,
+            margin_data=scratch_space(geometry),
+            hull_margin_data=hull_margin_data,
             broad_phase=broad_phase(group.model, geometry, geometry_data),
-            margin_broad_phase=broad_phase(group.model, geometry, margin_data),
+            hull_broad_phase=broad_phase(group.model, hulls, hull_margin_data),
             bodies=measured,
             motion_bound=motion_bound(group, measured, pairs, len(own)),
             body_names=tuple(names),

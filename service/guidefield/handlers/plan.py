@@ -100,13 +100,16 @@ def answer_plan(
     derivation = Derivation()
     if refusal is None:
         problem, derivation = with_derived_planes(problem, request)
+    begin = time.monotonic()
     recording = record(group, scene, problem.guide_planes)
+    load_seconds += time.monotonic() - begin
     problem = dataclasses.replace(problem, observer=recording or Silent())
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    profile = None
+    profile, begin = None, time.monotonic()
     if made.trajectory is not None:
         profile = clearance_profile(made.trajectory, problem.world, problem.robot_field)
-    reply = reply_to(request, problem, made, profile, run_id, received, load_seconds, warnings)
+    measured = time.monotonic() - begin
+    reply = reply_to(request, problem, made, profile, run_id, received, load_seconds, measured, warnings)
     if recording is not None:
         recording.finish(reply, profile)
     return reply

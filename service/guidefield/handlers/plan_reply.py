@@ -17,7 +17,7 @@ from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.group import PlanningGroup
 
 CERTIFICATE = "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair"
-STAGES = ("connect", "guide", "relax", "parameterize", "certify")
+STAGES = ("ends", "connect", "guide", "relax", "parameterize", "certify")
 
 
 def reply_to(
@@ -28,10 +28,25 @@ def reply_to(
     run_id: str,
     received: float,
     load_seconds: float,
+    measure_seconds: float,
     warnings: list[str],
 ) -> PlanReply:
-    """Put a plan into the wire's words; `received` and `load_seconds` as in `answer_plan`."""
-    group = problem.group
+    """Put a plan into the wire's words.
+
+    Args:
+        request: What was asked.
+        problem: What was planned.
+        made: What came of it.
+        profile: Distances along the trajectory; None without one.
+        run_id: Name of the run.
+        received: As in `answer_plan`.
+        load_seconds: As in `answer_plan`.
+        measure_seconds: Time that the profile took [s].
+        warnings: What was odd before planning.
+    """
+    group, begin = problem.group, time.monotonic()
+    metrics = _metrics(made, problem)
+    measure_seconds += time.monotonic() - begin
     return PlanReply(
         run_id=run_id,
         status=replies.Outcome(
@@ -58,9 +73,10 @@ def reply_to(
             covers="path" if made.trajectory is None else "trajectory",
             evaluations=made.verdict.evaluations,
         ),
-        metrics=_metrics(made, problem),
+        metrics=metrics,
         timing=replies.Timing(
             load=load_seconds,
+            measure=measure_seconds,
             total=time.monotonic() - received,
             **{stage: made.seconds.get(stage, 0.0) for stage in STAGES},
         ),

@@ -96,15 +96,17 @@ class Metrics(Reply):
 
 
 class Timing(Reply):
-    """Seconds by stage."""
+    """Seconds by stage; `ends` judges start and goal, `measure` takes the reply's figures."""
 
     queue: float = 0.0
     load: float = 0.0
+    ends: float = 0.0
     connect: float = 0.0
     guide: float = 0.0
     relax: float = 0.0
     parameterize: float = 0.0
     certify: float = 0.0
+    measure: float = 0.0
     total: float = 0.0
 
 
