@@ -56,10 +56,11 @@ def test_an_obstacle_inside_a_robots_mesh_is_noticed():
     hollow = arm.geometry.copy()
     moving = next(i for i, shape in enumerate(hollow.geometryObjects) if shape.parentJoint == 1)
     hollow.geometryObjects[moving].geometry = bvh(vertices, triangles)
+    hollowed = dataclasses.replace(arm, geometry=hollow, robot=dataclasses.replace(arm.robot, geometry=hollow))
     q = np.zeros(1)
     for position, expected in (((0.5, 0.5, 0.95), True), ((1.5, 1.5, 0.95), False)):
         pebble = messages.Sphere(name="pebble", radius=0.05, position=position)
-        world = world_of(dataclasses.replace(arm, geometry=hollow), [pebble])
+        world = world_of(hollowed, [pebble])
         assert not world.in_collision(q)
         assert (world.enclosed(q) is not None) is expected
 

@@ -76,8 +76,8 @@ def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor:
     """Judge a motion.
 
     All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
-    that the first refusal along the motion is the one that is told. Whether the robot is wholly inside a closed mesh at the
-    start is another question: `World.enclosed`.
+    that everything before the refusal that is told is certified. Whether the robot is wholly inside a closed mesh at
+    the start is another question: `World.enclosed`.
 
     Args:
         world: The robot among obstacles.
@@ -200,9 +200,7 @@ class _Judge:
         world.margin_data.setSecurityMargins(world.geometry, margins, True, True)
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
         return [
-            pair
-            for pair in left
-            if self._signed[pair] or pin.computeCollision(world.geometry, world.margin_data, pair)
+            pair for pair in left if self._signed[pair] or pin.computeCollision(world.geometry, world.margin_data, pair)
         ]
 
     def _refusal_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:

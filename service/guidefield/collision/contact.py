@@ -27,8 +27,12 @@ class Contact:
 
 def contacts(world: World, q: np.ndarray) -> list[Contact]:
     """Every pair that touches at a configuration (group.nq,), in the order of the world's pairs."""
-    pin.computeCollisions(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q), False)
-    touching = [k for k, result in enumerate(world.geometry_data.collisionResults) if result.isCollision()]
+    expanded = world.group.expand(q)
+    world.hull_margin_data.setSecurityMargins(world.hulls, np.zeros((world.hulls.ngeoms,) * 2), True, True)
+    pin.computeCollisions(world.model, world.data, world.hulls, world.hull_margin_data, expanded, False)
+    near = [k for k, result in enumerate(world.hull_margin_data.collisionResults) if result.isCollision()]
+    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, expanded)
+    touching = [k for k in near if pin.computeCollision(world.geometry, world.geometry_data, k)]
     return [Contact(world.pair_names(k), _depth(world, k)) for k in touching]
 
 

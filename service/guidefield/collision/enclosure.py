@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import coal
@@ -10,8 +12,10 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.closed import connected_pieces
+from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import triangulation
 from guidefield.scene.mesh import mesh_surface
+from guidefield.scene.scene import Scene
 
 if TYPE_CHECKING:
     from guidefield.collision.world import World
@@ -28,11 +32,12 @@ def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
         q: Configuration, shape (group.nq,).
     """
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
-    surfaces = dict(_closed_surfaces(world))
-    for pair in np.flatnonzero(world.is_obstacle_pair).tolist():
+    solids = _solids(world)
+    surfaced = np.array([solid.surface is not None for solid in solids])
+    for pair in np.flatnonzero(world.is_obstacle_pair & surfaced[world.pairs].any(axis=1)).tolist():
         first, second = world.pairs[pair].tolist()
         for outer, inner in ((first, second), (second, first)):
-            if outer in surfaces and _inside(world, surfaces[outer], outer, inner):
+            if _inside(world, solids, outer, inner):
                 return world.pair_names(pair)
     return None
 
@@ -54,36 +59,69 @@ def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
     return float(solid_angles.sum() / (4.0 * np.pi))
 
 
-def _closed_surfaces(world: World) -> Iterator[tuple[int, np.ndarray]]:
-    """Body and triangles (t, 3, 3), in the body's own frame, of each closed mesh that is judged as a surface."""
-    for body, shape in enumerate(world.geometry.geometryObjects):
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            surface = mesh_surface(*triangulation(shape.geometry))
-            if surface is not None and surface.solid:
-                yield body, surface.vertices[surface.triangles]
+_NOWHERE = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
 
 
-def _inside(world: World, surface: np.ndarray, outer: int, inner: int) -> bool:
-    points = _piece_points(world.geometry.geometryObjects[inner].geometry)
+@dataclass(frozen=True, eq=False)
+class _Solid:
+    """What tells whether a body is inside another, in the body's own frame [m].
+
+    Attributes:
+        surface: Triangles (t, 3, 3) of a closed mesh that is judged as a surface; None for all others.
+        box: Lower and upper corner about them, shape (2, 3).
+        points: A point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it.
+    """
+
+    surface: np.ndarray | None
+    box: np.ndarray
+    points: np.ndarray
+
+
+def _solids(world: World) -> Sequence[_Solid]:
+    """Of each body of a world."""
+    group, of_links = world.group, _of_links(world.group.robot)
+    index_of = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
+    return [
+        *(of_links[index_of[shape.name]] for shape in group.geometry.geometryObjects),
+        *_of_obstacles(world.scene),
+    ]
+
+
+@functools.lru_cache(maxsize=32)
+def _of_links(robot: RobotModel) -> tuple[_Solid, ...]:
+    return tuple(_solid(shape.geometry) for shape in robot.geometry.geometryObjects)
+
+
+@functools.lru_cache(maxsize=32)
+def _of_obstacles(scene: Scene) -> tuple[_Solid, ...]:
+    return tuple(_solid(obstacle.shape) for obstacle in scene.obstacles)
+
+
+def _solid(shape: Any) -> _Solid:
+    if isinstance(shape, coal.Halfspace):
+        return _Solid(None, _NOWHERE, np.empty((0, 3)))
+    if isinstance(shape, coal.Convex):
+        return _Solid(None, _NOWHERE, np.mean(shape.points(), axis=0, keepdims=True))
+    if not isinstance(shape, coal.BVHModelBase):
+        return _Solid(None, _NOWHERE, np.zeros((1, 3)))
+    mesh = mesh_surface(*triangulation(shape))
+    if mesh is None:
+        return _Solid(None, _NOWHERE, np.empty((0, 3)))
+    first_of_each = np.unique(connected_pieces(len(mesh.vertices), mesh.triangles))
+    if not mesh.solid:
+        return _Solid(None, _NOWHERE, mesh.vertices[first_of_each])
+    corners = mesh.vertices[mesh.triangles]
+    return _Solid(corners, np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]), mesh.vertices[first_of_each])
+
+
+def _inside(world: World, solids: Sequence[_Solid], outer: int, inner: int) -> bool:
+    surface = solids[outer].surface
+    if surface is None:
+        return False
     local = world.geometry_data.oMg[outer].actInv(world.geometry_data.oMg[inner])
-    low, high = surface.min(axis=(0, 1)), surface.max(axis=(0, 1))
-    for point in points:
+    low, high = solids[outer].box
+    for point in solids[inner].points:
         here = local.act(point)
         if (here > low).all() and (here < high).all() and abs(winding_number(here, surface)) > 0.5:
             return True
     return False
-
-
-def _piece_points(shape: Any) -> np.ndarray:
-    """One point of each connected piece of a shape, shape (n, 3) [m, its frame]; nothing encloses a half-space."""
-    if isinstance(shape, coal.Halfspace):
-        return np.empty((0, 3))
-    if isinstance(shape, coal.BVHModelBase):
-        surface = mesh_surface(*triangulation(shape))
-        if surface is None:
-            return np.empty((0, 3))
-        first_of_each = np.unique(connected_pieces(len(surface.vertices), surface.triangles))
-        return np.array(surface.vertices[first_of_each])
-    if isinstance(shape, coal.Convex):
-        return np.array([np.mean(shape.points(), axis=0)])
-    return np.zeros((1, 3))

@@ -104,7 +104,7 @@ class World:
         for array in (pairs, is_obstacle_pair, signed):
             array.setflags(write=False)
         measured = bodies(group, scene.obstacles)
-        hulls = with_hulls(geometry) if surfaces.any() else geometry
+        hulls = with_hulls(geometry, group, scene) if surfaces.any() else geometry
         geometry_data, hull_margin_data = scratch_space(geometry), scratch_space(hulls)
         return cls(
             group=group,

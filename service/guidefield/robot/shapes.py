@@ -53,27 +53,37 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.array([(face[0], face[1], face[2]) for face in faces])
 
 
+def hull(mesh: Any) -> Any | None:
+    """The convex hull of a Coal mesh, computed once; None if the mesh is flat, or too fine for Coal."""
+    found = _remembered_hull(mesh)
+    return convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None
+
+
 def _settled(mesh: Any) -> tuple[Any, str, float]:
     """The shape that a mesh is judged as, what that is, and how far it stands off."""
-    vertices, triangles = triangulation(mesh)
-    found = remembered("hull", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles))
+    found = _remembered_hull(mesh)
     (distance,) = found["stand_off"].tolist()
     if distance > HULL_STAND_OFF:
         return mesh, "triangle mesh", 0.0
-    return _convex(found["vertices"], found["triangles"]), "convex hull", distance
+    return convex(found["vertices"], found["triangles"]), "convex hull", distance
+
+
+def _remembered_hull(mesh: Any) -> Arrays:
+    vertices, triangles = triangulation(mesh)
+    return remembered("hull", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles))
 
 
 def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
     """Hull of a mesh, and how far it stands off: infinitely far where there is none."""
     try:
-        hull = convex_hull(vertices)
-        distance = stand_off(hull, solid(vertices, triangles))
+        around = convex_hull(vertices)
+        distance = stand_off(around, solid(vertices, triangles))
     except ValueError:  # the mesh is flat, or too fine for Coal
-        hull, distance = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf
-    return {"vertices": hull.vertices, "triangles": hull.triangles, "stand_off": np.array([distance])}
+        around, distance = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf
+    return {"vertices": around.vertices, "triangles": around.triangles, "stand_off": np.array([distance])}
 
 
-def _convex(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+def convex(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     """A hull as Coal's shape."""
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for vertex in vertices:
