@@ -5,22 +5,25 @@ from __future__ import annotations
 import ctypes
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 
+from guidefield.pool.process import Call, Work
 
-def obedient() -> Callable[[tuple[str, str]], tuple[bool, bytes]]:
+
+def obedient() -> Work:
     """A worker that does what its jobs say."""
     return _obey
 
 
-def broken() -> Callable[[tuple[str, str]], tuple[bool, bytes]]:
+def broken() -> Work:
     """A worker that cannot be prepared."""
     raise ValueError("this worker cannot be prepared")
 
 
-def _obey(job: tuple[str, str]) -> tuple[bool, bytes]:
+def _obey(job: tuple[str, str], call: Call) -> tuple[bool, bytes]:
     verb, value = job
+    if verb in _TALKATIVE:
+        return _TALKATIVE[verb](value, call)
     return _VERBS[verb](value)
 
 
@@ -52,7 +55,44 @@ def _refuse(value: str) -> tuple[bool, bytes]:
     return False, value.encode()
 
 
+def _exit(value: str) -> tuple[bool, bytes]:
+    os._exit(int(value))
+
+
+def _grow(mebibytes: str) -> tuple[bool, bytes]:
+    held = []
+    for _ in range(int(mebibytes)):
+        held.append(b"x" * 2**20)
+        time.sleep(0.001)
+    return True, str(len(held)).encode()
+
+
+def _allocate(mebibytes: str) -> tuple[bool, bytes]:
+    try:
+        return True, str(len(bytearray(int(mebibytes) * 2**20))).encode()
+    except MemoryError:
+        return False, b"no memory"
+
+
+def _until_cancelled(path: str, call: Call) -> tuple[bool, bytes]:
+    Path(path).write_text(str(os.getpid()))
+    deadline = time.monotonic() + 30.0
+    while not call.cancelled() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return True, b"cancelled" if call.cancelled() else b"outlasted"
+
+
+def _tell(words: str, call: Call) -> tuple[bool, bytes]:
+    for word in words.split():
+        call.tell(word.encode())
+    return True, b"told"
+
+
+_TALKATIVE = {"until_cancelled": _until_cancelled, "tell": _tell}
 _VERBS = {
+    "exit": _exit,
+    "grow": _grow,
+    "allocate": _allocate,
     "echo": _echo,
     "pid": _pid,
     "sleep": _sleep,

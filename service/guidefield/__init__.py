@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from guidefield.client import Client as Client
+    from guidefield.client import AsyncClient as AsyncClient, Client as Client
     from guidefield.endpoint.service import ServiceSettings as ServiceSettings, serve as serve
     from guidefield.engine import Engine as Engine, answer as answer
     from guidefield.errors import (
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         UnknownObject as UnknownObject,
         WorkerCrashed as WorkerCrashed,
     )
-    from guidefield.messages.replies import PlanReply as PlanReply
+    from guidefield.messages.replies import PlanReply as PlanReply, Progress as Progress
     from guidefield.messages.requests import (
         Clearance as Clearance,
         ForwardKinematics as ForwardKinematics,
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _ROOMS = {
-    "client": ("Client",),
+    "client": ("AsyncClient", "Client"),
     "endpoint.service": ("ServiceSettings", "serve"),
     "engine": ("Engine", "answer"),
     "errors": (
@@ -81,7 +81,7 @@ _ROOMS = {
         "UnknownObject",
         "WorkerCrashed",
     ),
-    "messages.replies": ("PlanReply",),
+    "messages.replies": ("PlanReply", "Progress"),
     "messages.requests": (
         "Clearance",
         "ForwardKinematics",

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import enum
 import functools
-import hashlib
 import importlib
 import logging
 import time
 import uuid
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RobotInvalid
-from guidefield.handlers.info import info
+from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RobotInvalid, WorkerCrashed
+from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import (
     Done,
@@ -34,6 +33,7 @@ from guidefield.messages.replies import (
     error_reply,
 )
 from guidefield.messages.values import Reply
+from guidefield.progress import ProgressTold, Watcher
 from guidefield.run import Run
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NullRunStore, Runs
@@ -42,6 +42,7 @@ from guidefield.stores.scenes import PackagedScenes, Scenes
 if TYPE_CHECKING:
     from guidefield.robot.catalog import Catalog
     from guidefield.robot.model import RobotModel
+    from guidefield.scene.built import BuiltScenes
     from guidefield.scene.scene import Scene
 
 MAX_CACHED_SCENES = 16
@@ -82,7 +83,6 @@ class Engine:
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
         self._local_files = local_files
-        self._built: OrderedDict[bytes, Scene] = OrderedDict()
         self._began = time.monotonic()
         self._counters = Counter(answered=0, refused=0)
         self._handlers: dict[type, Callable[[Any], Reply]] = {
@@ -110,6 +110,7 @@ class Engine:
         *,
         record_to: Path | None = None,
         received: float | None = None,
+        watcher: Watcher | None = None,
     ) -> Reply:
         """Answer one request of any kind.
 
@@ -118,6 +119,7 @@ class Engine:
             record_to: Where to write the recording of a plan; None leaves that to the store of runs.
             received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded. Deadlines
                 count from it.
+            watcher: Hears how far a plan is, and may end it.
 
         Raises:
             GuidefieldError: whatever travels as ``reply_err``; InternalFailure for a bug, logged with its trace.
@@ -128,12 +130,14 @@ class Engine:
                 if isinstance(decoded, requests.PlanRequest):
                     importlib.import_module("guidefield.handlers.plan")  # the first time it compiles for a while
                 received = time.monotonic()
-            reply = self._dispatch(decoded, record_to, received)
+            reply = self._dispatch(decoded, record_to, received, watcher)
         except GuidefieldError:
             self._counters["refused"] += 1
             raise
         except Exception as error:
             self._counters["refused"] += 1
+            if isinstance(error, MemoryError):
+                raise WorkerCrashed("the request needs more memory than there is") from None
             _log.exception("a request failed with a bug of ours")
             raise _bug(error) from error
         self._counters["answered"] += 1
@@ -146,9 +150,11 @@ class Engine:
         name = self._scenes.names()[0]
         self.answer(requests.Potential(scene=name, points=[(0.0, 0.0, 0.0)]))
 
-    def _dispatch(self, request: requests.Request, record_to: Path | None, received: float) -> Reply:
+    def _dispatch(
+        self, request: requests.Request, record_to: Path | None, received: float, watcher: Watcher | None
+    ) -> Reply:
         if isinstance(request, requests.PlanRequest):
-            return self._plan(request, record_to, received)
+            return self._plan(request, record_to, received, watcher)
         if record_to is not None:
             raise MalformedRequest(f"only a plan can be recorded, not {type(request).__name__}")
         handler = self._handlers.get(type(request))
@@ -156,11 +162,15 @@ class Engine:
             raise MalformedRequest(f"{type(request).__name__} is no request", path="$")
         return handler(request)
 
-    def _plan(self, request: requests.PlanRequest, record_to: Path | None, received: float) -> PlanReply:
+    def _plan(
+        self, request: requests.PlanRequest, record_to: Path | None, received: float, watcher: Watcher | None
+    ) -> PlanReply:
         from guidefield.handlers.plan import answer_plan
 
         run_id = request.run_id or uuid.uuid4().hex
-        run = Run(run_id, request, self._runs, record_to, f"guidefield/{self._instance}/runs/{run_id}/recording")
+        key = f"guidefield/{self._instance}/runs/{run_id}/recording"
+        progress = None if watcher is None else ProgressTold(run_id, received, watcher)
+        run = Run(run_id, request, self._runs, record_to, key, progress)
         try:
             began = time.monotonic()
             robot, scene = self._robot(request.robot), self._scene(request.scene)
@@ -173,6 +183,7 @@ class Engine:
                 received=received,
                 load_seconds=load_seconds,
                 record=run.record,
+                cancelled=run.cancelled,
             )
             return run.end(reply)
         except GuidefieldError:
@@ -183,18 +194,12 @@ class Engine:
             raise
 
     def _kinematics(self, request: requests.KinematicsRequest) -> Reply:
-        from guidefield.handlers import kinematics
+        from guidefield.handlers.kinematics import answer_kinematics
 
-        handlers: dict[type, Callable[[Any, Any, Any], Reply]] = {
-            requests.ForwardKinematics: kinematics.forward_kinematics,
-            requests.InverseKinematics: kinematics.inverse_kinematics,
-            requests.Clearance: kinematics.clearance,
-            requests.Potential: kinematics.potential,
-        }
         robot = None if request.robot is None else self._robot(request.robot)
         reference = None if isinstance(request, requests.ForwardKinematics) else request.scene
         scene = None if reference is None else self._scene(reference)
-        return handlers[type(request)](request, robot, scene)
+        return answer_kinematics(request, robot, scene)
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots
@@ -230,14 +235,8 @@ class Engine:
         return Done(done=f"scene {request.name!r} is deleted")
 
     def _read_runs(self, request: requests.ReadRuns) -> RunsReply:
-        wanted = [
-            run
-            for run in self._runs.summaries()
-            if request.status in (None, run.status)
-            and request.robot in (None, run.robot)
-            and (request.since is None or run.began >= request.since)
-        ]
-        return RunsReply(runs=wanted)
+        runs = self._runs.summaries()
+        return RunsReply(runs=[run for run in runs if request.wants(run.status, run.robot, run.began)])
 
     def _read_run(self, request: requests.ReadRun) -> RunReply:
         return self._runs.read(request.run_id)
@@ -247,7 +246,7 @@ class Engine:
         return Done(done=f"run {request.run_id!r} is deleted")
 
     def _info(self, _request: requests.ReadInfo) -> InfoReply:
-        return info(workers=0, queue=0, counters=self._counters, uptime=time.monotonic() - self._began)
+        return info(Figures(self._counters, time.monotonic() - self._began))
 
     @functools.cached_property
     def _catalog(self) -> Catalog:
@@ -265,17 +264,15 @@ class Engine:
         sent = self._robots.find(reference) if isinstance(reference, str) else None
         return self._catalog.load(reference if sent is None else sent)
 
-    def _scene(self, reference: requests.SceneReference) -> Scene:
-        """The scene that a request means, built; the last few stay built, known by their content."""
-        from guidefield.scene.scene import build
+    @functools.cached_property
+    def _built(self) -> BuiltScenes:
+        from guidefield.scene.built import BuiltScenes
 
-        message = self._scenes.read(reference) if isinstance(reference, str) else reference
-        content = hashlib.sha256(codec.encode(message, codec.Encoding.MSGPACK)).digest()
-        built = self._built.pop(content, None) or build(message)
-        self._built[content] = built
-        if len(self._built) > MAX_CACHED_SCENES:
-            self._built.popitem(last=False)
-        return built
+        return BuiltScenes(MAX_CACHED_SCENES)
+
+    def _scene(self, reference: requests.SceneReference) -> Scene:
+        """The scene that a request means, built."""
+        return self._built.of(self._scenes.read(reference) if isinstance(reference, str) else reference)
 
 
 def _bug(error: Exception) -> InternalFailure:

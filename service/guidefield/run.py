@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import msgspec
 
 from guidefield.messages.replies import ErrorReply, PlanReply
 from guidefield.messages.requests import PlanRequest
+from guidefield.progress import ProgressTold
 from guidefield.stores.runs import NullRunStore, Runs
 
 if TYPE_CHECKING:
@@ -32,15 +34,23 @@ class Run:
         runs: Where it is kept; a disk that refuses is not this run's end.
         record_to: Where its recording goes, if not to `runs`.
         recording_key: What a reply says about where the recording is, if it is kept in `runs`.
+        progress: Tells somebody how far it is, if anybody listens.
 
     Raises:
         MalformedRequest: if the name is taken.
     """
 
     def __init__(
-        self, run_id: str, request: PlanRequest, runs: Runs, record_to: Path | None, recording_key: str
+        self,
+        run_id: str,
+        request: PlanRequest,
+        runs: Runs,
+        record_to: Path | None,
+        recording_key: str,
+        progress: ProgressTold | None = None,
     ) -> None:
         self.run_id = run_id
+        self._progress = progress
         self._request = request
         self._runs = runs
         self._warnings: list[str] = []
@@ -54,15 +64,20 @@ class Run:
         self._path = kept_at if record_to is None else record_to
         self._place = recording_key if record_to is None else str(record_to)
 
-    def record(self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]) -> _Recording | None:
-        """An observer of this run that writes its recording when it is finished; None if it isn't recorded."""
-        if self._path is None or self._request.recording == "off":
-            return None
-        from guidefield.recorder.recorder import Recorder
+    def cancelled(self) -> bool:
+        """Whether somebody asked the run to end; asked at every iteration, it also lets time pass for its progress."""
+        return self._progress is not None and self._progress.pass_time_and_ask()
 
-        recorder = Recorder(self._path, group, scene, self._request, self.run_id)
-        self._recording = _Recording(recorder, self._place, self._warn)
-        return self._recording
+    def record(self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]) -> _Observers:
+        """An observer of this run that tells its progress, and writes its recording when it is finished."""
+        if self._progress is not None:
+            self._progress.begin(group, scene)
+        if self._path is not None and self._request.recording != "off":
+            from guidefield.recorder.recorder import Recorder
+
+            recorder = Recorder(self._path, group, scene, self._request, self.run_id)
+            self._recording = _Recording(recorder, self._place, self._warn)
+        return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:
         """The reply as it is sent, with its recording and with what could not be kept; keeps it."""
@@ -92,6 +107,25 @@ class Run:
     def _warn(self, text: str) -> None:
         _log.warning("run %s: %s", self.run_id, text)
         self._warnings.append(text)
+
+
+@dataclass(frozen=True)
+class _Observers:
+    """Those who watch a run, as one."""
+
+    progress: ProgressTold | None
+    recording: _Recording | None
+
+    def observe(self, event: Event) -> None:
+        """Pass on what the planner tells."""
+        for observer in (self.progress, self.recording):
+            if observer is not None:
+                observer.observe(event)
+
+    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
+        """Have the recording written, if there is one."""
+        if self.recording is not None:
+            self.recording.finish(reply, profile)
 
 
 class _Recording:

@@ -13,6 +13,7 @@ from guidefield.errors import GuidefieldError, InternalFailure
 from guidefield.messages import codec, keys
 from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import PlanRequest
+from guidefield.pool.process import Call
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.runs import RunStore
 from guidefield.stores.scenes import SceneStore
@@ -77,13 +78,15 @@ class EngineWorker:
 
     engine: Engine
 
-    def __call__(self, job: Job) -> tuple[bool, bytes]:
+    def __call__(self, job: Job, call: Call) -> tuple[bool, bytes]:
         """Whether there is a reply, or else an error; and its bytes."""
         try:
             request = keys.request_of(job.query)
             if isinstance(request, PlanRequest) and request.run_id is None:
                 request = msgspec.structs.replace(request, run_id=job.run_id)
-            return True, codec.encode(self.engine.answer(request, received=job.received), job.query.encoding)
+            return True, codec.encode(
+                self.engine.answer(request, received=job.received, watcher=call), job.query.encoding
+            )
         except GuidefieldError as error:
             return False, codec.encode(error_reply(error), job.query.encoding)
         except Exception as error:

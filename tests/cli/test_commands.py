@@ -88,7 +88,8 @@ def test_a_service_is_queried(request_file: Path, tmp_path: Path) -> None:
         done = guidefield(*asked, "--name", "cell")
         assert done.returncode == 0, done.stderr
         assert done.stdout == guidefield("plan", str(request_file)).stdout
-        assert "no service named 'local'" in guidefield(*asked).stderr
+        assert guidefield(*asked).stdout == done.stdout
+        assert "no service named 'local'" in guidefield(*asked, "--name", "local").stderr
 
 
 def test_robots_are_listed_for_people_and_for_machines() -> None:

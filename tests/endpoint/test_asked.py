@@ -32,6 +32,7 @@ class _Query:
         self.key_expr = key
         self.payload = None if payload is None else _Payload(payload)
         self.encoding = encoding
+        self.attachment: _Payload | None = None
         self.parameters = [tuple(pair.split("=")) for pair in parameters.split(";") if pair]
         self.replies: list[tuple[str, bytes, str]] = []
         self.errors: list[tuple[bytes, str]] = []

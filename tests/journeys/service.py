@@ -21,6 +21,26 @@ STARTED_WITHIN = 300.0
 ANSWERED_WITHIN = 120.0
 """Longer than any answer takes on a busy machine [s]."""
 
+BENT = {"panda_joint2": 0.6, "panda_joint4": -1.2, "panda_joint6": 1.8}
+LONG: dict[str, Any] = {
+    "robot": "panda",
+    "scene": {
+        "name": "walled",
+        "obstacles": [
+            {"type": "box", "name": "front", "size": [1.4, 0.02, 1.0], "position": [0.845, 0.0, 0.7]},
+            {"type": "box", "name": "back", "size": [1.4, 0.02, 1.0], "position": [-0.845, 0.0, 0.7]},
+            {"type": "box", "name": "lid", "size": [3.0, 0.02, 1.0], "position": [0.0, 0.0, 1.18]},
+        ],
+    },
+    "start": {**BENT, "panda_joint1": 1.5708},
+    "goal": {"type": "joints", "positions": {**BENT, "panda_joint1": -1.5708}},
+    "guide_planes": [],
+    "planner": "tree",
+    "allowed_planning_time": 60.0,
+    "recording": "off",
+}
+"""From one side of a wall to the other: a search that goes on until it gives up, after seconds, or somebody ends it."""
+
 
 @dataclass(frozen=True)
 class Service:

@@ -75,7 +75,7 @@ def test_an_impossible_planning_time_is_brought_within_bounds(given_: float, all
         (_query("robots", parameters={"delete": ""}), "unknown parameter 'delete'"),
         (_query("runs", parameters={"sinse": "1"}), "valid: robot, since, status"),
         (_query("runs", parameters={"since": "yesterday"}), "seconds since 1970"),
-        (_query("robots/panda", b"{}"), "takes no payload"),
+        (_query("robots", b"{}"), "takes no payload"),
         (_query("scenes/shelf", b"{}", {"delete": ""}), "takes no payload"),
         (_query("scenes/shelf", b'{"name": "other"}'), "named 'other', but it is sent to be stored as 'shelf'"),
         (_query("kinematics", b'{"type": "info"}'), "Invalid value 'info'"),

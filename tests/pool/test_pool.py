@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import ServerBusy, WorkerCrashed
-from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import Deadline
+from guidefield.pool.pool import DEFAULT_LIMITS, Pool
+from guidefield.pool.waiting import Deadline, Limits, Task
 from tests import worker_setups
 
 PATIENCE = 30.0
 """Longer than anything here takes on a busy machine [s]."""
 
 
-def _started(workers: int, queue_limit: int = 64) -> Pool:
-    pool = Pool(worker_setups.obedient, workers=workers, queue_limit=queue_limit)
+def _started(workers: int, limits: Limits = DEFAULT_LIMITS) -> Pool:
+    pool = Pool(worker_setups.obedient, workers=workers, limits=limits)
     pool.start()
     assert pool.ready(PATIENCE)
     return pool
@@ -35,7 +35,7 @@ def pool() -> Iterator[Pool]:
 
 
 def _pid(pool: Pool) -> int:
-    return int(pool.submit(("pid", ""), seconds=PATIENCE).result(PATIENCE)[1])
+    return int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1])
 
 
 def _await(path: Path) -> int:
@@ -48,8 +48,8 @@ def _await(path: Path) -> int:
 
 
 def test_answers_come_back_as_the_worker_gave_them(pool: Pool) -> None:
-    assert pool.submit(("echo", "bookshelf"), seconds=PATIENCE).result(PATIENCE) == (True, b"bookshelf")
-    assert pool.submit(("refuse", "no"), seconds=PATIENCE).result(PATIENCE) == (False, b"no")
+    assert pool.submit(Task(("echo", "bookshelf"), PATIENCE)).result(PATIENCE) == (True, b"bookshelf")
+    assert pool.submit(Task(("refuse", "no"), PATIENCE)).result(PATIENCE) == (False, b"no")
 
 
 def test_work_is_done_in_another_process_that_stays(pool: Pool) -> None:
@@ -57,8 +57,8 @@ def test_work_is_done_in_another_process_that_stays(pool: Pool) -> None:
 
 
 def test_a_killed_worker_costs_its_own_request_and_no_other(pool: Pool, tmp_path: Path) -> None:
-    doomed = pool.submit(("mark", str(tmp_path / "begun")), seconds=PATIENCE)
-    patient = pool.submit(("echo", "next"), seconds=PATIENCE)
+    doomed = pool.submit(Task(("mark", str(tmp_path / "begun")), PATIENCE))
+    patient = pool.submit(Task(("echo", "next"), PATIENCE))
     os.kill(_await(tmp_path / "begun"), signal.SIGKILL)
     with pytest.raises(WorkerCrashed, match="died"):
         doomed.result(PATIENCE)
@@ -68,8 +68,8 @@ def test_a_killed_worker_costs_its_own_request_and_no_other(pool: Pool, tmp_path
 
 def test_a_segmentation_fault_costs_its_own_request(pool: Pool) -> None:
     with pytest.raises(WorkerCrashed):
-        pool.submit(("segfault", ""), seconds=PATIENCE).result(PATIENCE)
-    assert pool.submit(("echo", "alive"), seconds=PATIENCE).result(PATIENCE) == (True, b"alive")
+        pool.submit(Task(("segfault", ""), PATIENCE)).result(PATIENCE)
+    assert pool.submit(Task(("echo", "alive"), PATIENCE)).result(PATIENCE) == (True, b"alive")
 
 
 def test_a_worker_that_dies_idle_costs_no_request(pool: Pool) -> None:
@@ -82,20 +82,20 @@ def test_a_worker_that_takes_too_long_is_stopped(pool: Pool) -> None:
     before = _pid(pool)
     began = time.monotonic()
     with pytest.raises(WorkerCrashed, match=r"longer than 0\.3 s"):
-        pool.submit(("sleep", "60"), seconds=0.3).result(PATIENCE)
+        pool.submit(Task(("sleep", "60"), 0.3)).result(PATIENCE)
     assert time.monotonic() - began < 20.0
     assert _pid(pool) != before
 
 
 def test_a_full_queue_refuses_and_the_rest_is_answered() -> None:
-    pool = _started(1, queue_limit=2)
+    pool = _started(1, Limits(tasks=2))
     try:
-        running = pool.submit(("sleep", "1.0"), seconds=PATIENCE)
+        running = pool.submit(Task(("sleep", "1.0"), PATIENCE))
         while pool.queue:
             time.sleep(0.01)
-        waiting = [pool.submit(("echo", str(n)), seconds=PATIENCE) for n in range(2)]
+        waiting = [pool.submit(Task(("echo", str(n)), PATIENCE)) for n in range(2)]
         with pytest.raises(ServerBusy, match="2 requests wait") as refused:
-            pool.submit(("echo", "too many"), seconds=PATIENCE)
+            pool.submit(Task(("echo", "too many"), PATIENCE))
         assert refused.value.details == {"queue": 2, "limit": 2}
         assert running.result(PATIENCE) == (True, b"slept")
         assert [future.result(PATIENCE)[1] for future in waiting] == [b"0", b"1"]
@@ -104,34 +104,34 @@ def test_a_full_queue_refuses_and_the_rest_is_answered() -> None:
 
 
 def test_a_job_that_waits_beyond_its_deadline_is_answered_then(pool: Pool) -> None:
-    running = pool.submit(("sleep", "2.0"), seconds=PATIENCE)
+    running = pool.submit(Task(("sleep", "2.0"), PATIENCE))
     late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
-    assert pool.submit(("echo", "in time"), seconds=PATIENCE, deadline=late).result(1.5) == (True, b"too late")
+    assert pool.submit(Task(("echo", "in time"), PATIENCE, deadline=late)).result(1.5) == (True, b"too late")
     assert not running.done()
 
 
 def test_a_deadline_does_not_touch_what_has_begun(pool: Pool) -> None:
     soon = Deadline(time.monotonic() + 0.3, lambda: (True, b"too late"))
-    assert pool.submit(("sleep", "0.8"), seconds=PATIENCE, deadline=soon).result(PATIENCE) == (True, b"slept")
+    assert pool.submit(Task(("sleep", "0.8"), PATIENCE, deadline=soon)).result(PATIENCE) == (True, b"slept")
 
 
 def test_closing_finishes_what_runs_and_refuses_what_waits() -> None:
     pool = _started(1)
-    running = pool.submit(("sleep", "0.5"), seconds=PATIENCE)
+    running = pool.submit(Task(("sleep", "0.5"), PATIENCE))
     while pool.queue:
         time.sleep(0.01)
-    waiting = pool.submit(("echo", "never"), seconds=PATIENCE)
+    waiting = pool.submit(Task(("echo", "never"), PATIENCE))
     pool.close(PATIENCE)
     assert running.result(0) == (True, b"slept")
     with pytest.raises(ServerBusy, match="shutting down"):
         waiting.result(0)
     with pytest.raises(ServerBusy, match="shutting down"):
-        pool.submit(("echo", "never"), seconds=PATIENCE)
+        pool.submit(Task(("echo", "never"), PATIENCE))
 
 
 def test_closing_ends_what_outlasts_the_grace(tmp_path: Path) -> None:
     pool = _started(1)
-    running = pool.submit(("mark", str(tmp_path / "begun")), seconds=PATIENCE)
+    running = pool.submit(Task(("mark", str(tmp_path / "begun")), PATIENCE))
     pid = _await(tmp_path / "begun")
     pool.close(0.1)
     with pytest.raises(WorkerCrashed):
@@ -146,7 +146,7 @@ def test_two_workers_work_at_once() -> None:
         pids = {_pid(pool)}
         deadline = time.monotonic() + PATIENCE
         while len(pids) < 2 and time.monotonic() < deadline:  # the second may still be starting
-            sleeping = pool.submit(("sleep", "0.2"), seconds=PATIENCE)
+            sleeping = pool.submit(Task(("sleep", "0.2"), PATIENCE))
             pids.add(_pid(pool))
             wait([sleeping], PATIENCE)
         assert len(pids) == 2

@@ -26,6 +26,7 @@ from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import PlanReply, RobotsReply
 from guidefield.messages.values import Reply
+from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
 
 app = typer.Typer(
@@ -66,14 +67,17 @@ def plan(
 @app.command()
 def query(
     request: RequestFile,
-    connect: Annotated[str, typer.Option(help="Where the service listens.")] = DEFAULT_LISTEN,
-    name: Annotated[str, typer.Option(help="Name of the service.")] = "local",
+    connect: Annotated[
+        list[str] | None, typer.Option(help=f"Where it listens, may be repeated; else {DEFAULT_LISTEN}.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the service; else the freest is asked.")] = None,
+    config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")] = None,
     output: ReplyFile = None,
     record: Annotated[Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).")] = None,
 ) -> None:
     """Ask a service for a plan or for kinematics."""
     asked = _read(request)
-    with Client.connect(connect, instance=name) as client:
+    with Client.connect(*(connect or ()), instance=name, config=config) as client:
         if isinstance(asked, requests.PlanRequest):
             reply: Reply = client.plan(asked)
         elif isinstance(asked, requests.KinematicsRequest):
@@ -93,6 +97,7 @@ def serve(
     name: Annotated[str, typer.Option(help="Name of this service; part of its keys.")] = "local",
     workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = os.cpu_count() or 1,
     queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
+    memory: Annotated[int, typer.Option(min=256, help="Memory that a worker may take [MiB].")] = DEFAULT_MEMORY >> 20,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of runs and scenes; else in the user's own.")] = None,
 ) -> None:
@@ -104,6 +109,7 @@ def serve(
         config=config,
         workers=workers,
         queue_limit=queue,
+        memory=memory << 20,
     )
     serving.serve_until_signal(settings, typer.echo)
 

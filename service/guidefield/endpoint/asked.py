@@ -18,6 +18,8 @@ from guidefield.pool.waiting import Answer
 
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
 """Zenoh encodings that mean JSON: its own default ones too."""
+LONGEST_CLIENT = 64
+"""How much of a client's name counts [bytes]."""
 
 _log = logging.getLogger(__name__)
 
@@ -57,7 +59,13 @@ class Asked:
             parameters=dict(self._query.parameters),
             payload=b"" if payload is None else payload.to_bytes(),
             encoding=self._encoding,
+            client=self._client(),
         )
+
+    def _client(self) -> str:
+        """Who asks: the query's attachment, a name that the client gave itself."""
+        attachment = self._query.attachment
+        return "" if attachment is None else attachment.to_bytes()[:LONGEST_CLIENT].decode(errors="replace")
 
     def settle(self, future: Future[Answer]) -> None:
         """Answer with what a future holds."""

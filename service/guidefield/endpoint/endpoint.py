@@ -2,8 +2,8 @@
 
 Theory of operation. One queryable serves every key of the instance, so that a query on any key, known or not, has one
 answerer. Its callback only sorts: what needs a robot, obstacle geometry or a kernel goes to the pool of workers; what
-reads or deletes files goes to a few threads here; the rest is answered at once. Whoever settles a query does so through
-`Asked`, which answers once and only once, whatever happens.
+reads or deletes files goes to a few threads here; the rest is answered at once, or ends a run early. Whoever settles a
+query does so through `Asked`, which answers once and only once, whatever happens.
 """
 
 from __future__ import annotations
@@ -12,27 +12,32 @@ import contextlib
 import threading
 import time
 import uuid
-from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
 import zenoh
 
 from guidefield.endpoint.asked import Asked
+from guidefield.endpoint.meter import Meter
+from guidefield.endpoint.under_way import UnderWay
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
-from guidefield.handlers.info import info
-from guidefield.handlers.timed_out import timed_out_waiting
+from guidefield.handlers.info import Figures, brief_info, info
+from guidefield.handlers.unbegun import cancelled_waiting, timed_out_waiting
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import InfoReply, error_reply
+from guidefield.messages.replies import Done, error_reply
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import Answer, Deadline
+from guidefield.pool.waiting import Answer, Deadline, Task
+from guidefield.stores.files import checked_name
 from guidefield.stores.runs import Runs
 from guidefield.worker import Job
 
 HEAVY_KEYS = ("plan", "kinematics", "robots")
 """What needs a worker; and so does any other query with a payload."""
+KINDS = ("plan", "kinematics", "robots", "scenes", "runs", "info")
+"""What queries are timed under, by the first chunk of their key."""
 BACKSTOP = 60.0
 """A worker that plans longer than its request allows by this is stopped [s]."""
 LONGEST_WORK = 600.0
@@ -49,29 +54,36 @@ class Endpoint:
         engine: Answers what needs no worker.
         runs: Where recordings are read.
         pool: Answers the rest; jobs are `worker.Job`.
+        publish: Publishes JSON on a key.
     """
 
-    def __init__(self, instance: str, engine: Engine, runs: Runs, pool: Pool) -> None:
+    def __init__(
+        self, instance: str, engine: Engine, runs: Runs, pool: Pool, publish: Callable[[str, bytes], None]
+    ) -> None:
         self._instance = instance
         self._engine = engine
         self._runs = runs
         self._pool = pool
+        self._publish = publish
+        self._under_way = UnderWay(pool)
         self._readers = ThreadPoolExecutor(2, thread_name_prefix="guidefield-reader")
         self._free_reads = threading.Semaphore(MOST_READS)
-        self._counters = Counter(asked=0, answered=0, refused=0)
-        self._counting = threading.Lock()
+        self._meter = Meter()
         self._began = time.monotonic()
 
     def receive(self, query: zenoh.Query) -> None:
         """Take a query; returns at once, and whatever happens the query is answered."""
         received = time.monotonic()
-        asked = Asked(query, self._instance, self._count)
-        self._count("asked")
+        asked = Asked(query, self._instance, partial(self._count_answer, _kind(str(query.key_expr)), received))
+        self._meter.count("asked")
         with asked.answering_failures():
             read = asked.read()
             keys.check(read)
             if read.key == ("info",):
-                asked.answer((True, codec.encode(self._info(), read.encoding)))
+                reply = (brief_info if keys.is_brief(read) else info)(self._figures())
+                asked.answer((True, codec.encode(reply, read.encoding)))
+            elif keys.is_cancel(read):
+                asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
             elif read.key[0] in HEAVY_KEYS or read.payload:
                 self._hand_over(asked, read, received)
             else:
@@ -81,17 +93,24 @@ class Endpoint:
         """Answer what is being read, and no more."""
         self._readers.shutdown(wait=True)
 
-    def _count(self, what: str) -> None:
-        with self._counting:
-            self._counters[what] += 1
+    def _count_answer(self, kind: str, received: float, what: str) -> None:
+        self._meter.count(what)
+        self._meter.time(kind, time.monotonic() - received)
 
-    def _info(self) -> InfoReply:
-        return info(
-            workers=self._pool.workers,
-            queue=self._pool.queue,
-            counters={**self._counters, "crashes": self._pool.crashes},
+    def _figures(self) -> Figures:
+        return Figures(
+            counters={**self._meter.counters(), "crashes": self._pool.crashes},
             uptime=time.monotonic() - self._began,
+            workers=self._pool.workers,
+            busy=self._pool.busy,
+            queue=self._pool.queue,
+            memory=self._pool.memory,
+            latency=self._meter.latency(),
         )
+
+    def _cancel(self, read: keys.Query) -> str:
+        self._meter.count("cancels")
+        return self._under_way.cancel(checked_name(read.key[1], "run_id"))
 
     def _look_up(self, asked: Asked, read: keys.Query) -> None:
         if not self._free_reads.acquire(blocking=False):
@@ -110,21 +129,39 @@ class Endpoint:
 
     def _hand_over(self, asked: Asked, read: keys.Query, received: float) -> None:
         head = keys.plan_head(read)
+        size = len(read.payload)
         if head is None:
-            future = self._pool.submit(Job(read, received), seconds=LONGEST_WORK)
-            future.add_done_callback(asked.settle)
+            task = Task(Job(read, received), LONGEST_WORK, client=read.client, size=size)
+            self._pool.submit(task).add_done_callback(asked.settle)
             return
         run_id = head.run_id or uuid.uuid4().hex
-        deadline = Deadline(received + head.allowed, partial(_timed_out, run_id, head, read.encoding))
-        future = self._pool.submit(Job(read, received, run_id), seconds=head.allowed + BACKSTOP, deadline=deadline)
-        future.add_done_callback(partial(self._end_run, run_id))
-        future.add_done_callback(asked.settle)
+        task = Task(
+            Job(read, received, run_id),
+            head.allowed + BACKSTOP,
+            deadline=Deadline(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
+            client=read.client,
+            size=size,
+            hear=partial(self._publish, f"guidefield/{self._instance}/runs/{run_id}/progress"),
+        )
+        self._under_way.submit(run_id, task, partial(_cancelled, run_id, head, read.encoding, received))
+        task.add_done_callback(partial(self._end_run, run_id))
+        task.add_done_callback(asked.settle)
 
     def _end_run(self, run_id: str, future: Future[Answer]) -> None:
         error = future.exception()
         if isinstance(error, WorkerCrashed):
             with contextlib.suppress(OSError, GuidefieldError):
                 self._runs.fail(run_id, error_reply(error))
+
+
+def _kind(key: str) -> str:
+    """What a query's time is counted under."""
+    _, _, kind = f"{key}///".split("/")[:3]
+    return kind if kind in KINDS else "other"
+
+
+def _cancelled(run_id: str, head: keys.PlanHead, encoding: Encoding, received: float) -> Answer:
+    return True, codec.encode(cancelled_waiting(run_id, head, time.monotonic() - received), encoding)
 
 
 def _timed_out(run_id: str, head: keys.PlanHead, encoding: Encoding) -> Answer:

@@ -9,20 +9,30 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import zenoh
 
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.errors import WorkerCrashed
+from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
-from guidefield.pool.pool import Pool
+from guidefield.pool.pool import DEFAULT_MEMORY, Pool
+from guidefield.pool.waiting import Limits
 from guidefield.stores.files import checked_name
 from guidefield.worker import EngineSetup
 
 _log = logging.getLogger(__name__)
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+UNLESS_TOLD = {
+    "scouting/multicast/enabled": "false",
+    "scouting/gossip/enabled": "false",
+    "transport/link/tx/lease": "2000",  # [ms]; a cut link is noticed after it
+    "transport/link/rx/max_message_size": str(codec.MAX_REQUEST_BYTES + 2**20),
+}
+"""What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end."""
 PATIENCE = 0.2
 """How often a start looks whether it is to be given up [s]."""
 
@@ -41,7 +51,8 @@ class ServiceSettings:
         listen: Zenoh endpoints; None takes the configuration's, or else a loopback port.
         config: Zenoh configuration file.
         workers: Number of worker processes.
-        queue_limit: How many requests may wait for one.
+        queue_limit: How many requests may wait for one; a single client may have half of them.
+        memory: A worker that takes more is stopped [bytes].
         grace: How long requests that are being worked on may take at the end [s].
     """
 
@@ -51,6 +62,7 @@ class ServiceSettings:
     config: Path | None = None
     workers: int = 2
     queue_limit: int = 64
+    memory: int = DEFAULT_MEMORY
     grace: float = 10.0
 
 
@@ -76,8 +88,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         _require_no_other(session, settings.instance)
         runs = setup.runs()
         runs.sweep(error_reply(WorkerCrashed("the service stopped while it worked on this run")))
-        pool = Pool(setup, workers=settings.workers, queue_limit=settings.queue_limit)
-        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool)
+        limits = Limits(tasks=settings.queue_limit, tasks_of_client=(settings.queue_limit + 1) // 2)
+        pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
+        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, partial(_publish, session))
         opened.callback(endpoint.close)
         opened.callback(pool.close, settings.grace)
         announce(f"starting (workers: {settings.workers}); the first start on a machine compiles for a minute or two")
@@ -103,9 +116,9 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
             config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
         elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
             config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
-        for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
-            if config.get_json(key) == "null":
-                config.insert_json5(key, "false")
+        for key, value in UNLESS_TOLD.items():
+            if config.get_json(key) == zenoh.Config().get_json(key):
+                config.insert_json5(key, value)
     except zenoh.ZError as error:
         raise CannotServe(f"the Zenoh configuration is wrong: {error}") from None
     return config
@@ -127,6 +140,13 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise CannotServe(f"Zenoh can't be opened: {error}") from None
+
+
+def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:
+    try:
+        session.put(key, payload, encoding=codec.Encoding.JSON.value)
+    except zenoh.ZError:  # nobody hears it then; the run goes on
+        _log.exception("progress could not be published")
 
 
 def _alive(instance: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from guidefield.messages.replies import (
     PointPotentialReply,
     RobotPotentialReply,
 )
-from guidefield.messages.values import Placement, Vector3
+from guidefield.messages.values import Placement, Reply, Vector3
 from guidefield.potential import RobotField
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.group import PlanningGroup
@@ -29,6 +30,11 @@ from guidefield.robot.model import RobotModel
 from guidefield.robot.selection import select
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
+
+
+def answer_kinematics(request: requests.KinematicsRequest, robot: RobotModel | None, scene: Scene | None) -> Reply:
+    """The reply to a request of any kind; raises as its own function."""
+    return _ANSWERS[type(request)](request, robot, scene)
 
 
 def forward_kinematics(
@@ -137,6 +143,14 @@ def potential(
     return RobotPotentialReply(
         potential=energies, generalized_force=forces, velocity_names=group.velocity_names, links=links
     )
+
+
+_ANSWERS: dict[type, Callable[[Any, Any, Any], Reply]] = {
+    requests.ForwardKinematics: forward_kinematics,
+    requests.InverseKinematics: inverse_kinematics,
+    requests.Clearance: clearance,
+    requests.Potential: potential,
+}
 
 
 def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:

@@ -22,6 +22,7 @@ SERVED = (
     "runs",
     "runs/<id>",
     "runs/<id>/recording",
+    "runs/<id>/cancel",
     "info",
 )
 """The keys of an instance that can be queried."""
@@ -36,12 +37,14 @@ class Query:
         parameters: Those after the question mark.
         payload: Empty where there is none.
         encoding: How the payload is written, and the reply is to be.
+        client: Who asks, as far as it says so.
     """
 
     key: tuple[str, ...]
     parameters: Mapping[str, str]
     payload: bytes
     encoding: Encoding
+    client: str = ""
 
 
 class PlanHead(msgspec.Struct, frozen=True):
@@ -64,7 +67,9 @@ def check(query: Query) -> None:
     Raises:
         MalformedRequest: if the key is not served, or the query has parameters or a payload that don't fit it.
     """
-    if not is_recording(query):
+    if is_recording(query) or is_cancel(query):
+        _refuse_payload(query)
+    else:
         _rule(query)
 
 
@@ -93,6 +98,16 @@ def plan_head(query: Query) -> PlanHead | None:
 def is_recording(query: Query) -> bool:
     """Whether the query asks for a recording: the one answer that is not a message."""
     return len(query.key) == 3 and query.key[0] == "runs" and query.key[2] == "recording"
+
+
+def is_cancel(query: Query) -> bool:
+    """Whether the query asks for the early end of a run."""
+    return len(query.key) == 3 and query.key[0] == "runs" and query.key[2] == "cancel"
+
+
+def is_brief(query: Query) -> bool:
+    """Whether the query asks for info, and for its figures only."""
+    return "brief" in query.parameters
 
 
 def _plan(query: Query) -> requests.Request:
@@ -162,7 +177,7 @@ _RULES = {
     ("scenes", 2): _Rule(_scene, frozenset({"delete"}), takes_payload=True),
     ("runs", 1): _Rule(_runs, frozenset({"status", "robot", "since"})),
     ("runs", 2): _Rule(_run, frozenset({"delete"})),
-    ("info", 1): _Rule(lambda _: requests.ReadInfo()),
+    ("info", 1): _Rule(lambda _: requests.ReadInfo(), frozenset({"brief"})),
 }
 """Rules by the first chunk of the key and the number of chunks."""
 

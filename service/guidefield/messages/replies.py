@@ -17,6 +17,11 @@ from guidefield.messages.robot_replies import (
     RobotSummary as RobotSummary,
 )
 from guidefield.messages.scene import GuidePlane, Scene
+from guidefield.messages.service_replies import (
+    Histogram as Histogram,
+    InfoReply as InfoReply,
+    Progress as Progress,
+)
 from guidefield.messages.values import Placement, Reply, Vector3
 
 Rows = list[list[float]]
@@ -242,19 +247,6 @@ class Done(Reply):
     schema: int = 1
 
 
-class InfoReply(Reply):
-    """Versions, the JSON Schema of every message, workers, queue, counters."""
-
-    version: str
-    packages: dict[str, str]
-    schemas: dict[str, Any]
-    workers: int
-    queue: int
-    counters: dict[str, int]
-    uptime: float
-    schema: int = 1
-
-
 AnyReply = (
     PlanReply
     | ForwardKinematicsReply
@@ -270,6 +262,7 @@ AnyReply = (
     | RunReply
     | Done
     | InfoReply
+    | Progress
 )
 
 

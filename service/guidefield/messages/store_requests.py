@@ -83,6 +83,14 @@ class ReadRuns(Message, tag_field="type", tag="runs"):
     robot: str | None = None
     since: float | None = None
 
+    def wants(self, status: str, robot: str, began: float) -> bool:
+        """Whether a run with these is to be listed."""
+        return (
+            self.status in (None, status)
+            and self.robot in (None, robot)
+            and (self.since is None or began >= self.since)
+        )
+
 
 class ReadRun(Message, tag_field="type", tag="run"):
     """Read one run: its request, and its reply once there is one."""

@@ -176,6 +176,8 @@ def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
     status, message = Status.SUCCESS, "found a motion and certified it free over its whole length"
     details: dict[str, Any] = {}
     verdict = finished.verdict
+    if verdict.free and problem.budget.cancelled():
+        status, message = Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length"
     if not verdict.free:
         status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
         pair = " and ".join(verdict.pair) if verdict.pair else "a pair of bodies"

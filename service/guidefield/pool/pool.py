@@ -5,7 +5,9 @@ workers share no lock, so one that is killed at any instruction cannot block ano
 the common queue, has it done, and settles the job's future: with the worker's answer, or with the error that stands in
 for it. After anything but an orderly answer the slot starts a fresh process. A worker that dies while it has nothing to
 do is replaced in the same way, and a job that it was handed but never began is handed to its successor; what a worker
-has begun, it writes as a number into memory that it shares with its slot. A job that waits beyond its deadline is
+has begun, it writes as a number into memory that it shares with its slot; in the same way a slot tells it which job is
+to end early. What a worker tells while it works comes back as packets through a socket. Meanwhile its slot looks, every
+few hundredths of a second, whether it lives and how much memory it has. A job that waits beyond its deadline is
 answered by the one thread that watches the queue.
 """
 
@@ -13,16 +15,18 @@ from __future__ import annotations
 
 import threading
 import time
-from concurrent.futures import Future
-from typing import Any
+from collections.abc import Callable
 
 from guidefield.errors import ServerBusy
 from guidefield.pool.process import Setup
 from guidefield.pool.slot import Slot
-from guidefield.pool.waiting import Answer, Deadline, Task, Waiting
+from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
 QUEUE_CHECK = 0.05
 """How often the queue is searched for jobs whose time is up [s]."""
+DEFAULT_LIMITS = Limits()
+DEFAULT_MEMORY = 4 << 30
+"""Memory that a worker may have [bytes]."""
 
 
 class Pool:
@@ -31,12 +35,15 @@ class Pool:
     Args:
         setup: Prepares each worker.
         workers: How many.
-        queue_limit: How many jobs may wait.
+        limits: How much may wait.
+        memory: A worker that takes more is stopped [bytes].
     """
 
-    def __init__(self, setup: Setup, *, workers: int, queue_limit: int = 64) -> None:
-        self._waiting = Waiting(queue_limit)
-        self._slots = [Slot(setup, self._waiting) for _ in range(workers)]
+    def __init__(
+        self, setup: Setup, *, workers: int, limits: Limits = DEFAULT_LIMITS, memory: int = DEFAULT_MEMORY
+    ) -> None:
+        self._waiting = Waiting(limits)
+        self._slots = [Slot(setup, self._waiting, memory) for _ in range(workers)]
         self._watch = threading.Thread(target=self._answer_expired, name="guidefield-queue", daemon=True)
 
     @property
@@ -48,6 +55,16 @@ class Pool:
     def queue(self) -> int:
         """How many jobs wait."""
         return len(self._waiting)
+
+    @property
+    def busy(self) -> int:
+        """How many workers work."""
+        return sum(slot.busy for slot in self._slots)
+
+    @property
+    def memory(self) -> int:
+        """Resident memory of all workers [bytes]."""
+        return sum(slot.memory for slot in self._slots)
 
     @property
     def crashes(self) -> int:
@@ -72,28 +89,32 @@ class Pool:
             slot.start()
         return True
 
-    def submit(self, job: Any, *, seconds: float, deadline: Deadline | None = None) -> Future[Answer]:
-        """Have a job done.
-
-        Args:
-            job: What the worker is given; must pickle.
-            seconds: A worker that works longer on it is stopped [s].
-            deadline: When it need not be begun any more; None: it waits as long as it takes.
+    def submit(self, task: Task) -> Task:
+        """Have a task done; its job must pickle.
 
         Returns:
-            The answer to come; or WorkerCrashed, or ServerBusy where the pool is closed before the job's turn.
+            The task, a future that comes to the answer; or to WorkerCrashed, or to ServerBusy where the pool is closed
+            before the job's turn.
 
         Raises:
-            ServerBusy: if too many jobs wait already, or the pool is closed.
+            ServerBusy: if too much waits already, or the pool is closed.
         """
-        task = Task(job, seconds, deadline)
         self._waiting.put(task)
-        return task.future
+        return task
+
+    def cancel(self, task: Task, answer: Callable[[], Answer]) -> None:
+        """End a task early: answer it so if it still waits; if it is worked on, tell the worker to come to an end."""
+        task.cancelled_by_client.set()
+        if self._waiting.withdraw(task):
+            task.set_result(answer())
+            return
+        for slot in self._slots:
+            slot.pass_on_cancel()
 
     def close(self, grace: float) -> None:
         """Refuse what waits, let workers finish for a while [s], then stop them; every future is settled on return."""
         for task in self._waiting.close():
-            task.future.set_exception(ServerBusy("the service is shutting down"))
+            task.set_exception(ServerBusy("the service is shutting down"))
         deadline = time.monotonic() + grace
         for slot in self._slots:
             slot.join(deadline - time.monotonic())
@@ -106,5 +127,5 @@ class Pool:
         while not self._waiting.closed:
             for task in self._waiting.take_expired(time.monotonic()):
                 assert task.deadline is not None, "only tasks with a deadline expire"
-                task.future.set_result(task.deadline.answer())
+                task.set_result(task.deadline.answer())
             time.sleep(QUEUE_CHECK)

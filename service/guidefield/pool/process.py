@@ -2,16 +2,56 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
+import resource
+import socket
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any
 
 from guidefield.pool.waiting import Answer
 
-Work = Callable[[Any], Answer]
+DATA_ROOM = 2
+"""How many times its memory limit a worker may ask the system for: one huge allocation fails at once."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """What a slot and its worker process share.
+
+    Attributes:
+        begun: Number of the job that was begun last, in shared memory.
+        cancelled: Number of the job that is to be ended early, in shared memory.
+        told: Where a worker sends what it tells, one packet each: a process that is killed leaves no half of one.
+    """
+
+    begun: Any
+    cancelled: Any
+    told: socket.socket
+
+
+@dataclass(frozen=True)
+class Call:
+    """A job's line to those who wait for it."""
+
+    number: int
+    line: Line
+
+    def cancelled(self) -> bool:
+        """Whether the job is to be ended early."""
+        return bool(self.line.cancelled.value == self.number)
+
+    def tell(self, what: bytes) -> None:
+        """Tell something; it is lost if nobody listens, and never waits."""
+        with contextlib.suppress(OSError):
+            self.line.told.send(what)
+
+
+Work = Callable[[Any, Call], Answer]
 """Answers one job; it must not raise."""
 
 Setup = Callable[[], Work]
@@ -19,15 +59,17 @@ Setup = Callable[[], Work]
 
 _answers: Work | None = None
 """In a worker process: what answers there."""
-_begun: Any = None
-"""In a worker process: the number of the job that was begun last, in memory shared with the slot."""
+_line: Line | None = None
+"""In a worker process: what it shares with its slot."""
 
 
-def prepare(setup: Setup, begun: Any) -> None:
-    """Make this process a worker; `begun` is memory that it shares with its slot."""
-    global _answers, _begun
+def prepare(setup: Setup, line: Line, memory: int) -> None:
+    """Make this process a worker that may have some memory [bytes]."""
+    global _answers, _line
     threading.Thread(target=_end_with_parent, name="guidefield-parent", daemon=True).start()
-    _answers, _begun = setup(), begun
+    line.told.setblocking(False)
+    _answers, _line = setup(), line
+    resource.setrlimit(resource.RLIMIT_DATA, (DATA_ROOM * memory, resource.RLIM_INFINITY))
 
 
 def _end_with_parent() -> None:
@@ -40,5 +82,6 @@ def _end_with_parent() -> None:
 def work(number: int, job: Any) -> Answer:
     """Answer one job, after saying that it is begun."""
     assert _answers is not None, "a worker is prepared before it works"
-    _begun.value = number
-    return _answers(job)
+    assert _line is not None, "a worker is prepared before it works"
+    _line.begun.value = number
+    return _answers(job, Call(number, _line))

@@ -7,24 +7,28 @@ import itertools
 import logging
 import multiprocessing
 import os
-import signal
+import socket
 import threading
 import time
 from concurrent.futures import CancelledError, wait
 from concurrent.futures.process import BrokenProcessPool
+from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
 from guidefield.errors import GuidefieldError, WorkerCrashed
-from guidefield.pool.process import Setup, prepare, work
+from guidefield.pool.process import Line, Setup, prepare, work
 from guidefield.pool.waiting import Answer, Task, Waiting
+from guidefield.pool.watch import Watch
 
 IDLE_CHECK = 0.5
 """How often an idle slot looks whether its worker lives [s]."""
+BUSY_CHECK = 0.05
+"""How often a worker that works is looked after, and what it tells is passed on [s]."""
 RESTART_PAUSE = 1.0
 """How long a slot waits before it tries again to start a worker that could not start [s]."""
-STOP_MARGIN = 5.0
-"""How much longer than a job's limit the slot waits for the pool's own way to stop it [s]."""
+LONGEST_TELLING = 1 << 16
+"""Longest thing that a worker can tell at once [bytes]."""
 
 _log = logging.getLogger(__name__)
 _spawn = multiprocessing.get_context("spawn")
@@ -36,18 +40,34 @@ class Slot:
     Args:
         setup: Prepares each worker.
         waiting: The queue that it takes its jobs from.
+        memory: A worker that takes more is stopped [bytes].
     """
 
-    def __init__(self, setup: Setup, waiting: Waiting) -> None:
+    def __init__(self, setup: Setup, waiting: Waiting, memory: int) -> None:
         self._setup = setup
         self._waiting = waiting
-        self._begun = _spawn.Value("Q", 0, lock=False)
+        self._memory = memory
+        self._heard, told = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._heard.setblocking(False)
+        self._line = Line(_spawn.Value("Q", 0, lock=False), _spawn.Value("Q", 0, lock=False), told)
         self._numbers = itertools.count(1)
         self._pool: ProcessPool | None = None
-        self._pid: int | None = None
+        self._watch: Watch | None = None
+        self._current: tuple[Task, int] | None = None
         self._tried = threading.Event()
         self._thread = threading.Thread(target=self._run, name="guidefield-slot", daemon=True)
         self.replaced = 0
+
+    @property
+    def busy(self) -> bool:
+        """Whether its worker works."""
+        return self._current is not None
+
+    @property
+    def memory(self) -> int:
+        """Resident memory of its worker [bytes]; 0 where there is none."""
+        watch = self._watch
+        return 0 if watch is None else watch.memory()
 
     def start(self) -> None:
         """Start the thread, which starts the worker."""
@@ -61,7 +81,7 @@ class Slot:
         """
         if not self._tried.wait(timeout):
             return False
-        if self._pid is None:
+        if self._watch is None:
             raise RuntimeError("a worker process could not be prepared; its log says why")
         return True
 
@@ -72,78 +92,131 @@ class Slot:
 
     def kill_worker(self) -> None:
         """End the worker at once; its job is answered as crashed."""
-        pid = self._pid
-        if pid is not None and self._thread.is_alive():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        watch = self._watch
+        if watch is not None and self._thread.is_alive():
+            watch.kill()
+
+    def pass_on_cancel(self) -> None:
+        """Let the worker know if its job is to be ended early."""
+        current = self._current
+        if current is not None and current[0].cancelled_by_client.is_set():
+            self._line.cancelled.value = current[1]
 
     def _run(self) -> None:
         self._start_worker()
         self._tried.set()
         while not self._waiting.closed or len(self._waiting):
-            if self._pool is None or not self._pool.active:
+            if self._pool is None or self._watch is None or not self._pool.active or not self._watch.alive():
                 self._replace_worker()
             task = self._waiting.take(IDLE_CHECK)
             if task is not None:
                 self._settle(task)
         self._stop_worker()
+        self._heard.close()
+        self._line.told.close()
 
     def _settle(self, task: Task) -> None:
         try:
-            task.future.set_result(self._answer(task))
+            task.set_result(self._answer(task))
         except GuidefieldError as error:
-            task.future.set_exception(error)
+            task.set_exception(error)
         except Exception as error:  # the slot must outlive its own bugs, and the caller must hear of them
             _log.exception("a slot failed")
-            task.future.set_exception(WorkerCrashed(f"the pool failed: {error}"))
+            task.set_exception(WorkerCrashed(f"the pool failed: {error}"))
 
     def _answer(self, task: Task) -> Answer:
-        while self._pool is not None:
+        while self._pool is not None and self._watch is not None:
             number = next(self._numbers)
+            self._current = task, number
+            self.pass_on_cancel()
             try:
-                future = self._pool.schedule(work, args=(number, task.job), timeout=task.seconds)
-                answer: Answer = future.result(task.seconds + STOP_MARGIN)
-            except TimeoutError:
+                return self._attend(task, self._pool.schedule(work, args=(number, task.job)), self._watch)
+            except WorkerCrashed:
                 self._replace_worker()
-                raise WorkerCrashed(
-                    f"the request took longer than {task.seconds:g} s and was stopped", seconds=task.seconds
-                ) from None
-            except (ProcessExpired, BrokenProcessPool, CancelledError, RuntimeError, OSError):
-                begun = self._begun.value == number
+                raise
+            except (ProcessExpired, BrokenProcessPool, CancelledError, RuntimeError, OSError) as error:
+                begun = self._line.begun.value == number
                 self._replace_worker()
                 if begun:
-                    raise WorkerCrashed("the process that worked on this request died; the service lives on") from None
-            else:
-                return answer
+                    raise WorkerCrashed(
+                        f"the process that worked on this request died{_how(error)}; the service lives on"
+                    ) from None
+            finally:
+                self._current = None
         raise WorkerCrashed("no worker process could be started; the service keeps trying")
 
+    def _attend(self, task: Task, future: Any, watch: Watch) -> Answer:
+        """The worker's answer; what it tells meanwhile is passed on, and it is stopped if it takes too much."""
+        stop_at = time.monotonic() + task.seconds
+        while not wait([future], BUSY_CHECK).done:
+            self._pass_on(task)
+            if watch.memory() > self._memory:
+                watch.kill()
+                limit = self._memory // 2**20
+                raise WorkerCrashed(
+                    f"the request took more than {limit} MiB of memory and was stopped", mebibytes=limit
+                )
+            if time.monotonic() > stop_at:
+                watch.kill()
+                raise WorkerCrashed(
+                    f"the request took longer than {task.seconds:g} s and was stopped", seconds=task.seconds
+                )
+            if not watch.alive() and not wait([future], 2 * BUSY_CHECK).done:
+                raise ProcessExpired("ended in the middle of its work", code=0)
+        self._pass_on(task)
+        answer: Answer = future.result()
+        return answer
+
+    def _pass_on(self, task: Task) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                task.hear(self._heard.recv(LONGEST_TELLING))
+
     def _start_worker(self) -> None:
-        pool = ProcessPool(max_workers=1, initializer=prepare, initargs=(self._setup, self._begun), context=_spawn)
+        arguments = (self._setup, self._line, self._memory)
+        pool = ProcessPool(max_workers=1, initializer=prepare, initargs=arguments, context=_spawn)
         try:
             pid = pool.schedule(os.getpid)
             while not self._waiting.closed and not pid.done():
                 wait([pid], IDLE_CHECK)
             if pid.done():
-                self._pid, self._pool = pid.result(), pool
+                self._watch, self._pool = Watch(pid.result()), pool
                 return
         except (ProcessExpired, BrokenProcessPool, RuntimeError, OSError):
             _log.error("a worker process could not be prepared")
         _end(pool)
 
     def _stop_worker(self) -> None:
+        if self._watch is not None:
+            self._watch.kill()
         if self._pool is not None:
             _end(self._pool)
-        self._pool = self._pid = None
+        if self._watch is not None:
+            self._watch.close()
+        self._pool = self._watch = None
 
     def _replace_worker(self) -> None:
         if self._pool is None:  # the last attempt to start one failed
             time.sleep(RESTART_PAUSE)
         else:
             self.replaced += 1
-            _log.warning("worker process %s is replaced", self._pid)
+            _log.warning("worker process %s is replaced", None if self._watch is None else self._watch.pid)
         self._stop_worker()
+        self._forget_tellings()
         if not self._waiting.closed:
             self._start_worker()
+
+    def _forget_tellings(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while self._heard.recv(LONGEST_TELLING):
+                pass
+
+
+def _how(error: Exception) -> str:
+    code = getattr(error, "exitcode", None)
+    if not code:
+        return ""
+    return f" of signal {-code}" if code < 0 else f" with exit code {code}"
 
 
 def _end(pool: ProcessPool) -> None:

@@ -1,0 +1,171 @@
+"""The client for asyncio: it waits for nothing but what its caller awaits."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from guidefield.client import questions
+from guidefield.client.client import GIVE_UP_WITHIN, exchange_with
+from guidefield.client.exchange import Exchange
+from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.watching import watching
+from guidefield.messages.replies import (
+    InfoReply,
+    PlanReply,
+    Progress,
+    RobotReply,
+    RobotsReply,
+    RunReply,
+    RunsReply,
+)
+from guidefield.messages.requests import KinematicsRequest, PlanRequest
+from guidefield.messages.scene import Scene
+from guidefield.messages.values import RootJoint
+
+_R = TypeVar("_R")
+
+
+class AsyncClient:
+    """`Client`, for asyncio: the same questions, awaited; an asynchronous context manager, which closes it.
+
+    Args:
+        exchange: What carries the questions; the client closes it.
+    """
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._exchange = exchange
+
+    @classmethod
+    async def connect(
+        cls, *endpoints: str, instance: str | None = None, config: Path | None = None, wait: float = 3.0
+    ) -> Self:
+        """Connect to a service, as `Client.connect`."""
+        return cls(await asyncio.to_thread(exchange_with, endpoints, instance, config, wait))
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the session."""
+        await asyncio.to_thread(self._exchange.close)
+
+    @property
+    def instance(self) -> str:
+        """Name of the instance that is asked now."""
+        return self._exchange.instance
+
+    async def plan(
+        self,
+        request: PlanRequest | dict[str, Any] | None = None,
+        /,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+        **fields: Any,
+    ) -> PlanReply:
+        """Ask for a motion; give a request, or its fields by name. A task that is cancelled here ends the run.
+
+        Args:
+            request: The request; a run id is made where it has none.
+            progress: Is called, by the event loop, with how far the run is.
+            fields: Those of a PlanRequest, instead of a request.
+        """
+        question = questions.plan(request, fields)
+        assert question.run_id is not None, "a plan is asked for with a name"
+        loop = asyncio.get_running_loop()
+        hear = None if progress is None else _called_by(loop, progress)
+        with watching(self._exchange.session, question.run_id, hear):
+            try:
+                return await self._ask(question)
+            except asyncio.CancelledError:
+                async with asyncio.timeout(GIVE_UP_WITHIN):
+                    await self.cancel(question.run_id)
+                raise
+
+    async def cancel(self, run_id: str) -> str:
+        """End a run early: its reply is PREEMPTED, with the best by then; says in a sentence what that means."""
+        return (await self._ask(questions.cancel(run_id))).done
+
+    async def kinematics(self, request: KinematicsRequest) -> KinematicsReply:
+        """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
+        return await self._ask(questions.kinematics(request))
+
+    async def robots(self) -> RobotsReply:
+        """The robots that can be named."""
+        return await self._ask(questions.robots())
+
+    async def robot(self, name: str) -> RobotReply:
+        """One robot: joints, limits, frames, groups, collision pairs."""
+        return await self._ask(questions.robot(name))
+
+    async def store_robot(
+        self,
+        name: str,
+        urdf: str,
+        *,
+        srdf: str | None = None,
+        meshes: Mapping[str, bytes] | None = None,
+        root_joint: RootJoint = "fixed",
+    ) -> None:
+        """Store a robot of one's own under a name; `meshes` are files by the URIs that the URDF has for them."""
+        await self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))
+
+    async def delete_robot(self, name: str) -> None:
+        """Forget a stored robot."""
+        await self._ask(questions.delete_robot(name))
+
+    async def scenes(self) -> list[str]:
+        """The scenes that can be named."""
+        return (await self._ask(questions.scenes())).scenes
+
+    async def scene(self, name: str) -> Scene:
+        """One scene."""
+        return (await self._ask(questions.scene(name))).scene
+
+    async def store_scene(self, scene: Scene) -> None:
+        """Store a scene under its own name."""
+        await self._ask(questions.store_scene(scene))
+
+    async def delete_scene(self, name: str) -> None:
+        """Forget a stored scene."""
+        await self._ask(questions.delete_scene(name))
+
+    async def runs(
+        self, *, status: str | None = None, robot: str | None = None, since: float | None = None
+    ) -> RunsReply:
+        """The runs that are kept, newest first: those of a status or robot, or begun since a time [s since 1970]."""
+        return await self._ask(questions.runs(status, robot, since))
+
+    async def run(self, run_id: str) -> RunReply:
+        """One run: its request, and its reply once there is one."""
+        return await self._ask(questions.run(run_id))
+
+    async def delete_run(self, run_id: str) -> None:
+        """Forget one run with its recording."""
+        await self._ask(questions.delete_run(run_id))
+
+    async def recording(self, run_id: str) -> bytes:
+        """The recording of one run, to be written to an `.rrd` file."""
+        return await self._ask(questions.recording(run_id))
+
+    async def info(self) -> InfoReply:
+        """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""
+        return await self._ask(questions.info())
+
+    async def _ask(self, question: Question[_R]) -> _R:
+        return question.read(await asyncio.wrap_future(self._exchange.ask(question)))
+
+
+def _called_by(loop: asyncio.AbstractEventLoop, hear: Callable[[Progress], None]) -> Callable[[Progress], None]:
+    def called(progress: Progress) -> None:
+        loop.call_soon_threadsafe(hear, progress)
+
+    return called

@@ -1,0 +1,199 @@
+"""The client that waits for its answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from guidefield.client import questions
+from guidefield.client.exchange import Exchange
+from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.session import opened
+from guidefield.client.watching import watching
+from guidefield.messages.replies import (
+    InfoReply,
+    PlanReply,
+    Progress,
+    RobotReply,
+    RobotsReply,
+    RunReply,
+    RunsReply,
+)
+from guidefield.messages.requests import KinematicsRequest, PlanRequest
+from guidefield.messages.scene import Scene
+from guidefield.messages.values import RootJoint
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+GIVE_UP_WITHIN = 2.0
+"""How long the answer to a cancel is waited for where the caller is on its way out [s]."""
+
+_R = TypeVar("_R")
+
+
+class Client:
+    """A connection to the service; a context manager, which closes it.
+
+    Whatever is asked raises the exception that the service's ``reply_err`` stands for, and NoService where nobody
+    answers. Any thread may ask. Stored scenes and runs are an instance's own.
+
+    Args:
+        exchange: What carries the questions; the client closes it.
+    """
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._exchange = exchange
+
+    @classmethod
+    def connect(
+        cls, *endpoints: str, instance: str | None = None, config: Path | None = None, wait: float = 3.0
+    ) -> Self:
+        """Connect to a service.
+
+        Args:
+            endpoints: Where instances of it, or Zenoh routers, listen, such as ``tcp/127.0.0.1:7447``; several are
+                connected to at once. None: those of the configuration, else a service on this machine.
+            instance: The only instance to ask. None takes the one that has the least to do, and another one when that
+                is gone or too busy.
+            config: Zenoh configuration file: certificates, user and password.
+            wait: How long to wait for it to be there [s].
+
+        Raises:
+            NoService: if in that time nobody listens there, or no service of that name shows.
+            ValueError: if an endpoint isn't one, or the configuration is wrong.
+        """
+        return cls(exchange_with(endpoints, instance, config, wait))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the session."""
+        self._exchange.close()
+
+    @property
+    def instance(self) -> str:
+        """Name of the instance that is asked now."""
+        return self._exchange.instance
+
+    def alive(self) -> bool:
+        """Whether that instance is there now."""
+        return self._exchange.alive()
+
+    def plan(
+        self,
+        request: PlanRequest | dict[str, Any] | None = None,
+        /,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+        **fields: Any,
+    ) -> PlanReply:
+        """Ask for a motion; give a request, or its fields by name.
+
+        A run id is made where the request has none. Whoever interrupts the wait, as Ctrl-C does, ends the run.
+
+        Args:
+            request: The request.
+            progress: Is called, in another thread, with how far the run is.
+            fields: Those of a PlanRequest, instead of a request.
+        """
+        question = questions.plan(request, fields)
+        assert question.run_id is not None, "a plan is asked for with a name"
+        with watching(self._exchange.session, question.run_id, progress):
+            answer = self._exchange.ask(question)
+            try:
+                return question.read(answer.result())
+            except (KeyboardInterrupt, SystemExit):
+                self._exchange.ask(questions.cancel(question.run_id)).result(GIVE_UP_WITHIN)
+                raise
+
+    def cancel(self, run_id: str) -> str:
+        """End a run early: its reply is PREEMPTED, with the best by then; says in a sentence what that means."""
+        return self._ask(questions.cancel(run_id)).done
+
+    def kinematics(self, request: KinematicsRequest) -> KinematicsReply:
+        """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
+        return self._ask(questions.kinematics(request))
+
+    def robots(self) -> RobotsReply:
+        """The robots that can be named."""
+        return self._ask(questions.robots())
+
+    def robot(self, name: str) -> RobotReply:
+        """One robot: joints, limits, frames, groups, collision pairs."""
+        return self._ask(questions.robot(name))
+
+    def store_robot(
+        self,
+        name: str,
+        urdf: str,
+        *,
+        srdf: str | None = None,
+        meshes: Mapping[str, bytes] | None = None,
+        root_joint: RootJoint = "fixed",
+    ) -> None:
+        """Store a robot of one's own under a name; `meshes` are files by the URIs that the URDF has for them."""
+        self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))
+
+    def delete_robot(self, name: str) -> None:
+        """Forget a stored robot."""
+        self._ask(questions.delete_robot(name))
+
+    def scenes(self) -> list[str]:
+        """The scenes that can be named."""
+        return self._ask(questions.scenes()).scenes
+
+    def scene(self, name: str) -> Scene:
+        """One scene."""
+        return self._ask(questions.scene(name)).scene
+
+    def store_scene(self, scene: Scene) -> None:
+        """Store a scene under its own name."""
+        self._ask(questions.store_scene(scene))
+
+    def delete_scene(self, name: str) -> None:
+        """Forget a stored scene."""
+        self._ask(questions.delete_scene(name))
+
+    def runs(self, *, status: str | None = None, robot: str | None = None, since: float | None = None) -> RunsReply:
+        """The runs that are kept, newest first: those of a status or robot, or begun since a time [s since 1970]."""
+        return self._ask(questions.runs(status, robot, since))
+
+    def run(self, run_id: str) -> RunReply:
+        """One run: its request, and its reply once there is one."""
+        return self._ask(questions.run(run_id))
+
+    def delete_run(self, run_id: str) -> None:
+        """Forget one run with its recording."""
+        self._ask(questions.delete_run(run_id))
+
+    def recording(self, run_id: str) -> bytes:
+        """The recording of one run, to be written to an `.rrd` file."""
+        return self._ask(questions.recording(run_id))
+
+    def info(self) -> InfoReply:
+        """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""
+        return self._ask(questions.info())
+
+    def _ask(self, question: Question[_R]) -> _R:
+        return question.read(self._exchange.ask(question).result())
+
+
+def exchange_with(endpoints: tuple[str, ...], instance: str | None, config: Path | None, wait: float) -> Exchange:
+    """What carries questions to a service that is there; raises as `Client.connect`."""
+    deadline = time.monotonic() + wait
+    where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
+    exchange = Exchange(opened(where, config, deadline), instance)
+    try:
+        exchange.await_instance(deadline - time.monotonic())
+    except BaseException:
+        exchange.close()
+        raise
+    return exchange

@@ -1,0 +1,179 @@
+"""Questions out, exactly one answer back to each of them.
+
+Theory of operation. A question goes to one instance at a time. Zenoh tells when it has brought all that there is: an
+answer, or none, which means that the instance is gone. Where the client named no instance, the question then goes to
+another one; so it does where an instance is too busy to take it. A question is never with two at once, so there is
+never a second answer to it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections import OrderedDict
+from concurrent.futures import Future
+from typing import Any
+
+import zenoh
+
+from guidefield.client.instances import Instances
+from guidefield.client.questions import Question, refusal
+from guidefield.errors import GuidefieldError, MalformedRequest, NoService, ServerBusy
+from guidefield.messages.codec import Encoding
+
+RETURN_WITHIN = 3.0
+"""How long another instance is waited for when the one that was asked is gone [s]."""
+MOST_RUNS = 1_000
+"""For how many runs it is remembered which instance has them."""
+
+
+class Exchange:
+    """Asks the instances of a session.
+
+    Args:
+        session: An open session; closed with this.
+        instance: The only instance to ask; None takes the freest, and another one when that is gone.
+    """
+
+    def __init__(self, session: zenoh.Session, instance: str | None) -> None:
+        self.session = session
+        self.named = instance
+        self.client = uuid.uuid4().hex
+        self._instances = Instances(session)
+        self._current = instance
+        self._runs: OrderedDict[str, str] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Close the session."""
+        self._instances.close()
+        self.session.close()
+
+    def await_instance(self, wait: float) -> str:
+        """The instance that is asked, once it lives.
+
+        Raises:
+            NoService: if there is none in that time [s].
+        """
+        deadline = time.monotonic() + wait
+        while True:
+            living = self._instances.living()
+            if self.named in living:
+                return self.named or ""
+            if self.named is None and (freest := self._instances.freest(frozenset(), 0.0)) is not None:
+                self._current = freest
+                return freest
+            if time.monotonic() > deadline:
+                what = "no service" if self.named is None else f"no service named {self.named!r}"
+                raise NoService(f"{what} is there", instance=self.named)
+            time.sleep(0.01)
+
+    @property
+    def instance(self) -> str:
+        """The instance that is asked now."""
+        if self._current is None:
+            return self.await_instance(RETURN_WITHIN)
+        return self._current
+
+    def alive(self) -> bool:
+        """Whether the instance that is asked lives."""
+        return self._current in self._instances.living()
+
+    def ask(self, question: Question[Any]) -> Future[bytes]:
+        """The payload of the answer to come; or the exception that the service's error stands for.
+
+        Raises:
+            MalformedRequest: if its key can't be asked for.
+        """
+        asking = _Asking(self, question)
+        asking.answer.set_running_or_notify_cancel()  # who waits may give up, the question stays on its way
+        asking.send(self._asked_for(question.run_id))
+        return asking.answer
+
+    def leave(self, instance: str, tried: frozenset[str]) -> str | None:
+        """Another instance than those that were tried; None if only one is wanted, or there is none."""
+        if self.named is not None:
+            return None
+        with self._lock:
+            if self._current not in tried and self._current in self._instances.living():
+                return self._current  # another question has moved already
+            found = self._instances.freest(tried, RETURN_WITHIN if instance not in self._instances.living() else 0.0)
+            if found is not None:
+                self._current = found
+            return found
+
+    def remember(self, run_id: str, instance: str) -> None:
+        """Ask this instance about a run from now on."""
+        with self._lock:
+            self._runs[run_id] = instance
+            if len(self._runs) > MOST_RUNS:
+                self._runs.popitem(last=False)
+
+    def _asked_for(self, run_id: str | None) -> str:
+        kept = None if run_id is None else self._runs.get(run_id)
+        return self.instance if kept is None else kept
+
+
+class _Asking:
+    """One question on its way."""
+
+    def __init__(self, exchange: Exchange, question: Question[Any]) -> None:
+        self.answer: Future[bytes] = Future()
+        self._exchange = exchange
+        self._question = question
+        self._deadline = time.monotonic() + question.timeout
+        self._tried: frozenset[str] = frozenset()
+        self._instance = ""
+        self._brought: list[zenoh.Reply] = []
+
+    def send(self, instance: str) -> None:
+        """Ask one instance."""
+        self._instance, self._brought = instance, []
+        self._tried |= {instance}
+        question = self._question
+        if question.key == "plan" and question.run_id is not None:
+            self._exchange.remember(question.run_id, instance)
+        try:
+            selector = zenoh.Selector(f"guidefield/{instance}/{question.key}")
+        except zenoh.ZError as error:
+            raise MalformedRequest(f"{question.key!r} can't be asked for: {error}", key=question.key) from None
+        self._exchange.session.get(
+            selector,
+            zenoh.handlers.Callback(self._brought.append, self._end),
+            payload=question.payload,
+            encoding=Encoding.MSGPACK.value,
+            attachment=self._exchange.client,
+            timeout=max(0.001, self._deadline - time.monotonic()),
+        )
+
+    def _end(self) -> None:
+        """Zenoh has brought all that there is."""
+        if self._brought and self._brought[0].ok is not None:
+            self.answer.set_result(bytes(self._brought[0].ok.payload.to_bytes()))
+            return
+        error = self._refusal() if self._brought else self._gone()
+        if not self._brought or isinstance(error, ServerBusy):
+            # Not in Zenoh's own thread: to look for another instance takes its answers.
+            threading.Thread(target=self._ask_another, args=(error,), name="guidefield-ask", daemon=True).start()
+        else:
+            self.answer.set_exception(error)
+
+    def _ask_another(self, error: GuidefieldError) -> None:
+        try:
+            other = self._exchange.leave(self._instance, self._tried)
+            if other is None:
+                self.answer.set_exception(error)
+            else:
+                self.send(other)
+        except Exception as failure:  # whoever waits must hear of it
+            self.answer.set_exception(failure)
+
+    def _gone(self) -> NoService:
+        return NoService(f"no service named {self._instance!r} answers any more", instance=self._instance)
+
+    def _refusal(self) -> GuidefieldError:
+        """What an error stands for; Zenoh itself answers, in words, where the time is up."""
+        payload = self._brought[0].err.payload.to_bytes()
+        timeout, words = self._question.timeout, payload.decode(errors="replace")
+        return refusal(payload) or NoService(f"no answer within {timeout:g} s ({words})", timeout=timeout)

@@ -1,0 +1,78 @@
+"""The instances of the service that live on the network, and which of them is the freest."""
+
+from __future__ import annotations
+
+import random
+import threading
+
+import msgspec
+import zenoh
+
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import InfoReply
+
+ASK_WITHIN = 1.0
+"""How long an instance may take to say how busy it is [s]."""
+
+
+class Instances:
+    """Follows the liveliness tokens of all instances.
+
+    Args:
+        session: An open session.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._living: set[str] = set()
+        self._changed = threading.Condition()
+        self._tokens = session.liveliness().declare_subscriber("guidefield/*/alive", self._heard, history=True)
+
+    def close(self) -> None:
+        """Follow no more."""
+        self._tokens.undeclare()
+
+    def living(self) -> set[str]:
+        """The names of those that live."""
+        with self._changed:
+            return set(self._living)
+
+    def freest(self, but: frozenset[str], wait: float) -> str | None:
+        """The living instance that has the least to do per worker; any of those that are equally free.
+
+        Args:
+            but: Those that are not wanted.
+            wait: How long to wait for one to come [s].
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._living - but, wait)
+            candidates = self._living - but
+        if len(candidates) < 2:
+            return next(iter(candidates), None)
+        loads = {name: load for name, load in self._loads().items() if name in candidates}
+        if not loads:
+            return random.choice(sorted(candidates))  # noqa: S311 - no secret
+        least = min(loads.values())
+        return random.choice(sorted(name for name, load in loads.items() if load == least))  # noqa: S311 - no secret
+
+    def _loads(self) -> dict[str, float]:
+        """How much each has to do per worker."""
+        loads = {}
+        encoding = Encoding.MSGPACK.value
+        for reply in self._session.get("guidefield/*/info?brief", encoding=encoding, timeout=ASK_WITHIN):
+            if reply.ok is not None:
+                info = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
+                loads[_instance(reply.ok.key_expr)] = (info.busy + info.queue) / max(info.workers, 1)
+        return loads
+
+    def _heard(self, token: zenoh.Sample) -> None:
+        with self._changed:
+            if token.kind == zenoh.SampleKind.PUT:
+                self._living.add(_instance(token.key_expr))
+            else:
+                self._living.discard(_instance(token.key_expr))
+            self._changed.notify_all()
+
+
+def _instance(key: zenoh.KeyExpr) -> str:
+    return str(key).split("/")[1]

@@ -1,0 +1,207 @@
+"""What can be asked: the key, the message and the kind of reply of each question, without a network."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from guidefield.errors import ERRORS, GuidefieldError, InternalFailure, MalformedRequest, RequestTooLarge
+from guidefield.messages import codec, requests
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import (
+    ClearanceReply,
+    Done,
+    ErrorReply,
+    ForwardKinematicsReply,
+    InfoReply,
+    InverseKinematicsReply,
+    PlanReply,
+    PointPotentialReply,
+    RobotPotentialReply,
+    RobotReply,
+    RobotsReply,
+    RunReply,
+    RunsReply,
+    SceneReply,
+    ScenesReply,
+)
+from guidefield.messages.requests import KinematicsRequest, PlanRequest
+from guidefield.messages.scene import Scene
+from guidefield.messages.values import Reply, RootJoint
+
+KinematicsReply = (
+    ForwardKinematicsReply | InverseKinematicsReply | ClearanceReply | PointPotentialReply | RobotPotentialReply
+)
+
+ANSWER_TIMEOUT = 660.0
+"""How long an answer to anything but a plan is waited for; longer than the service lets a worker work [s]."""
+PLAN_MARGIN = 90.0
+"""How much longer than its planning time the answer to a plan is waited for; more than the service's own margin [s]."""
+
+_R = TypeVar("_R")
+_M = TypeVar("_M", bound=Reply)
+_ERRORS = {int(code): kind for code, kind in ERRORS.items()}
+
+
+@dataclass(frozen=True)
+class Question(Generic[_R]):
+    """One thing to ask.
+
+    Attributes:
+        key: Below the instance's, with parameters.
+        read: Makes the reply of its payload.
+        payload: What is sent along.
+        timeout: How long the answer is waited for [s].
+        run_id: The run that it is about, if any.
+    """
+
+    key: str
+    read: Callable[[bytes], _R]
+    payload: bytes | None = None
+    timeout: float = ANSWER_TIMEOUT
+    run_id: str | None = None
+
+
+def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
+    """A motion, by a request or by its fields; a run id is made where the request has none."""
+    given = codec.decode_request(fields if request is None else request)
+    if not isinstance(given, PlanRequest):
+        raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")
+    run_id = given.run_id or uuid.uuid4().hex
+    named = msgspec.structs.replace(given, run_id=run_id)
+    return Question("plan", _reader("plan", PlanReply), _sent(named), given.allowed_planning_time + PLAN_MARGIN, run_id)
+
+
+def kinematics(request: KinematicsRequest) -> Question[KinematicsReply]:
+    """Placements, configurations, clearances or potentials."""
+    return Question("kinematics", _reader("kinematics", _kinematics_reply(request)), _sent(request))
+
+
+def robots() -> Question[RobotsReply]:
+    """The robots that can be named."""
+    return _reading("robots", RobotsReply)
+
+
+def robot(name: str) -> Question[RobotReply]:
+    """One robot."""
+    return _reading(f"robots/{name}", RobotReply)
+
+
+def store_robot(
+    name: str, urdf: str, srdf: str | None, meshes: Mapping[str, bytes], root_joint: RootJoint
+) -> Question[Done]:
+    """A robot of one's own is to be stored."""
+    files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes), root_joint=root_joint)
+    key = f"robots/{name}"
+    return Question(key, _reader(key, Done), _sent(files))
+
+
+def delete_robot(name: str) -> Question[Done]:
+    """A stored robot is to be forgotten."""
+    return _reading(f"robots/{name}?delete", Done)
+
+
+def scenes() -> Question[ScenesReply]:
+    """The scenes that can be named."""
+    return _reading("scenes", ScenesReply)
+
+
+def scene(name: str) -> Question[SceneReply]:
+    """One scene."""
+    return _reading(f"scenes/{name}", SceneReply)
+
+
+def store_scene(scene: Scene) -> Question[Done]:
+    """A scene is to be stored under its own name."""
+    key = f"scenes/{scene.name}"
+    return Question(key, _reader(key, Done), _sent(scene))
+
+
+def delete_scene(name: str) -> Question[Done]:
+    """A stored scene is to be forgotten."""
+    return _reading(f"scenes/{name}?delete", Done)
+
+
+def runs(status: str | None, robot: str | None, since: float | None) -> Question[RunsReply]:
+    """The runs that are kept."""
+    filters = {"status": status, "robot": robot, "since": since}
+    given = ";".join(f"{name}={value}" for name, value in filters.items() if value is not None)
+    return _reading(f"runs?{given}" if given else "runs", RunsReply)
+
+
+def run(run_id: str) -> Question[RunReply]:
+    """One run."""
+    return _reading(f"runs/{run_id}", RunReply, run_id)
+
+
+def delete_run(run_id: str) -> Question[Done]:
+    """One run is to be forgotten."""
+    return _reading(f"runs/{run_id}?delete", Done, run_id)
+
+
+def cancel(run_id: str) -> Question[Done]:
+    """One run is to end early."""
+    return _reading(f"runs/{run_id}/cancel", Done, run_id)
+
+
+def recording(run_id: str) -> Question[bytes]:
+    """The recording of one run."""
+    return Question(f"runs/{run_id}/recording", bytes, run_id=run_id)
+
+
+def info() -> Question[InfoReply]:
+    """What the service says about itself."""
+    return _reading("info", InfoReply)
+
+
+def refusal(payload: bytes) -> GuidefieldError | None:
+    """The exception that an error on the wire stands for; None if it is none of ours."""
+    try:
+        error = msgspec.msgpack.decode(payload, type=ErrorReply)
+    except msgspec.DecodeError:
+        return None
+    return _ERRORS.get(error.code, InternalFailure)(error.message, **error.details)
+
+
+def _reading(key: str, kind: type[_M], run_id: str | None = None) -> Question[_M]:
+    return Question(key, _reader(key, kind), run_id=run_id)
+
+
+def _reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
+    def read(payload: bytes) -> _M:
+        try:
+            return msgspec.msgpack.decode(payload, type=kind)
+        except msgspec.DecodeError as error:
+            raise InternalFailure(f"the answer at {key!r} is no {kind.__name__}: {error}", key=key) from error
+
+    return read
+
+
+def _sent(message: msgspec.Struct) -> bytes:
+    """The message as it travels; RequestTooLarge if no service would read it."""
+    payload = codec.encode(message, Encoding.MSGPACK)
+    if len(payload) > codec.MAX_REQUEST_BYTES:
+        raise RequestTooLarge(
+            f"the request has {len(payload)} bytes, at most {codec.MAX_REQUEST_BYTES} are read",
+            bytes=len(payload),
+            limit=codec.MAX_REQUEST_BYTES,
+        )
+    return payload
+
+
+def _kinematics_reply(request: KinematicsRequest) -> type[KinematicsReply]:
+    match request:
+        case requests.ForwardKinematics():
+            return ForwardKinematicsReply
+        case requests.InverseKinematics():
+            return InverseKinematicsReply
+        case requests.Clearance():
+            return ClearanceReply
+        case requests.Potential(points=None):
+            return RobotPotentialReply
+        case requests.Potential():
+            return PointPotentialReply

@@ -1,0 +1,45 @@
+"""Looks after one worker process from outside: whether it lives, and how much memory it has."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+from pathlib import Path
+
+_PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+class Watch:
+    """Looks after one worker process, a child of this one.
+
+    Args:
+        pid: Its id.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._statm = Path(f"/proc/{pid}/statm")
+        self._descriptor = os.pidfd_open(pid)
+        self._end = select.poll()
+        self._end.register(self._descriptor, select.POLLIN)
+
+    def alive(self) -> bool:
+        """Whether it runs; at once False when it has ended, however it did and whoever collects it."""
+        return not self._end.poll(0)
+
+    def memory(self) -> int:
+        """Its resident memory [bytes]; 0 once it has ended."""
+        with contextlib.suppress(OSError, IndexError):
+            return int(self._statm.read_text().split()[1]) * _PAGE
+        return 0
+
+    def kill(self) -> None:
+        """End it at once; nothing else can be hit, even if its id is used again."""
+        with contextlib.suppress(ProcessLookupError, OSError):
+            signal.pidfd_send_signal(self._descriptor, signal.SIGKILL)
+
+    def close(self) -> None:
+        """Look no more."""
+        os.close(self._descriptor)

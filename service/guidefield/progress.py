@@ -1,0 +1,103 @@
+"""How far a run is, told while it runs: at every stage, and a few times a second at most."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Protocol
+
+from guidefield.messages import codec
+from guidefield.messages.replies import Progress
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from guidefield.collision.world import World
+    from guidefield.planner.trace import Event
+    from guidefield.robot.group import PlanningGroup
+    from guidefield.scene.scene import Scene
+
+PAUSE = 0.2
+"""Shortest time between two tellings within a stage [s]; a clearance takes some of a millisecond."""
+
+
+class Watcher(Protocol):
+    """Somebody who waits for a run."""
+
+    def cancelled(self) -> bool:
+        """Whether it is to end early."""
+
+    def tell(self, what: bytes) -> None:
+        """Hear how far it is: a Progress message as JSON."""
+
+
+class ProgressTold:
+    """Tells a watcher how far a run is.
+
+    Args:
+        run_id: Name of the run.
+        received: When its request arrived, by `time.monotonic()` [s].
+        watcher: Who hears it.
+    """
+
+    def __init__(self, run_id: str, received: float, watcher: Watcher) -> None:
+        self._run_id = run_id
+        self._received = received
+        self._watcher = watcher
+        self._told = -math.inf
+        self._stage = "load"
+        self._plane: int | None = None
+        self._world: World | None = None
+        self._q: np.ndarray | None = None
+        self._clearance: float | None = None
+        self._best: float | None = None
+
+    def begin(self, group: PlanningGroup, scene: Scene) -> None:
+        """Know what moves where."""
+        from guidefield.collision.world import World
+
+        self._world = World.build(group, scene)
+
+    def observe(self, event: Event) -> None:
+        """Be told of an event by the planner."""
+        from guidefield.planner import trace
+
+        match event:
+            case trace.StageEntered(name=name):
+                self._stage, self._plane = name, None
+                self._tell()
+            case trace.Step(q=q, plane=plane):
+                self._q, self._plane = q, plane
+                self._tell_if_due()
+
+    def pass_time_and_ask(self) -> bool:
+        """Tell again if it is time; whether the run is to end early."""
+        self._tell_if_due()
+        return self._watcher.cancelled()
+
+    def _tell_if_due(self) -> None:
+        if time.monotonic() - self._told >= PAUSE:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._measure()
+        self._told = time.monotonic()
+        told = Progress(
+            run_id=self._run_id,
+            stage=self._stage,
+            plane=self._plane,
+            clearance=self._clearance,
+            best_clearance=self._best,
+            elapsed=self._told - self._received,
+        )
+        self._watcher.tell(codec.encode(told))
+
+    def _measure(self) -> None:
+        """The clearance of the last step, once."""
+        if self._world is None or self._q is None:
+            return
+        distance = self._world.clearance(self._q).obstacle_distance
+        self._q = None
+        if math.isfinite(distance):
+            self._clearance = distance
+            self._best = distance if self._best is None else max(self._best, distance)

@@ -1,0 +1,151 @@
+"""Runs while they run: their progress is heard, they can be ended, by a client that waits or by one that doesn't."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import json
+import time
+import uuid
+from collections.abc import Iterator
+
+import pytest
+
+from guidefield import AsyncClient, Client, InvalidGoal, Progress, RobotInvalid
+from tests.journeys.service import LONG, PlainClient, Service, plain_client, running_service
+
+SOON = 60.0
+"""Longer than anything here takes on a busy machine [s]."""
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def wire(service: Service) -> Iterator[PlainClient]:
+    with plain_client(service.endpoint) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def client(service: Service) -> Iterator[Client]:
+    with Client.connect(service.endpoint) as client:
+        yield client
+
+
+def test_a_run_is_watched_and_ended(client: Client) -> None:
+    told: list[Progress] = []
+    run_id = uuid.uuid4().hex
+    with concurrent.futures.ThreadPoolExecutor(1) as thread:
+        sentences: list[concurrent.futures.Future[str]] = []
+
+        def hear(progress: Progress) -> None:
+            told.append(progress)
+            if progress.stage == "connect" and not sentences:  # in another thread: the answer comes through this one
+                sentences.append(thread.submit(client.cancel, run_id))
+
+        reply = client.plan({**LONG, "run_id": run_id}, progress=hear)
+        assert sentences[0].result(SOON) == f"run {run_id!r} ends"
+    assert reply.status.name == "PREEMPTED", reply.status
+    assert reply.counters.iterations < 200_000
+    assert {progress.run_id for progress in told} == {run_id}
+    assert [progress.elapsed for progress in told] == sorted(progress.elapsed for progress in told)
+    assert reply.path, "the best by then is sent along"
+    assert client.run(run_id).reply == reply
+
+
+def test_what_waits_is_ended_at_once_and_a_cancel_may_come_first(service: Service, wire: PlainClient) -> None:
+    with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        running = threads.submit(wire.ask, "guidefield/local/plan", {**LONG, "run_id": "runs"})
+        while wire.ask("guidefield/local/info?brief")["busy"] == 0:
+            time.sleep(0.02)
+        waiting = threads.submit(wire.ask, "guidefield/local/plan", {**LONG, "run_id": "waits"})
+        while wire.ask("guidefield/local/info?brief")["queue"] == 0:
+            time.sleep(0.02)
+        assert wire.ask("guidefield/local/runs/waits/cancel")["done"] == "run 'waits' ends"
+        withdrawn = waiting.result(SOON)
+        assert (withdrawn["status"]["name"], withdrawn["run_id"], withdrawn["path"]) == ("PREEMPTED", "waits", [])
+        assert not running.done()
+        assert "if it arrives" in wire.ask("guidefield/local/runs/early/cancel")["done"]
+        early = wire.ask("guidefield/local/plan", {**LONG, "run_id": "early"})
+        assert early["status"]["message"] == "the run was cancelled before it began"
+        wire.ask("guidefield/local/runs/runs/cancel")
+        assert running.result(SOON)["status"]["name"] == "PREEMPTED"
+    assert wire.refusal("guidefield/local/runs/..%2f/cancel")["name"] == "MALFORMED_REQUEST"
+    assert wire.refusal("guidefield/local/runs/a/cancel", b"{}")["name"] == "MALFORMED_REQUEST"
+
+
+def test_info_tells_what_was_done_and_how_long_it_took(wire: PlainClient) -> None:
+    full, brief = wire.ask("guidefield/local/info"), wire.ask("guidefield/local/info?brief")
+    assert full["schemas"]["messages"]["Progress"]
+    assert (brief["schemas"], brief["packages"]) == ({}, {})
+    assert brief["memory"] > 50 * 2**20
+    plans = brief["latency"]["plan"]
+    assert len(plans["counts"]) == len(plans["bounds"]) + 1
+    assert plans["bounds"] == sorted(plans["bounds"])
+    counters = wire.ask("guidefield/local/info?brief")["counters"]
+    assert counters["asked"] - 1 == counters["answered"] + counters["refused"], "this one is not answered yet"
+    assert sum(brief["latency"]["info"]["counts"]) > 1
+
+
+def test_an_asyncio_client_asks_many_things_at_once(service: Service) -> None:
+    async def journey() -> None:
+        async with await AsyncClient.connect(service.endpoint) as client:
+            robot, scenes, info, *_ = await asyncio.gather(
+                client.robot("panda"), client.scenes(), client.info(), *(client.robots() for _ in range(8))
+            )
+            assert (robot.tip, "bookshelf" in scenes, info.workers) == ("panda_hand_tcp", True, 1)
+            with pytest.raises(RobotInvalid, match="r2d2"):
+                await client.robot("r2d2")
+            with pytest.raises(InvalidGoal):
+                await client.plan(robot="panda", scene="table", goal={"type": "guide_plane"}, guide_planes=[])
+
+    asyncio.run(journey())
+
+
+def test_a_task_that_is_cancelled_ends_its_run(service: Service, wire: PlainClient) -> None:
+    async def journey() -> None:
+        async with await AsyncClient.connect(service.endpoint) as client:
+            heard = asyncio.Event()
+            task = asyncio.create_task(client.plan({**LONG, "run_id": "dropped"}, progress=lambda _: heard.set()))
+            await asyncio.wait_for(heard.wait(), SOON)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    asyncio.run(journey())
+    deadline = time.monotonic() + SOON
+    while wire.ask("guidefield/local/runs/dropped")["reply"] is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert wire.ask("guidefield/local/runs/dropped")["reply"]["status"]["name"] == "PREEMPTED"
+
+
+def test_one_client_does_not_hold_up_another(service: Service) -> None:
+    """With one worker, whoever asks one thing is served after one of the many things that another asked before."""
+    slow = {"type": "inverse_kinematics", "robot": "panda", "solutions": 30, "poses": []}
+    slow["poses"] = [{"position": [0.4, 0.0, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}]
+    done: list[str] = []
+    with (
+        Client.connect(service.endpoint) as greedy,
+        Client.connect(service.endpoint) as modest,
+        concurrent.futures.ThreadPoolExecutor(9) as threads,
+    ):
+        from guidefield.messages import codec
+
+        request = codec.decode_request(json.dumps(slow).encode())
+
+        def ask(client: Client, name: str) -> None:
+            client.kinematics(request)  # type: ignore[arg-type]
+            done.append(name)
+
+        many = [threads.submit(ask, greedy, "greedy") for _ in range(8)]
+        while modest.info().queue < 6:
+            time.sleep(0.005)
+        one = threads.submit(ask, modest, "modest")
+        concurrent.futures.wait([*many, one])
+        assert not [future.exception() for future in [*many, one] if future.exception()]
+    assert done.index("modest") < 5

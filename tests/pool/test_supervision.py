@@ -1,0 +1,110 @@
+"""What a slot does for its worker: ends it early, hears what it tells, and stops it when it takes too much."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from guidefield.errors import WorkerCrashed
+from guidefield.pool.pool import Pool
+from guidefield.pool.waiting import Task
+from tests import worker_setups
+from tests.pool.test_pool import PATIENCE, _await
+
+MEMORY = 300 * 2**20
+"""A worker of the tests may have so much [bytes]; it has less than 100 MiB when it begins."""
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Pool]:
+    pool = Pool(worker_setups.obedient, workers=1, memory=MEMORY)
+    pool.start()
+    assert pool.ready(PATIENCE)
+    yield pool
+    pool.close(0.0)
+
+
+def _echoes(pool: Pool) -> bool:
+    return pool.submit(Task(("echo", "alive"), PATIENCE)).result(PATIENCE) == (True, b"alive")
+
+
+def test_a_job_that_is_worked_on_is_told_to_end_and_the_next_is_not(pool: Pool, tmp_path: Path) -> None:
+    crashes = pool.crashes
+    running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
+    following = pool.submit(Task(("until_cancelled", str(tmp_path / "next")), PATIENCE))
+    _await(tmp_path / "begun")
+    assert pool.busy == 1
+    pool.cancel(running, lambda: (False, b"never asked for"))
+    assert running.result(PATIENCE) == (True, b"cancelled")
+    _await(tmp_path / "next")
+    time.sleep(0.1)
+    assert not following.done()
+    pool.cancel(following, lambda: (False, b"never asked for"))
+    assert following.result(PATIENCE) == (True, b"cancelled")
+    assert pool.crashes == crashes
+
+
+def test_a_job_that_waits_is_withdrawn(pool: Pool, tmp_path: Path) -> None:
+    running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
+    waiting = pool.submit(Task(("until_cancelled", str(tmp_path / "never")), PATIENCE))
+    _await(tmp_path / "begun")
+    pool.cancel(waiting, lambda: (True, b"withdrawn"))
+    assert waiting.result(0) == (True, b"withdrawn")
+    pool.cancel(running, lambda: (True, b"never asked for"))
+    running.result(PATIENCE)
+    assert _echoes(pool)
+    assert not (tmp_path / "never").exists()
+
+
+def test_cancelling_what_has_ended_changes_nothing(pool: Pool) -> None:
+    done = pool.submit(Task(("echo", "done"), PATIENCE))
+    done.result(PATIENCE)
+    pool.cancel(done, lambda: (True, b"never asked for"))
+    assert done.result(0) == (True, b"done")
+    assert _echoes(pool)
+
+
+def test_what_a_worker_tells_is_heard_in_order_by_its_own_job_before_the_answer(pool: Pool) -> None:
+    for words in ("one two three", "four"):
+        heard: list[bytes] = []
+        assert pool.submit(Task(("tell", words), PATIENCE, hear=heard.append)).result(PATIENCE) == (True, b"told")
+        assert heard == words.encode().split()
+
+
+def test_a_worker_that_talks_too_much_is_not_held_up(pool: Pool) -> None:
+    heard: list[bytes] = []
+    many = " ".join(str(n) for n in range(20_000))
+    assert pool.submit(Task(("tell", many), PATIENCE, hear=heard.append)).result(PATIENCE) == (True, b"told")
+    numbers = [int(word) for word in heard]
+    assert numbers == sorted(set(numbers))
+    assert numbers[0] == 0
+
+
+@pytest.mark.parametrize(("code", "says"), [("0", "died"), ("3", "exit code 3")])
+def test_a_worker_that_leaves_in_the_middle_is_noticed_at_once(code: str, says: str, pool: Pool) -> None:
+    began = time.monotonic()
+    with pytest.raises(WorkerCrashed, match=says):
+        pool.submit(Task(("exit", code), PATIENCE)).result(PATIENCE)
+    assert time.monotonic() - began < PATIENCE / 2
+    assert _echoes(pool)
+
+
+def test_a_worker_that_takes_too_much_memory_is_stopped_with_the_reason(pool: Pool) -> None:
+    before = pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1]
+    assert 0 < pool.memory < MEMORY
+    with pytest.raises(WorkerCrashed, match="more than 300 MiB of memory") as stopped:
+        pool.submit(Task(("grow", "4000"), PATIENCE)).result(PATIENCE)
+    assert stopped.value.details == {"mebibytes": 300}
+    assert _echoes(pool)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(before), 0)
+
+
+def test_one_huge_allocation_fails_at_once_inside_the_worker(pool: Pool) -> None:
+    crashes = pool.crashes
+    assert pool.submit(Task(("allocate", "100000"), PATIENCE)).result(PATIENCE) == (False, b"no memory")
+    assert pool.crashes == crashes

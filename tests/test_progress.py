@@ -1,0 +1,82 @@
+"""Whoever watches a run hears how far it is, and can end it; what it found by then comes back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from guidefield.collision.world import World
+from guidefield.demo import REQUESTS
+from guidefield.engine import Engine
+from guidefield.messages.replies import PlanReply, Progress
+
+REQUEST = msgspec.structs.replace(REQUESTS["demo-guide-planes"][1], run_id="watched")
+
+
+class _Watcher:
+    """Keeps what it hears; ends the run at a stage."""
+
+    def __init__(self, end_at: str | None = None) -> None:
+        self.heard: list[Progress] = []
+        self._end_at = end_at
+
+    def tell(self, what: bytes) -> None:
+        self.heard.append(msgspec.json.decode(what, type=Progress))
+
+    def cancelled(self) -> bool:
+        return any(progress.stage == self._end_at for progress in self.heard)
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    return Engine()
+
+
+def _planned(engine: Engine, watcher: _Watcher | None) -> PlanReply:
+    reply = engine.answer(REQUEST, watcher=watcher)
+    assert isinstance(reply, PlanReply)
+    return reply
+
+
+def test_every_stage_is_told_and_nothing_changes_for_it(engine: Engine) -> None:
+    watcher = _Watcher()
+    watched, unwatched = _planned(engine, watcher), _planned(engine, None)
+    assert watched.path == unwatched.path
+    assert watched.trajectory == unwatched.trajectory
+    told = list(dict.fromkeys(progress.stage for progress in watcher.heard))
+    assert told == list(dict.fromkeys(stage.name for stage in watched.stages))
+    assert [progress.elapsed for progress in watcher.heard] == sorted(progress.elapsed for progress in watcher.heard)
+    assert watcher.heard[-1].elapsed <= watched.timing.total
+
+
+def test_the_clearance_told_is_that_of_a_step(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guidefield.progress.PAUSE", 0.0)
+    asked: list[float] = []
+    clearance = World.clearance
+
+    def overheard(world: World, q: Any, *more: Any) -> Any:
+        found = clearance(world, q, *more)
+        asked.append(found.obstacle_distance)
+        return found
+
+    monkeypatch.setattr(World, "clearance", overheard)
+    watcher = _Watcher()
+    _planned(engine, watcher)
+    told = [progress.clearance for progress in watcher.heard if progress.clearance is not None]
+    assert told
+    assert set(told) <= set(asked)
+    best = [progress.best_clearance for progress in watcher.heard if progress.best_clearance is not None]
+    assert best == [max(told[: n + 1]) for n in range(len(told))]
+
+
+@pytest.mark.parametrize("stage", ["ends", "guide", "relax"])
+def test_a_run_that_is_ended_is_preempted_with_the_best_by_then(stage: str, engine: Engine) -> None:
+    watcher = _Watcher(end_at=stage)
+    reply = _planned(engine, watcher)
+    assert reply.status.name == "PREEMPTED"
+    assert reply.path
+    if stage == "relax":  # by then there is a motion, and it is a whole one
+        assert reply.certificate.collision_free
+        assert reply.trajectory is not None
