@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from guidefield.kernels.cache import cache_folder
 from guidefield.robot.catalog import Catalog
 
 BENCH = Path(__file__).resolve().parents[1] / "bench"
@@ -29,6 +32,9 @@ COLUMNS = {
     "dof": "DoF",
     "planned": "planned",
     "shapes": "shapes",
+    "spheres": "spheres",
+    "overhang": "overhang [mm]",
+    "covering": "covered [s]",
     "pairs": "pairs",
     "left_out": "left out",
     "status": "plan",
@@ -50,12 +56,13 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--planning", type=float, default=30.0, help="allowed planning time")
     parser.add_argument("--memory", type=float, default=6.0, help="limit for each robot [GB]")
     parser.add_argument("--one", action="store_true", help="one robot in this process, its line as JSON")
+    parser.add_argument("--load", action="store_true", help="with --one: only load it")
     parser.add_argument("names", nargs="*")
     asked = parser.parse_args(arguments)
     if asked.one:
         from benchmarks.one.robot import measured
 
-        print(json.dumps(measured(asked.names[0], asked.planning, asked.memory)))
+        print(json.dumps(measured(asked.names[0], None if asked.load else asked.planning, asked.memory)))
         return
     names = asked.names or Catalog().names()
     lines = []
@@ -79,17 +86,30 @@ def summary(lines: Sequence[Line]) -> str:
 
 
 def _in_process(name: str, asked: argparse.Namespace) -> Line:
-    """The line of one robot, measured in a process of its own with a cache of its own."""
+    """The line of one robot, in processes of its own: with an empty cache on disk, and then with what that left."""
     command = [sys.executable, str(BENCH), "robots", "--one", name]
     command += ["--planning", str(asked.planning), "--memory", str(asked.memory)]
-    try:
-        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=asked.seconds)
-    except subprocess.TimeoutExpired:
-        return {"name": name, "status": "TIME LIMIT", "message": f"not done within {asked.seconds:g} s"}
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["no word"])[-1]
-        return {"name": name, "status": f"ENDED WITH {done.returncode}", "message": last}
-    line: Line = json.loads(done.stdout.strip().splitlines()[-1])
+    with tempfile.TemporaryDirectory(prefix="guidefield-bench-") as cache:
+        # the geometry's cache is to be empty, but not the kernels'
+        environment = {**os.environ, "XDG_CACHE_HOME": cache, "NUMBA_CACHE_DIR": str(cache_folder().parents[1])}
+        line: Line = {"name": name}
+        for only in (["--load"], []):
+            try:
+                done = subprocess.run(
+                    [*command, *only],
+                    check=False,
+                    capture_output=True,
+                    text=True,
+                    timeout=asked.seconds,
+                    env=environment,
+                )
+            except subprocess.TimeoutExpired:
+                return {**line, "status": "TIME LIMIT", "message": f"not done within {asked.seconds:g} s"}
+            if done.returncode:
+                last = (done.stderr.strip().splitlines() or ["no word"])[-1]
+                return {**line, "status": f"ENDED WITH {done.returncode}", "message": last}
+            told = json.loads(done.stdout.strip().splitlines()[-1])
+            line.update({"cold" if only else "cached": told.pop("load", None), **told})
     return line
 
 

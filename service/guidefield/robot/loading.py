@@ -10,15 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
-from guidefield.messages.requests import Positions
-from guidefield.robot import pairs, shapes, srdf
+from guidefield.robot import pairs, rest, shapes, srdf
 from guidefield.robot.ball_joints import with_ball_joints
 from guidefield.robot.card import RobotCard
-from guidefield.robot.configuration import clamp, follow, values_from_wire
 from guidefield.robot.frames import frame_index
 from guidefield.robot.groups import resolve_groups
 from guidefield.robot.intake import check_geometry_complete, check_urdf
 from guidefield.robot.meshes import MeshResolver
+from guidefield.robot.mimic_limits import narrowed
 from guidefield.robot.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
 from guidefield.robot.native_stderr import captured_stderr
 from guidefield.robot.urdf_facts import UrdfFacts
@@ -29,6 +28,9 @@ DEFAULT_TRANSLATION_SPEED = 0.5
 """Velocity limit of a translation for which nobody names one [m/s]."""
 TIME_TO_SPEED = 0.5
 """Acceleration limits that nobody names let a joint reach its velocity limit in this time [s]."""
+FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
+"""No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
+millions of turns could not be judged."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
@@ -67,11 +69,15 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
             f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
         )
     choices = shapes.settle(model, geometry)
-    joints = tuple(_joint(model, index, facts, card) for index in range(1, model.njoints))
+    warnings = list(facts.warnings)
+    joints = tuple(_joint(model, index, facts, card, warnings) for index in range(1, model.njoints))
+    joints = narrowed(name, joints, warnings)
     groups = resolve_groups(model, described, joints)
-    rest = _rest(name, model, joints, described, card)
-    settled = pairs.settle(model, geometry, [choice.link for choice in choices], described.disabled, rest)
-    rest.setflags(write=False)
+    stated = rest.stated(model, joints, described, card)
+    links = [choice.link for choice in choices]
+    settled = pairs.settle(model, geometry, joints, links, described.disabled, stated)
+    warnings += settled.warnings
+    q_rest = rest.settle(model, geometry, joints, links, stated, warnings)
     return RobotModel(
         name=name,
         model=model,
@@ -80,10 +86,10 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
         links=tuple(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY),
         tip=default_tip(model, described, card),
         groups=groups if card.group is None else {"default": tuple(card.group), **groups},
-        rest=rest,
+        rest=q_rest,
         geometry_choices=choices,
         pairs_left_out=settled.left_out,
-        warnings=(*facts.warnings, *settled.warnings),
+        warnings=tuple(warnings),
         source=source,
     )
 
@@ -105,7 +111,7 @@ def _parse(name: str, source: RobotSource, meshes: Mapping[str, str]) -> tuple[A
     return model, geometry
 
 
-def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard) -> Joint:
+def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard, warnings: list[str]) -> Joint:
     pinocchio_joint = model.joints[index]
     name, short = model.names[index], pinocchio_joint.shortname()
     if short not in KINDS:
@@ -116,6 +122,10 @@ def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard) -> Joint:
     lower, upper = np.full(pinocchio_joint.nv, -np.inf), np.full(pinocchio_joint.nv, np.inf)
     if kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
         lower, upper = model.lowerPositionLimit[at_q].copy(), model.upperPositionLimit[at_q].copy()
+        furthest = FURTHEST[kind]
+        if max(-lower[0], upper[0]) > furthest:
+            warnings.append(f"joint {name!r}: its limits {lower[0]:g} and {upper[0]:g} are taken for {furthest:g}")
+            lower, upper = np.clip(lower, -furthest, furthest), np.clip(upper, -furthest, furthest)
     velocity, velocity_source = _velocity_limit(kind, model.velocityLimit[at_v], card.velocity.get(name))
     acceleration = velocity / TIME_TO_SPEED
     acceleration_source = LimitSource.DEFAULT
@@ -166,22 +176,3 @@ def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
     bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
     depth = [len(model.supports[frame.parentJoint]) for frame in bodies]
     return str(bodies[max(range(len(bodies)), key=lambda i: (depth[i], i))].name)
-
-
-def _rest(name: str, model: Any, joints: tuple[Joint, ...], described: srdf.Srdf, card: RobotCard) -> np.ndarray:
-    """The card's rest values over the SRDF's first state over zero, each within its limits."""
-    states = described.states
-    preferred = next((states[key] for key in ("default", "rest", "home", "ready") if key in states), None)
-    values: Positions = {**(preferred or next(iter(states.values()), {})), **card.rest}
-    q: np.ndarray = pin.neutral(model)
-    for joint in joints:
-        if joint.name in values:
-            q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, values[joint.name], RobotInvalid)
-    q = clamp(joints, q)
-    moving = {joint.name for joint in joints}
-    for joint in joints:
-        if joint.mimic is not None and joint.mimic.driver not in moving:
-            followed = joint.mimic.driver
-            raise RobotInvalid(f"robot {name!r}: joint {joint.name!r} mimics {followed!r}, which doesn't move")
-    follow(joints, q)
-    return q

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.robot.model import PairLeftOut
+from guidefield.robot.configuration import follow
+from guidefield.robot.model import Joint, JointKind, PairLeftOut
 
 SAMPLES = 200
 """Random configurations that tell whether two links always touch."""
+ROAM = 1.0
+"""How far sliding joints are drawn from their zero at most [m]."""
 
 
 ALWAYS, OFTEN = 0.95, 0.05
@@ -28,7 +31,12 @@ class Settled:
 
 
 def settle(
-    model: Any, geometry: Any, links: Sequence[str], disabled: Mapping[frozenset[str], str], rest: np.ndarray
+    model: Any,
+    geometry: Any,
+    joints: Sequence[Joint],
+    links: Sequence[str],
+    disabled: Mapping[frozenset[str], str],
+    rest: np.ndarray,
 ) -> Settled:
     """Choose the collision pairs of a geometry model in place.
 
@@ -39,6 +47,7 @@ def settle(
     Args:
         model: Pinocchio model.
         geometry: Collision geometry; its pairs are replaced.
+        joints: The model's joints.
         links: Link of each shape of `geometry`.
         disabled: Pairs of links that the SRDF disables, with its reasons.
         rest: Configuration, shape (nq,), that is looked at besides the random ones.
@@ -51,7 +60,7 @@ def settle(
     for first, second in tested:  # of neighbours that are left out nobody asks how often they touch
         if (names := frozenset((links[first], links[second]))) in adjacent and names in reasons:
             geometry.removeCollisionPair(pin.CollisionPair(first, second))
-    touching = _shares_touching(model, geometry, links, rest)
+    touching = _shares_touching(model, geometry, joints, links, rest)
     warnings = [
         f"the SRDF disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
         for pair in sorted(disabled, key=sorted)
@@ -91,13 +100,15 @@ def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> set[frozenset[
     }
 
 
-def _shares_touching(model: Any, geometry: Any, links: Sequence[str], rest: np.ndarray) -> dict[frozenset[str], float]:
+def _shares_touching(
+    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: np.ndarray
+) -> dict[frozenset[str], float]:
     """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
     data, geometry_data = model.createData(), geometry.createData()
     rng = np.random.default_rng(0)
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
     counts = dict.fromkeys(names, 0)
-    for q in [rest, *(_random_configuration(model, rng) for _ in range(SAMPLES))]:
+    for q in [rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]:
         pin.computeCollisions(model, data, geometry, geometry_data, q, False)
         hits = zip(names, geometry_data.collisionResults, strict=True)
         for pair in {pair for pair, result in hits if result.isCollision()}:
@@ -105,12 +116,13 @@ def _shares_touching(model: Any, geometry: Any, links: Sequence[str], rest: np.n
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 
-def _random_configuration(model: Any, rng: np.random.Generator) -> np.ndarray:
-    """A configuration within the limits; angles within one turn, positions without limits within a metre."""
+def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> np.ndarray:
+    """A configuration within the limits, followers where they belong; angles within one turn, lengths within `ROAM`."""
     q: np.ndarray = pin.integrate(model, pin.neutral(model), rng.uniform(-np.pi, np.pi, model.nv))
-    for joint in list(model.joints)[1:]:
+    for joint in joints:
         if joint.nq == 1:
-            lower = max(float(model.lowerPositionLimit[joint.idx_q]), -np.pi)
-            upper = min(float(model.upperPositionLimit[joint.idx_q]), np.pi)
+            most = ROAM if joint.kind is JointKind.PRISMATIC else np.pi
+            lower, upper = max(float(joint.lower[0]), -most), min(float(joint.upper[0]), most)
             q[joint.idx_q] = rng.uniform(lower, max(lower, upper))
+    follow(joints, q)
     return q

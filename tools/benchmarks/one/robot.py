@@ -15,12 +15,13 @@ import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.engine import Engine
-from guidefield.errors import GuidefieldError, RobotInvalid
+from guidefield.errors import GuidefieldError, InvalidGroup, RobotInvalid
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, Scene
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.coverage import coverage
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
 from guidefield.robot.selection import select
@@ -31,40 +32,48 @@ BOX_SIZE = (0.1, 0.35)
 """Edges of the boxes, as shares of the robot's reach."""
 GAP = 0.02
 """How far from the robot boxes stay at start and goal, as a share of its reach."""
-TRIES = 2000
+LEGS, LOOKS, TRIES = 3, 12, 60
+"""Straight legs of the walk to the goal, configurations looked at on each, how many are tried, ever shorter."""
+CANDIDATES = 400
+"""Boxes that are tried."""
 DENSE = 400.0
 """Samples of the motion that are looked at again [1/s]."""
 SEED = 20260
 
 
-def measured(name: str, planning: float, memory: float) -> dict[str, Any]:
+def measured(name: str, planning: float | None, memory: float) -> dict[str, Any]:
     """The line of one robot.
 
     Args:
         name: Of the catalog.
-        planning: Allowed planning time [s].
+        planning: Allowed planning time [s]; None: it is only loaded and covered.
         memory: Most memory of this process [GB].
     """
     resource.setrlimit(resource.RLIMIT_DATA, (int(memory * 1e9), int(memory * 1e9)))
-    line: dict[str, Any] = {"name": name, "message": ""}
+    line: dict[str, Any] = {"name": name, "status": "LOADED", "message": ""}
+    began = time.process_time()
     try:
-        for which in ("cold", "cached"):
-            began = time.process_time()
-            robot = Catalog().load(name)
-            line[which] = time.process_time() - began
+        robot = Catalog().load(name)
     except RobotInvalid as error:
         return {**line, "status": error.code.name, "message": error.message}
+    line["load"] = time.process_time() - began
     line.update(described(robot))
-    group = select(robot, None, None, robot.rest, pin.SE3.Identity())
+    began = time.process_time()
+    covered = coverage(robot)
+    line.update(spheres=covered.spheres, overhang=1000.0 * covered.overhang)
+    if planning is None:
+        return {**line, "covering": time.process_time() - began}
+    try:
+        group = select(robot, None, None, robot.rest, pin.SE3.Identity())
+    except InvalidGroup as error:
+        return {**line, "status": error.code.name, "message": error.message}
     line["planned"] = group.nv
-    goal = free_goal(group)
-    if goal is None:
-        return {**line, "status": "NO FREE GOAL", "message": f"{TRIES} random configurations all touch"}
-    scene = among(group, goal)
+    walk = free_walk(group)
+    scene = among(group, walk)
     request = PlanRequest(
         robot=name,
         scene=scene,
-        goal=JointsGoal(positions=configuration_to_wire(group.joints, goal)),
+        goal=JointsGoal(positions=configuration_to_wire(group.joints, walk[-1])),
         guide_planes=[],
         allowed_planning_time=planning,
         sample_rate=DENSE,
@@ -97,27 +106,33 @@ def described(robot: RobotModel) -> dict[str, Any]:
     }
 
 
-def free_goal(group: PlanningGroup) -> np.ndarray | None:
-    """A random configuration in which the robot doesn't touch itself; None if there is none among many."""
-    rng = np.random.default_rng(SEED)
-    world = World.build(group, build(Scene(name="empty")))
-    for _ in range(TRIES):
-        q = group.random(rng)
-        if not world.in_collision(q) and world.enclosed(q) is None:
-            return q
-    return None
+def free_walk(group: PlanningGroup) -> list[np.ndarray]:
+    """A random walk from the rest configuration without touching itself: what it leads to can be reached."""
+    rng, world = np.random.default_rng(SEED), World.build(group, build(Scene(name="empty")))
+    walk = [group.part_of(group.robot.rest)]
+    for _ in range(LEGS):
+        for share in np.linspace(1.0, 0.05, TRIES):
+            leg = between(group, walk[-1], group.interpolate(walk[-1], group.random(rng), share))
+            if not any(world.in_collision(q) for q in leg) and world.enclosed(leg[-1]) is None:
+                walk += leg
+                break
+    return walk
 
 
-def among(group: PlanningGroup, goal: np.ndarray) -> Scene:
-    """Random boxes where the robot moves that touch it neither at rest nor at the goal."""
+def between(group: PlanningGroup, q0: np.ndarray, q1: np.ndarray) -> list[np.ndarray]:
+    """Configurations on the straight way from one to another, the last included, the first not."""
+    return [group.interpolate(q0, q1, t) for t in np.linspace(0.0, 1.0, LOOKS + 1)[1:]]
+
+
+def among(group: PlanningGroup, walk: list[np.ndarray]) -> Scene:
+    """Random boxes where the robot moves that touch it nowhere on a walk: its end stays within reach."""
     rng = np.random.default_rng(SEED)
-    bodies = [*placed(group, group.part_of(group.robot.rest)), *placed(group, goal)]
-    moved = [[p.translation for _, p in placed(group, group.random(rng))] for _ in range(50)]
-    centres = np.concatenate([np.array(points).reshape(-1, 3) for points in moved])
+    bodies = [body for q in walk for body in placed(group, q)]
+    centres = np.array([p.translation for _ in range(50) for _, p in placed(group, group.random(rng))])
     low, high = centres.min(axis=0), centres.max(axis=0)
     reach = max(float(np.linalg.norm(high - low)) / 2.0, 0.05)
     boxes: list[Box] = []
-    for _ in range(TRIES):
+    for _ in range(CANDIDATES):
         if len(boxes) == BOXES:
             break
         size, centre = reach * rng.uniform(*BOX_SIZE, 3), rng.uniform(low - 0.2 * reach, high + 0.2 * reach)
@@ -156,14 +171,16 @@ def outcome(reply: PlanReply, robot: RobotModel, scene: Scene) -> dict[str, Any]
     if reply.clearance.minimum is not None:
         line["clearance"] = 1000.0 * reply.clearance.minimum
     line["duration"] = reply.trajectory.times[-1]
-    line["dense"] = free_at_samples(reply, robot, scene) and reply.certificate.collision_free
+    touching = touching_at_samples(reply, robot, scene)
+    line["dense"] = not touching and reply.certificate.collision_free
+    line["touching"] = touching
     return line
 
 
-def free_at_samples(reply: PlanReply, robot: RobotModel, scene: Scene) -> bool:
-    """Whether Coal finds no contact at any sample of a motion: of the robot with itself, of moving links with boxes.
+def touching_at_samples(reply: PlanReply, robot: RobotModel, scene: Scene) -> list[str]:
+    """Names of a pair that Coal finds in contact at a sample of a motion: of the robot with itself or with a box.
 
-    Nothing of the planner takes part but the robot's model, its shapes and pairs.
+    Nothing of the planner takes part but the robot's model, its shapes and pairs; empty if there is none.
     """
     assert reply.trajectory is not None
     geometry = robot.geometry.copy()
@@ -175,13 +192,32 @@ def free_at_samples(reply: PlanReply, robot: RobotModel, scene: Scene) -> bool:
         for index in range(own):
             if geometry.geometryObjects[index].parentJoint:
                 geometry.addCollisionPair(pin.CollisionPair(index, added))
-    data, geometry_data = robot.model.createData(), geometry.createData()
+    data = robot.model.createData()
+    pairs = [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
+    geometry.removeAllCollisionPairs()
+    for pair in pairs:
+        if not _rigid(robot, geometry, pair, reply.position_names):
+            geometry.addCollisionPair(pair)
+    geometry_data = geometry.createData()
     resting = configuration_to_wire(robot.joints, robot.rest)
     for row in reply.trajectory.positions:
         q = configuration_from_wire(robot, {**resting, **_positions(reply.position_names, row)})
         if pin.computeCollisions(robot.model, data, geometry, geometry_data, q, True):
-            return False
-    return True
+            hits = zip(geometry.collisionPairs, geometry_data.collisionResults, strict=True)
+            first = next(pair for pair, result in hits if result.isCollision())
+            return [geometry.geometryObjects[index].name for index in (first.first, first.second)]
+    return []
+
+
+def _rigid(robot: RobotModel, geometry: Any, pair: Any, columns: list[str]) -> bool:
+    """Whether two bodies can't move relative to each other: the same planned joints move both."""
+    planned = {joint.name for joint in robot.joints if any(c.partition(".")[0] == joint.name for c in columns)}
+    planned |= {joint.name for joint in robot.joints if joint.mimic is not None and joint.mimic.driver in planned}
+    moved = []
+    for index in (pair.first, pair.second):
+        supports = robot.model.supports[geometry.geometryObjects[index].parentJoint]
+        moved.append({robot.model.names[joint] for joint in supports} & planned)
+    return moved[0] == moved[1]
 
 
 def _positions(names: list[str], row: list[float]) -> dict[str, Any]:
