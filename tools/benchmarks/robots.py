@@ -70,12 +70,17 @@ def run(arguments: list[str]) -> None:
     for name in names:
         lines.append(_in_process(name, asked))
         print(_row(lines[-1]), flush=True)
+        if asked.output is not None:
+            write(asked.output, lines)
     print(summary(lines))
-    if asked.output is not None:
-        asked.output.mkdir(parents=True, exist_ok=True)
-        (asked.output / "robots.json").write_text(json.dumps(lines, indent=1) + "\n")
-        table = "\n".join([_heading(), *map(_row, lines)])
-        (asked.output / "robots.md").write_text(f"{table}\n\n{summary(lines)}\n")
+
+
+def write(folder: Path, lines: Sequence[Line]) -> None:
+    """Put the table, as far as it is, into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robots.json").write_text(json.dumps(lines, indent=1) + "\n")
+    table = "\n".join([_heading(), *map(_row, lines)])
+    (folder / "robots.md").write_text(f"{table}\n\n{summary(lines)}\n")
 
 
 def summary(lines: Sequence[Line]) -> str:

@@ -1,0 +1,94 @@
+"""Random robots: 1 to 20 joints of every kind, branches, and joints that follow others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hypothesis import strategies as st
+
+from guidefield.messages.requests import UrdfText
+
+KINDS = ("revolute", "revolute", "continuous", "prismatic", "fixed", "planar", "floating", "mimic")
+"""Kinds of joints, `mimic` for a revolute or prismatic one that follows another."""
+
+_LENGTHS = st.floats(0.05, 0.3).map(lambda x: round(x, 3))
+_AXES = st.sampled_from(["1 0 0", "0 1 0", "0 0 1", "1 2 -0.5", "-0.3 0.1 0.9"])
+_TURNS = st.sampled_from(["0 0 0", "1.5708 0 0", "0 0.7 -0.2", "0.1 -1.2 3.1"])
+_SHAPES = st.sampled_from(
+    [
+        '<box size="{w} {w} {h}"/>',
+        '<cylinder radius="{r}" length="{h}"/>',
+        '<sphere radius="{r}"/>',
+        '<capsule radius="{r}" length="{h}"/>',
+    ]
+)
+
+
+@dataclass(frozen=True)
+class RandomJoint:
+    """A joint, and the link that it moves."""
+
+    kind: str
+    parent: int
+    axis: str
+    turn: str
+    shape: str
+    length: float
+    lower: float
+    upper: float
+    multiplier: float
+    offset: float
+
+
+@st.composite
+def chains(draw: st.DrawFn, most: int = 20) -> UrdfText:
+    """A random robot; its joints are j1, j2, …, its links l0, l1, …"""
+    joints: list[RandomJoint] = []
+    for index in range(draw(st.integers(1, most))):
+        kind = draw(st.sampled_from(KINDS))
+        drivers = [
+            k for k, joint in enumerate(joints) if joint.kind in ("revolute", "continuous", "prismatic", "mimic")
+        ]
+        joints.append(
+            RandomJoint(
+                kind="revolute" if kind == "mimic" and not drivers else kind,
+                parent=draw(st.integers(max(0, index - 2), index)),
+                axis=draw(_AXES),
+                turn=draw(_TURNS),
+                shape=draw(_SHAPES),
+                length=draw(_LENGTHS),
+                lower=round(draw(st.floats(-3.0, -0.2)), 3),
+                upper=round(draw(st.floats(0.2, 3.0)), 3),
+                multiplier=round(draw(st.floats(-1.5, 1.5)), 3),
+                offset=round(draw(st.floats(-0.2, 0.2)), 3),
+            )
+        )
+    parts = [_link(0, joints[0])]
+    for index, joint in enumerate(joints, 1):
+        parts += [_link(index, joint), _joint(index, joint, joints[: index - 1])]
+    return UrdfText(text=f'<robot name="random" version="1.1">{"".join(parts)}</robot>')
+
+
+def _link(index: int, joint: RandomJoint) -> str:
+    height = round(0.8 * joint.length, 4)
+    shape = joint.shape.format(w=0.03, r=0.015, h=height)
+    return (
+        f'<link name="l{index}"><collision><origin xyz="0 0 {joint.length / 2:.4f}"/>'
+        f"<geometry>{shape}</geometry></collision></link>"
+    )
+
+
+def _joint(index: int, joint: RandomJoint, before: list[RandomJoint]) -> str:
+    kind, mimic = joint.kind, ""
+    if kind == "mimic":
+        drivers = [k for k, other in enumerate(before, 1) if other.kind not in ("fixed", "planar", "floating")]
+        kind, driver = ("revolute", "prismatic")[index % 2], drivers[index % len(drivers)]
+        mimic = f'<mimic joint="j{driver}" multiplier="{joint.multiplier}" offset="{joint.offset}"/>'
+    scale = 0.1 if kind == "prismatic" else 1.0
+    above = before[joint.parent - 1].length if joint.parent else joint.length
+    return (
+        f'<joint name="j{index}" type="{kind}"><origin xyz="0 0 {above:.4f}" rpy="{joint.turn}"/>'
+        f'<parent link="l{joint.parent}"/><child link="l{index}"/><axis xyz="{joint.axis}"/>'
+        f'<limit lower="{scale * joint.lower:.4f}" upper="{scale * joint.upper:.4f}" effort="1" velocity="2"/>'
+        f"{mimic}</joint>"
+    )

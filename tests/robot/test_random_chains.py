@@ -1,0 +1,197 @@
+"""Random robots of every kind of joint load, agree with Pinocchio on the URDF as written, and are planned for."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from hypothesis import HealthCheck, Phase, assume, given, settings, strategies as st
+
+from guidefield.engine import Engine
+from guidefield.kernels.tree_kinematics import joint_placements
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
+from guidefield.messages.scene import Scene, Sphere
+from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.model import RobotModel
+from guidefield.robot.selection import select
+from guidefield.robot.tables import joint_table
+from tests.robot.random_chains import chains
+from tests.robots import load
+
+EXAMPLES = int(os.environ.get("GUIDEFIELD_RANDOM_CHAINS", "0"))
+"""How many robots are drawn, if not a few; `tools/random_chains` sets it."""
+EXACT = 1e-12
+"""Rounding of a chain of twenty joints [m], and of a rotation's entries."""
+RADIUS = 0.05
+DENSE = 300.0
+"""Samples of a motion that are looked at [1/s]."""
+ENGINE = Engine()
+THOROUGH = settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],
+)
+
+
+def movable(robot: RobotModel) -> list[str]:
+    return [joint.name for joint in robot.joints if joint.mimic is None]
+
+
+def raw_configuration(robot: RobotModel, raw: Any, q: np.ndarray) -> np.ndarray:
+    """A robot's configuration for a model that Pinocchio made of the URDF alone; followers from what they follow."""
+    q_raw: np.ndarray = pin.neutral(raw)
+    for joint in robot.joints:
+        values = q[joint.idx_q : joint.idx_q + joint.nq]
+        multiplier, offset, driver = 1.0, 0.0, joint
+        while driver.mimic is not None:
+            offset += multiplier * driver.mimic.offset
+            multiplier *= driver.mimic.multiplier
+            driver = robot.joint(driver.mimic.driver)
+        if driver is not joint:
+            at = q[driver.idx_q : driver.idx_q + driver.nq]
+            values = [multiplier * (at[0] if driver.nq == 1 else np.arctan2(at[1], at[0])) + offset]
+        there = raw.joints[raw.getJointId(joint.name)]
+        q_raw[there.idx_q : there.idx_q + there.nq] = values
+    return q_raw
+
+
+@settings(THOROUGH, max_examples=EXAMPLES or 25)
+@given(chains(), st.integers(0, 2**16))
+def test_frames_are_where_pinocchio_has_them(urdf: UrdfText, seed: int) -> None:
+    robot = load(urdf)
+    assume(movable(robot))
+    group = select(robot, movable(robot), None, robot.rest, pin.SE3.Identity())
+    raw = pin.buildModelFromXML(urdf.text)
+    data, table = raw.createData(), joint_table(group.model)
+    found = np.empty((group.model.njoints, 3, 4))
+    q = group.random(np.random.default_rng(seed))
+    q_model = np.ascontiguousarray(group.expand(q))
+    joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, found)
+    whole = np.array(robot.rest)
+    for joint in group.joints:
+        there = robot.joint(joint.name)
+        whole[there.idx_q : there.idx_q + there.nq] = q[joint.idx_q : joint.idx_q + joint.nq]
+    pin.forwardKinematics(raw, data, raw_configuration(robot, raw, whole))
+    for index in range(1, group.model.njoints):
+        expected = data.oMi[raw.getJointId(group.model.names[index])]
+        np.testing.assert_allclose(found[index], np.c_[expected.rotation, expected.translation], rtol=0.0, atol=EXACT)
+
+
+class Looking:
+    """Coal on the shapes of a URDF as Pinocchio reads it, with spheres: knows nothing of ours but pairs left out."""
+
+    def __init__(self, robot: RobotModel, urdf: UrdfText, spheres: list[Sphere]) -> None:
+        self._robot = robot
+        self._model = pin.buildModelFromXML(urdf.text)
+        self._geometry = pin.GeometryModel()
+        pin.buildGeomFromUrdfString(self._model, urdf.text, pin.GeometryType.COLLISION, self._geometry, [])
+        self._geometry.addAllCollisionPairs()
+        bodies = self._geometry.geometryObjects
+        names = [self._model.frames[body.parentFrame].name for body in bodies]
+        out = {frozenset(pair.links) for pair in robot.pairs_left_out}
+        kept = [p for p in self._geometry.collisionPairs if frozenset((names[p.first], names[p.second])) not in out]
+        kept = [pin.CollisionPair(pair.first, pair.second) for pair in kept]
+        self._geometry.removeAllCollisionPairs()
+        for pair in kept:
+            self._geometry.addCollisionPair(pair)
+        moving = [index for index, body in enumerate(bodies) if body.parentJoint]
+        for sphere in spheres:
+            placement = pin.SE3(np.eye(3), np.array(sphere.position))
+            body = pin.GeometryObject(sphere.name, 0, placement, coal.Sphere(sphere.radius))
+            added = self._geometry.addGeometryObject(body)
+            for index in moving:
+                self._geometry.addCollisionPair(pin.CollisionPair(index, added))
+        self._data, self._geometry_data = self._model.createData(), self._geometry.createData()
+
+    def touches(self, q: np.ndarray) -> bool:
+        """Whether anything touches at a configuration of the whole robot."""
+        at = raw_configuration(self._robot, self._model, q)
+        return bool(pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, at, True))
+
+    def centres(self, q: np.ndarray) -> np.ndarray:
+        """Where the moving joints are, shape (n, 3)."""
+        pin.forwardKinematics(self._model, self._data, raw_configuration(self._robot, self._model, q))
+        return np.array([placement.translation for placement in self._data.oMi])[1:]
+
+
+def whole(robot: RobotModel, group: PlanningGroup, q: np.ndarray) -> np.ndarray:
+    return configuration_from_wire(robot, configuration_to_wire(group.joints, q))
+
+
+def free_walk(robot: RobotModel, group: PlanningGroup, look: Looking, rng: np.random.Generator) -> list[np.ndarray]:
+    """Configurations of a random walk from rest on which nothing touches; they lead to what can be reached."""
+    walk = [group.part_of(robot.rest)]
+    for share in np.repeat(np.linspace(0.6, 0.05, 12), 3):
+        there = group.interpolate(walk[-1], group.random(rng), share)
+        leg = [group.interpolate(walk[-1], there, t) for t in np.linspace(0.0, 1.0, 13)[1:]]
+        if not any(look.touches(whole(robot, group, q)) for q in leg):
+            walk += leg
+        if len(walk) > 24:
+            break
+    return walk
+
+
+def obstacles(
+    robot: RobotModel, urdf: UrdfText, group: PlanningGroup, walk: list[np.ndarray], rng: np.random.Generator
+) -> list[Sphere]:
+    """Spheres near the robot that touch it nowhere on a walk, with some room."""
+    look, found = Looking(robot, urdf, []), []
+    near = np.concatenate([look.centres(whole(robot, group, q)) for q in walk[::4]])
+    for _ in range(20):
+        at = near[rng.integers(len(near))] + rng.normal(scale=0.2, size=3)
+        sphere = Sphere(name=f"s{len(found)}", radius=RADIUS, position=tuple(at.tolist()))
+        larger = Sphere(name="larger", radius=RADIUS + 0.02, position=sphere.position)
+        around = Looking(robot, urdf, [larger])
+        if not any(around.touches(whole(robot, group, q)) for q in walk):
+            found.append(sphere)
+        if len(found) == 4:
+            break
+    return found
+
+
+def positions(reply: PlanReply, row: list[float]) -> dict[str, Any]:
+    """A row of a reply as a configuration of the wire."""
+    gathered: dict[str, list[float]] = {}
+    for name, value in zip(reply.position_names, row, strict=True):
+        gathered.setdefault(name.partition(".")[0], []).append(value)
+    return {name: values[0] if len(values) == 1 else values for name, values in gathered.items()}
+
+
+@settings(THOROUGH, max_examples=EXAMPLES or 5)
+@given(chains(), st.integers(0, 2**16))
+def test_they_are_planned_for_and_coal_finds_nothing_that_touches(urdf: UrdfText, seed: int) -> None:
+    robot = load(urdf)
+    assume(movable(robot))
+    group = select(robot, movable(robot), None, robot.rest, pin.SE3.Identity())
+    rng = np.random.default_rng(seed)
+    alone = Looking(robot, urdf, [])
+    assume(not alone.touches(robot.rest))
+    walk = free_walk(robot, group, alone, rng)
+    spheres = obstacles(robot, urdf, group, walk, rng)
+    reply = ENGINE.answer(
+        PlanRequest(
+            robot=urdf,
+            scene=Scene(name="spheres", obstacles=list(spheres)),
+            group=movable(robot),
+            goal=JointsGoal(positions=configuration_to_wire(group.joints, walk[-1])),
+            guide_planes=[],
+            allowed_planning_time=60.0,
+            sample_rate=DENSE,
+            recording="off",
+        )
+    )
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS", reply.status
+    assert reply.certificate.collision_free
+    assert reply.trajectory is not None
+    look = Looking(robot, urdf, spheres)
+    qs = [configuration_from_wire(robot, positions(reply, row)) for row in reply.trajectory.positions]
+    assert not any(look.touches(q) for q in qs)
+    ends = (group.part_of(qs[0]), walk[0]), (group.part_of(qs[-1]), walk[-1])
+    for reached, asked in ends:
+        assert np.abs(group.difference(reached, asked)).max() < 1e-6
