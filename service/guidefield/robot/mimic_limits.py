@@ -68,7 +68,7 @@ def _range(follower: Joint, multiplier: float, offset: float) -> tuple[float, fl
 
 
 def _limited(joint: Joint, lower: float, upper: float) -> Joint:
-    limits = np.array([lower]), np.array([upper])
+    limits = np.array([lower + 0.0]), np.array([upper + 0.0])  # no -0.0: NumPy draws nothing from [0, -0]
     for array in limits:
         array.setflags(write=False)
     return dataclasses.replace(joint, lower=limits[0], upper=limits[1])
