@@ -88,8 +88,16 @@ def test_the_command_to_type_is_one_that_exists(monkeypatch: pytest.MonkeyPatch)
 
 def test_robots_that_cannot_be_used_are_listed_with_the_reason() -> None:
     robots = [
-        RobotSummary(name="arm", source="guidefield", dof=6, joint_kinds={"revolute": 6}, groups=["all"], tip="tool0"),
-        RobotSummary(name="broken", source="example-robot-data", problem="joint 'j' has a zero axis"),
+        RobotSummary(
+            name="arm",
+            family="arm",
+            source="guidefield",
+            dof=6,
+            joint_kinds={"revolute": 6},
+            groups=["all"],
+            tip="tool0",
+        ),
+        RobotSummary(name="broken", family="broken", source="example-robot-data", problem="joint 'j' has a zero axis"),
     ]
     text = _text(robots_table(RobotsReply(robots=robots)))
     assert "6 revolute" in text
