@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from dataclasses import dataclass
 from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.convex import convex_hull
+from guidefield.collision.mesh_tree import MeshTree, mesh_tree
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import PART, POLYTOPE, TRIANGLE, Parts
@@ -31,6 +30,7 @@ class PartsTable:
         self._shapes: list[np.ndarray] = []
         self._numbers: list[np.ndarray] = []
         self._vertices: list[np.ndarray] = []
+        self._pieces: dict[int, np.ndarray] = {}
         self._n_nodes = self._n_parts = self._n_blocks = 0
 
     def add_shape(self, shape: Any, placement: Any) -> int:  # noqa: PLR0911  one for each kind
@@ -66,9 +66,13 @@ class PartsTable:
 
     def add_triangles(self, corners: np.ndarray) -> int:
         """Add triangles, shape (t, 3, 3) [m, the body's frame]; the root of their tree."""
-        return self._mesh(_mesh(corners), pin.SE3.Identity())
+        return self._mesh(mesh_tree(corners, 1), pin.SE3.Identity())
 
-    def _mesh(self, mesh: _Mesh, placement: Any) -> int:
+    def pieces(self, root: int) -> np.ndarray:
+        """Nodes that together are all of a body, each nearly convex; the root itself where that is."""
+        return self._pieces.get(root, np.array([root]))
+
+    def _mesh(self, mesh: MeshTree, placement: Any) -> int:
         """Add a mesh that stands at a pinocchio.SE3 in its body; the root of its tree."""
         count = len(mesh.corners)
         numbers = np.zeros((count, PART))
@@ -79,8 +83,9 @@ class PartsTable:
         root = self._n_nodes
         self._n_parts += count
         self._n_nodes += len(mesh.balls)
-        if count > 1 and mesh.hull is not None:
-            links[0, 2] = self._add_hull(_moved(placement, mesh.hull))
+        for node, hull in mesh.hulls.items():
+            links[node, 2] = self._add_hull(_moved(placement, hull))
+        self._pieces[root] = root + mesh.pieces
         self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
         return root
@@ -132,80 +137,19 @@ class PartsTable:
         return self._n_nodes - 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Mesh:
-    """Triangles and a binary tree over them.
-
-    Attributes:
-        corners: Shape (t, 3, 3) [m].
-        balls: Ball about each node, shape (n, 4); the root is the first.
-        links: Children and triangle of each node, shape (n, 3); -1 where there is none.
-        hull: Vertices of the hull; None if it is flat.
-    """
-
-    corners: np.ndarray
-    balls: np.ndarray
-    links: np.ndarray
-    hull: np.ndarray | None
-
-
-_KNOWN: dict[tuple[bytes, int], _Mesh] = {}
+_KNOWN: dict[tuple[bytes, int], MeshTree] = {}
 _MOST_KNOWN = 128
 
 
-def _known_mesh(shape: Any) -> _Mesh:
+def _known_mesh(shape: Any) -> MeshTree:
     """The mesh of a Coal tree, made once for the same vertices."""
     key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris))
     if key not in _KNOWN:
         while len(_KNOWN) >= _MOST_KNOWN:
             del _KNOWN[next(iter(_KNOWN))]
         vertices, faces = triangulation(shape)
-        _KNOWN[key] = _mesh(vertices[faces])
+        _KNOWN[key] = mesh_tree(vertices[faces])
     return _KNOWN[key]
-
-
-def _mesh(triangles: np.ndarray) -> _Mesh:
-    """Build the tree over triangles (t, 3, 3), each group halved along its widest side."""
-    centres, members = triangles.mean(axis=1), np.arange(len(triangles))
-    sizes = np.array([len(triangles)])
-    balls, links, made = [], np.empty((0, 3), np.int64), 0
-    while len(sizes):  # level by level: the members of its nodes one after the other
-        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        balls.append(_balls_about(triangles[members], starts, sizes))
-        split = sizes > 1
-        children = made + len(sizes) + 2 * np.cumsum(split) - 2
-        rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
-        rows[split, 2] = -1
-        links = np.concatenate([links, rows])
-        members = _halved(centres, members[np.repeat(split, sizes)], sizes[split])
-        made += len(sizes)
-        halves = sizes[split] // 2
-        sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
-    try:
-        hull = np.array(convex_hull(triangles.reshape(-1, 3)).vertices)
-    except ValueError:
-        hull = None
-    return _Mesh(triangles, np.concatenate(balls), links, hull)
-
-
-def _balls_about(triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """A ball (n, 4) about each of n runs of triangles."""
-    low, high = np.minimum.reduceat(triangles.min(axis=1), starts), np.maximum.reduceat(triangles.max(axis=1), starts)
-    middles = 0.5 * (low + high)
-    apart = np.linalg.norm(triangles - np.repeat(middles, sizes, axis=0)[:, None], axis=2).max(axis=1)
-    return np.column_stack([middles, np.maximum.reduceat(apart, starts)])
-
-
-def _halved(centres: np.ndarray, members: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """The members of runs, each run in order along the side where its centres spread most."""
-    if not len(sizes):
-        return members
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    places = centres[members]
-    widest = np.argmax(np.maximum.reduceat(places, starts) - np.minimum.reduceat(places, starts), axis=1)
-    along = places[np.arange(len(members)), np.repeat(widest, sizes)]
-    ordered: np.ndarray = members[np.lexsort((along, np.repeat(np.arange(len(sizes)), sizes)))]
-    return ordered
 
 
 def _moved(placement: Any, points: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
+from guidefield.kernels.enclosing_ball import ball_around_balls
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
 from guidefield.kernels.lane_tables import LaneBodies
 from guidefield.kernels.separation import Parts
@@ -27,11 +28,13 @@ class LaneRobot:
         joints: Its joints.
         bodies: Its collision shapes, as the group's geometry has them, each with its cover and inner balls.
         parts: The shapes themselves.
+        pieces_paired: How many pairs of pieces there are.
     """
 
     joints: LaneJoints
     bodies: LaneBodies
     parts: Parts
+    pieces_paired: int
 
 
 def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.ndarray) -> LaneRobot:
@@ -39,41 +42,74 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
 
     Args:
         group: The robot's planned joints.
-        balls: For each collision shape, those that contain it and those inside it, in its own frame.
+        balls: For each collision shape, balls that contain it and balls inside it.
         pairs: Indices of the shapes that must not touch each other, shape (p, 2).
 
     Raises:
         UnservedError: if a shape is of a kind that the kernels don't know.
     """
     turns = _turns(group.model)
-    table, roots = PartsTable(), []
-    moved_covers, moved_inners, bounds = [], [], []
+    table, roots, pieces = PartsTable(), [], []
+    covers, inners, grouped, bounds, sizes = [], [], [], [], []
     shapes = list(group.geometry.geometryObjects)
-    for shape, own in zip(shapes, balls, strict=True):
+    for shape, ball in zip(shapes, balls, strict=True):
         placement = pin.SE3(turns[shape.parentJoint].T, np.zeros(3)) * shape.placement
         roots.append(table.add_shape(shape.geometry, placement))
-        moved_covers.append(_moved(placement, own.cover.spheres))
-        moved_inners.append(_moved(placement, own.inner))
-        bounds.append(_moved(placement, own.cover.bound[None]))
-    carriers = np.array([shape.parentJoint for shape in shapes], np.int64)
-    moving = np.flatnonzero(carriers)
+        pieces.append(table.pieces(roots[-1]))
+        covers.append(_moved(placement, ball.cover.spheres))
+        inners.append(_moved(placement, ball.inner))
+        grouped.append(_moved(placement, ball.cover.groups))
+        sizes.append(np.diff(ball.cover.first))
+        bounds.append(_moved(placement, ball.cover.bound[None]))
+    joints = np.array([shape.parentJoint for shape in shapes], np.int64)
+    carrying = np.unique(joints)[::-1]
+    members = [np.flatnonzero(joints == joint) for joint in carrying]
+    meetings, ordered = _meetings(pairs, np.searchsorted(-carrying, -joints))
+    counts = np.array([len(nodes) for nodes in pieces], np.int64)
+    places = _offsets_of(counts[ordered].prod(axis=1))
+    parts = table.tables()
     bodies = LaneBodies(
         size=len(shapes),
-        moving=len(moving),
-        n_pairs=len(pairs),
-        joints=carriers,
-        covers=_offsets(moved_covers),
-        inners=_offsets(moved_inners),
+        carriers=len(carrying),
+        moving=int(np.count_nonzero(carrying)),
+        n_meetings=len(meetings),
+        joints=joints,
+        carrying=carrying.astype(np.int64),
+        members=_offsets(members),
+        order=np.concatenate([np.empty(0, np.int64), *members]),
+        groups=_offsets(grouped),
+        covers=_offsets_of(np.concatenate([np.empty(0, np.int64), *sizes])),
+        inners=_offsets(inners),
         roots=np.array(roots, np.int64),
-        order=moving[np.argsort(-carriers[moving], kind="stable")],
-        pairs=np.array(pairs, np.int64).reshape(-1),
+        pieces=_offsets(pieces),
+        piece_roots=np.concatenate([np.empty(0, np.int64), *pieces]),
+        meetings=meetings.ravel(),
+        pairs=np.column_stack([ordered, places[:-1]]).ravel(),
+        around=_balls([_ball_about(np.concatenate([bounds[body] for body in bodies])) for bodies in members]),
         bounds=_balls(bounds),
-        cover=_balls(moved_covers),
-        inner=_balls(moved_inners),
+        piece_bounds=parts.balls.reshape(-1, 4)[np.concatenate([np.empty(0, np.int64), *pieces])]
+        .astype(np.float32)
+        .ravel(),
+        grouped=_balls(grouped),
+        cover=_balls(covers),
+        inner=_balls(inners),
     )
-    for array in bodies[3:]:
+    for array in bodies[4:]:
         array.setflags(write=False)
-    return LaneRobot(_joints(group, turns), bodies, table.tables())
+    return LaneRobot(_joints(group, turns), bodies, parts, int(places[-1]))
+
+
+def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of carriers that meet, with the first and the last + 1 of their pairs (k, 4); the pairs in that order.
+
+    `carriers` (n,) is the carrier of each body.
+    """
+    pairs = np.array(pairs, np.int64).reshape(-1, 2)
+    carried = carriers[pairs]
+    order = np.lexsort((carried[:, 1], carried[:, 0]))
+    pairs, carried = pairs[order], carried[order]
+    distinct, first, counts = np.unique(carried, axis=0, return_index=True, return_counts=True)
+    return np.column_stack([distinct, first, first + counts]).astype(np.int64), pairs
 
 
 def _turns(model: Any) -> list[np.ndarray]:
@@ -108,8 +144,19 @@ def _moved(placement: Any, balls: np.ndarray) -> np.ndarray:
     return np.column_stack([balls[:, :3] @ placement.rotation.T + placement.translation, balls[:, 3]])
 
 
+def _ball_about(balls: np.ndarray) -> np.ndarray:
+    """A ball (1, 4) about balls (n, 4)."""
+    ball = np.empty(4)
+    ball_around_balls(np.ascontiguousarray(balls), ball)
+    return ball[None]
+
+
 def _offsets(groups: Sequence[np.ndarray]) -> np.ndarray:
-    return np.concatenate([[0], np.cumsum([len(rows) for rows in groups])]).astype(np.int64)
+    return _offsets_of(np.array([len(rows) for rows in groups], np.int64))
+
+
+def _offsets_of(sizes: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
 
 def _balls(groups: Sequence[np.ndarray]) -> np.ndarray:

@@ -12,6 +12,7 @@ import pinocchio as pin
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
 from guidefield.kernels.lane_tables import LaneObstacles
+from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import Parts
 from guidefield.scene.obstacle import Obstacle
 
@@ -58,6 +59,7 @@ def lane_scene(obstacles: tuple[Obstacle, ...], tested: np.ndarray) -> LaneScene
         roots=np.array(roots, np.int64),
         tested=np.ascontiguousarray(tested[:, columns], np.int64).reshape(-1),
         primitives=np.array(rows, np.float32).reshape(-1),
+        boxes=_boxes(kinds, rows),
     )
     for array in arrays[1:]:
         array.setflags(write=False)
@@ -114,6 +116,29 @@ def _cluster(corners: np.ndarray, table: PartsTable) -> tuple[int, bool, int, np
         table.add_triangles(corners),
         _row(axes, middle, 0.5 * np.ptp(along, axis=0), 0.0),
     )
+
+
+def _boxes(kinds: list[int], rows: list[np.ndarray]) -> np.ndarray:
+    """Boxes along the world's axes about primitives, sixteen together: the least x, y, z of all, then the largest."""
+    blocks = -(-len(rows) // LANES)
+    ends = np.full((2, 3, blocks * LANES), np.inf)
+    ends[1] = -np.inf
+    for index, (kind, row) in enumerate(zip(kinds, rows, strict=True)):
+        axes, centre, halves, radius = row[:9].reshape(3, 3), row[9:12], row[12:15], row[15]
+        if kind == HALF_SPACE:
+            normal = axes[2]
+            ends[0, :, index], ends[1, :, index] = -np.inf, np.inf
+            along = np.abs(normal) == 1.0
+            ends[1, along & (normal > 0.0), index] = centre[along & (normal > 0.0)]
+            ends[0, along & (normal < 0.0), index] = centre[along & (normal < 0.0)]
+            continue
+        reach = np.abs(axes.T) @ halves
+        if kind == CAPSULE:
+            reach = reach + radius
+        elif kind == CYLINDER:
+            reach = reach + radius * np.sqrt(np.maximum(1.0 - axes[2] ** 2, 0.0))
+        ends[0, :, index], ends[1, :, index] = centre - reach, centre + reach
+    return ends.reshape(2, 3, blocks, LANES).transpose(2, 0, 1, 3).astype(np.float32).ravel()
 
 
 def _half_space(shape: Any, placement: Any) -> np.ndarray:

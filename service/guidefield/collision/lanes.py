@@ -16,8 +16,9 @@ from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
-from guidefield.kernels.lane_tables import BALL, Scratch
+from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, Scratch
 from guidefield.kernels.lanes import LANES
+from guidefield.kernels.packing import Words, packed
 from guidefield.kernels.separation import WORK
 from guidefield.robot.coverage import coverage
 
@@ -29,10 +30,12 @@ class Lanes:
     Attributes:
         world: Robot and obstacles.
         tables: The same as arrays.
+        words: Those packed.
     """
 
     world: World
     tables: LaneWorld
+    words: Words
 
     @classmethod
     def build(cls, world: World) -> Lanes:
@@ -43,28 +46,36 @@ class Lanes:
         """
         if any(joint.nv != 1 for joint in world.model.joints[1:]):
             raise UnservedError("a joint with several degrees of freedom")
+        covers = coverage(world.group.robot).shapes
         own, mixed = np.split(world.pairs, [world.n_self])
-        robot = lane_robot(world.group, coverage(world.group.robot).shapes, own)
-        tested = np.zeros((robot.bodies.size, len(world.scene.obstacles)), bool)
-        tested[mixed[:, 0], mixed[:, 1] - robot.bodies.size] = True
+        robot = lane_robot(world.group, covers, own)
+        tested = np.zeros((len(covers), len(world.scene.obstacles)), bool)
+        tested[mixed[:, 0], mixed[:, 1] - len(covers)] = True
         scene = lane_scene(world.scene.obstacles, tested)
-        n_bodies, n_obstacles = robot.bodies.size, len(scene.obstacles.kinds)
+        n_bodies, n_obstacles = len(covers), len(scene.obstacles.kinds)
         scratch = Scratch(
             poses=np.zeros(world.model.njoints * POSE, np.float32),
-            centres=np.zeros(max(1, len(robot.bodies.cover) // 4) * BALL, np.float32),
-            placed=np.zeros(n_bodies, np.int64),
+            centres=np.zeros(robot.bodies.carriers * BALL, np.float32),
             found=np.zeros(3 * (n_bodies * n_obstacles + len(own) + 1), np.int64),
-            obstacle_axes=np.zeros(3 * n_bodies * n_obstacles),
-            pair_axes=np.zeros(3 * len(own)),
+            obstacle_axes=np.zeros(AXIS_AND_REACH * n_bodies * n_obstacles),
+            pair_axes=np.zeros(AXIS_AND_REACH * robot.pieces_paired),
             pose_a=np.zeros(12),
             pose_b=np.zeros(12),
             work=np.zeros(WORK),
         )
         block = np.zeros(world.group.nv * LANES, np.float32)
         tables = LaneWorld(
-            robot.joints, robot.bodies, robot.parts, scene.obstacles, scene.parts, scratch, block, world.group.nv
+            robot.joints,
+            robot.bodies,
+            robot.parts,
+            scene.obstacles,
+            scene.parts,
+            scratch,
+            block,
+            FRACTIONS,
+            world.group.nv,
         )
-        return cls(world, tables)
+        return cls(world, tables, packed(tables))
 
     def forget(self) -> None:
         """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
@@ -81,8 +92,10 @@ class Lanes:
         Returns:
             Shape (n,), bool.
         """
+        if not np.isfinite(zs).all():
+            raise ValueError("a chart point has a coordinate that is not a number")
         touching = np.empty(len(zs), np.bool_)
-        touching_configurations(self.tables, clearance, np.ascontiguousarray(zs, np.float32), touching)
+        touching_configurations(self.words, clearance, np.ascontiguousarray(zs, np.float32), touching)
         return touching
 
     def free_until(self, path: np.ndarray, resolution: float, clearance: float = 0.0) -> int:
@@ -93,6 +106,4 @@ class Lanes:
             resolution: Samples per length in the chart [1/rad or 1/m].
             clearance: What to keep from obstacles [m].
         """
-        return int(
-            path_free_until(self.tables, clearance, FRACTIONS, np.ascontiguousarray(path, np.float32), resolution)
-        )
+        return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))

@@ -1,19 +1,20 @@
-"""Whether a robot touches anything at any of sixteen configurations: cheap certain answers first, the exact one last.
+"""Whether a robot touches obstacles or itself at any of sixteen configurations: what is cheap and tells most, first.
 
-Three answers for a body, an obstacle and a lane. *Apart*: no ball of the body's cover, which contains the body, is near
-the obstacle. *Touching*: a ball inside the body meets it. Otherwise *maybe*: `bodies_apart` decides on the shapes
-themselves. Float32 moves a point by some micrometres; `BAND` keeps that on the safe side: what is within it of contact
-may be called touching, what touches is never called apart.
+Balls about all that a joint carries leave few obstacles; about those bodies, fewer. A ball inside a body that meets an
+obstacle is a hit. Where no ball of a body's cover meets, or the axis that last kept the two apart still does, it is
+free. What is left is decided exactly, lane by lane. In float32 the cheap tests are off by less than `BAND`: they widen
+covers and shrink inner balls by it, so that never a contact passes for free, nor the other way round farther than it.
 """
 
 from __future__ import annotations
 
 from numba import boolean, int64, types, void
 
-from guidefield.kernels.lane_decision import meets_obstacle, pair_meets
+from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle, pair_meets
 from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements, moved
 from guidefield.kernels.lane_math import PRIMITIVE, Floats32, near_primitive
 from guidefield.kernels.lane_tables import (
+    AROUND,
     BALL,
     BAND,
     BODIES,
@@ -23,7 +24,21 @@ from guidefield.kernels.lane_tables import (
     LaneObstacles,
     Scratch,
 )
-from guidefield.kernels.lanes import FLOAT_POINTER, LANES, Vector, below, lane_part, lane_step, load, splat, store
+from guidefield.kernels.lanes import (
+    FLOAT_POINTER,
+    LANES,
+    Vector,
+    below,
+    f32x16,
+    first_lane,
+    lane_part,
+    lane_step,
+    largest_lane,
+    load,
+    smallest_lane,
+    splat,
+    store,
+)
 from guidefield.kernels.separation import POINTED_PARTS, Parts
 
 
@@ -34,46 +49,110 @@ def _ball(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vect
     return moved(poses, joint, balls[at], balls[at + 1], balls[at + 2])
 
 
-@lane_step(void(BODIES, int64, SCRATCH_MEMORY))
-def _place_cover(bodies: LaneBodies, body: int, scratch: Scratch) -> None:
-    """Bring a body's cover to where the body is, unless it has been."""
-    poses, centres, cover = scratch.poses, scratch.centres, bodies.cover
-    if scratch.placed[body]:
-        return
-    scratch.placed[body] = 1
-    for ball in range(bodies.covers[body], bodies.covers[body + 1]):
-        x, y, z = _ball(poses, bodies.joints[body], cover, ball)
-        store(centres, ball * BALL, x)
-        store(centres, ball * BALL + LANES, y)
-        store(centres, ball * BALL + 2 * LANES, z)
+@lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64))
+def _near(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
+    """Mask of the points closer to an obstacle's primitive than `reach`."""
+    return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
 
 
-@lane_step(int64(BODIES, OBSTACLES, types.float64, SCRATCH_MEMORY))
-def _near_obstacles(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, scratch: Scratch) -> int:
+@lane_step(void(BODIES, SCRATCH_MEMORY))
+def _place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
+    """Write the centres of the balls about carriers."""
+    poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
+    for c in range(bodies.carriers):
+        x, y, z = _ball(poses, carrying[c], around, c)
+        store(centres, c * BALL, x)
+        store(centres, c * BALL + LANES, y)
+        store(centres, c * BALL + 2 * LANES, z)
+
+
+@lane_part
+def _boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
+    """Mask of the sixteen obstacles whose boxes come near the box about all lanes' balls."""
+    at = block * AROUND
+    near = below(load(boxes, at), splat(largest_lane(x) + reach))
+    near &= below(load(boxes, at + 16), splat(largest_lane(y) + reach))
+    near &= below(load(boxes, at + 32), splat(largest_lane(z) + reach))
+    near &= below(splat(smallest_lane(x) - reach), load(boxes, at + 48))
+    near &= below(splat(smallest_lane(y) - reach), load(boxes, at + 64))
+    near &= below(splat(smallest_lane(z) - reach), load(boxes, at + 80))
+    return int(near)
+
+
+@lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _inner_meets(
+    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
+) -> bool:
+    """Whether a ball inside a body meets an obstacle in any of some lanes."""
+    poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
+    for ball in range(bodies.inners[body], bodies.inners[body + 1]):
+        x, y, z = _ball(poses, joint, inner, ball)
+        if _near(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND) & near:
+            return True
+    return False
+
+
+@lane_step(int64(BODIES, POINTED_PARTS, OBSTACLES, types.float64, SCRATCH_MEMORY))
+def _near_obstacles(
+    bodies: LaneBodies, parts: Parts, obstacles: LaneObstacles, clearance: float, scratch: Scratch
+) -> int:
     """Find bodies near obstacles by the balls about them; how many, or -1 if an inner ball is in an obstacle."""
-    poses, found, bounds, inner = scratch.poses, scratch.found, bodies.bounds, bodies.inner
-    kinds, primitives, tested = obstacles.kinds, obstacles.primitives, obstacles.tested
-    n, count = obstacles.size, 0
-    for k in range(bodies.moving):
-        body = bodies.order[k]
-        joint = bodies.joints[body]
-        x, y, z = _ball(poses, joint, bounds, body)
-        reach = bounds[4 * body + 3] + clearance + BAND
-        for o in range(n):
-            if not tested[body * n + o]:
-                continue
-            mask = near_primitive(kinds[o], primitives, o * PRIMITIVE, x, y, z, reach)
-            if mask == 0:
-                continue
-            if obstacles.whole[o]:
-                for ball in range(bodies.inners[body], bodies.inners[body + 1]):
-                    bx, by, bz = _ball(poses, joint, inner, ball)
-                    radius = inner[4 * ball + 3] + clearance - BAND
-                    if near_primitive(kinds[o], primitives, o * PRIMITIVE, bx, by, bz, radius):
+    poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
+    members, order, count = bodies.members, bodies.order, 0
+    for c in range(bodies.moving):
+        x, y, z = load(centres, c * BALL), load(centres, c * BALL + LANES), load(centres, c * BALL + 2 * LANES)
+        reach, several = bodies.around[4 * c + 3] + clearance + BAND, members[c + 1] - members[c] > 1
+        for block in range((n + LANES - 1) // LANES):
+            candidates = _boxes_near(obstacles.boxes, block, x, y, z, reach)
+            while candidates:
+                o = block * LANES + first_lane(candidates)
+                candidates &= candidates - 1
+                mask = _near(obstacles, o, x, y, z, reach)
+                if mask == 0:
+                    continue
+                for k in range(members[c], members[c + 1]):
+                    body = order[k]
+                    if not obstacles.tested[body * n + o]:
+                        continue
+                    near = mask
+                    if several:
+                        u, v, w = _ball(poses, bodies.joints[body], bounds, body)
+                        near &= _near(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND)
+                        if near == 0:
+                            continue
+                    near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
+                    if near == 0:
+                        continue
+                    if obstacles.whole[o] and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
                         return -1
-            found[3 * count], found[3 * count + 1], found[3 * count + 2] = body, o, mask
-            count += 1
+                    found[3 * count], found[3 * count + 1], found[3 * count + 2] = body, o, near
+                    count += 1
     return count
+
+
+@lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _cover_meets(
+    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
+) -> int:
+    """The lanes of some where a ball of a body's cover meets an obstacle."""
+    poses, joint, covers, cover, grouped = (
+        scratch.poses,
+        bodies.joints[body],
+        bodies.covers,
+        bodies.cover,
+        bodies.grouped,
+    )
+    mask = 0
+    for group in range(bodies.groups[body], bodies.groups[body + 1]):
+        x, y, z = _ball(poses, joint, grouped, group)
+        if not _near(obstacles, o, x, y, z, grouped[4 * group + 3] + clearance + BAND) & near & ~mask:
+            continue
+        for ball in range(covers[group], covers[group + 1]):
+            x, y, z = _ball(poses, joint, cover, ball)
+            mask |= _near(obstacles, o, x, y, z, cover[4 * ball + 3] + clearance + BAND) & near
+        if mask == near:
+            break
+    return mask
 
 
 @lane_step(int64(BODIES, OBSTACLES, types.float64, int64, SCRATCH_MEMORY))
@@ -81,37 +160,38 @@ def _undecided_obstacles(
     bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, count: int, scratch: Scratch
 ) -> int:
     """Keep of what is near only what the covers can't tell apart; how many."""
-    found, centres, cover = scratch.found, scratch.centres, bodies.cover
-    kept = 0
+    found, kept = scratch.found, 0
     for entry in range(count):
-        body, o, near = found[3 * entry], found[3 * entry + 1], found[3 * entry + 2]
-        kind = obstacles.kinds[o]
-        _place_cover(bodies, body, scratch)
-        mask = 0
-        for ball in range(bodies.covers[body], bodies.covers[body + 1]):
-            x, y, z = (
-                load(centres, ball * BALL),
-                load(centres, ball * BALL + LANES),
-                load(centres, ball * BALL + 2 * LANES),
-            )
-            reach = cover[4 * ball + 3] + clearance + BAND
-            mask |= near_primitive(kind, obstacles.primitives, o * PRIMITIVE, x, y, z, reach)
-            if mask & near == near:
-                break
-        if mask & near:
-            found[3 * kept], found[3 * kept + 1], found[3 * kept + 2] = body, o, mask & near
+        body, o = found[3 * entry], found[3 * entry + 1]
+        mask = _cover_meets(bodies, body, obstacles, o, found[3 * entry + 2], clearance, scratch)
+        if mask:
+            found[3 * kept], found[3 * kept + 1], found[3 * kept + 2] = body, o, mask
             kept += 1
     return kept
 
 
-@lane_step(int64(BODIES, int64, int64, SCRATCH_MEMORY))
-def _bounds_meet(bodies: LaneBodies, first: int, second: int, scratch: Scratch) -> int:
-    """Mask of the lanes where the balls about two bodies meet."""
-    poses, bounds = scratch.poses, bodies.bounds
-    x, y, z = _ball(poses, bodies.joints[first], bounds, first)
-    u, v, w = _ball(poses, bodies.joints[second], bounds, second)
-    x, y, z, reach = x - u, y - v, z - w, bounds[4 * first + 3] + bounds[4 * second + 3] + BAND
-    return int(below(x * x + y * y + z * z, splat(reach * reach)))
+@lane_step(int64(BODIES, int64, SCRATCH_MEMORY))
+def _near_pairs(bodies: LaneBodies, count: int, scratch: Scratch) -> int:
+    """Add the pairs of the robot's bodies that come near each other to what was found; how many that is now."""
+    poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
+    for meeting in range(bodies.n_meetings):
+        a, b = bodies.meetings[4 * meeting], bodies.meetings[4 * meeting + 1]
+        x = load(centres, a * BALL) - load(centres, b * BALL)
+        y = load(centres, a * BALL + 16) - load(centres, b * BALL + 16)
+        z = load(centres, a * BALL + 32) - load(centres, b * BALL + 32)
+        reach = bodies.around[4 * a + 3] + bodies.around[4 * b + 3] + BAND
+        if not below(x * x + y * y + z * z, splat(reach * reach)):
+            continue
+        for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
+            first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
+            x, y, z = _ball(poses, bodies.joints[first], bounds, first)
+            u, v, w = _ball(poses, bodies.joints[second], bounds, second)
+            x, y, z, reach = x - u, y - v, z - w, bounds[4 * first + 3] + bounds[4 * second + 3] + BAND
+            mask = below(x * x + y * y + z * z, splat(reach * reach))
+            if mask:
+                found[3 * count], found[3 * count + 1], found[3 * count + 2] = -1, pair, mask
+                count += 1
+    return count
 
 
 @lane_step(
@@ -139,20 +219,14 @@ def block_touches(
         coordinates: Sixteen values of each chart coordinate, flat, (nv * 16).
         scratch: Memory.
     """
+    found = scratch.found
     lane_placements(joints, coordinates, scratch.poses)
-    count = _near_obstacles(bodies, obstacles, clearance, scratch)
+    _place_carriers(bodies, scratch)
+    count = _near_obstacles(bodies, parts, obstacles, clearance, scratch)
     if count < 0:
         return True
-    placed, found = scratch.placed, scratch.found
-    for body in range(bodies.size):
-        placed[body] = 0
     count = _undecided_obstacles(bodies, obstacles, clearance, count, scratch)
-    for pair in range(bodies.n_pairs):
-        first, second = bodies.pairs[2 * pair], bodies.pairs[2 * pair + 1]
-        mask = _bounds_meet(bodies, first, second, scratch)
-        if mask:
-            found[3 * count], found[3 * count + 1], found[3 * count + 2] = -1, pair, mask
-            count += 1
+    count = _near_pairs(bodies, count, scratch)
     for entry in range(count):
         body, other, mask = found[3 * entry], found[3 * entry + 1], found[3 * entry + 2]
         if body >= 0:

@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numba import boolean, int64, types
 
-from guidefield.kernels.lane_kinematics import POSE
+from guidefield.kernels.lane_kinematics import POSE, moved
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
+    AXIS_AND_REACH,
     BAND,
     BODIES,
     DECISION_BAND,
@@ -20,7 +21,6 @@ from guidefield.kernels.lane_tables import (
     Scratch,
 )
 from guidefield.kernels.lanes import (
-    FLOAT_POINTER,
     LANES,
     Vector,
     below,
@@ -28,8 +28,6 @@ from guidefield.kernels.lanes import (
     first_lane,
     lane_part,
     lane_step,
-    largest_lane,
-    largest_of,
     load,
     smallest_of,
     splat,
@@ -68,53 +66,82 @@ def _polytope(parts: Parts, root: int) -> int:
     return part if part >= 0 and parts.shapes[3 * part] == POLYTOPE else -1
 
 
-@lane_step(f32x16(POINTED_PARTS, int64, FLOAT_POINTER, int64, f32x16, f32x16, f32x16))
-def _lowest(parts: Parts, part: int, poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> Vector:
-    """The least n.x over the vertices x of a polytope that a joint carries, for an axis n = (u, v, w) in the world."""
-    at, vertices = joint * POSE, parts.vertices
-    x = load(poses, at) * u + load(poses, at + 64) * v + load(poses, at + 128) * w
-    y = load(poses, at + 16) * u + load(poses, at + 80) * v + load(poses, at + 144) * w
-    z = load(poses, at + 32) * u + load(poses, at + 96) * v + load(poses, at + 160) * w
-    lowest = splat(1e30)
-    first = parts.shapes[3 * part + 1]
+@lane_part
+def _turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """An axis in the world in a joint's frame, and the place of that frame's origin along it."""
+    at = joint * POSE
+    return (
+        load(poses, at) * u + load(poses, at + 64) * v + load(poses, at + 128) * w,
+        load(poses, at + 16) * u + load(poses, at + 80) * v + load(poses, at + 144) * w,
+        load(poses, at + 32) * u + load(poses, at + 96) * v + load(poses, at + 160) * w,
+        load(poses, at + 48) * u + load(poses, at + 112) * v + load(poses, at + 176) * w,
+    )
+
+
+@lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
+def _lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> Vector:
+    """The least n.v over the vertices v of a polytope, for an axis n = (x, y, z) in its frame."""
+    vertices, first, lowest = parts.vertices, parts.shapes[3 * part + 1], splat(1e30)
     for block in range(first, first + parts.shapes[3 * part + 2]):
         for corner in range(block * BLOCK, block * BLOCK + LANES):
             along = x * vertices[corner] + y * vertices[corner + 16] + z * vertices[corner + 32]
             lowest = smallest_of(lowest, along)
-    return lowest + load(poses, at + 48) * u + load(poses, at + 112) * v + load(poses, at + 176) * w
+    return lowest
 
 
 @lane_part
-def _unit(work: Floats) -> None:
-    """Make the last separating axis one long."""
+def _lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) -> Vector:
+    """The least n.x over the points x of a body's cover, for an axis n = (x, y, z) in its joint's frame."""
+    cover, lowest = bodies.cover, splat(1e30)
+    for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
+        along = x * cover[4 * ball] + y * cover[4 * ball + 1] + z * cover[4 * ball + 2] - cover[4 * ball + 3]
+        lowest = smallest_of(lowest, along)
+    return lowest
+
+
+@lane_part
+def _keep_axis(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
+    """Keep the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it.
+
+    `way` is 1, or -1 where the body's reach against the axis is wanted.
+    """
     length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
     for k in range(3):
         work[AXIS + k] /= length
+    _turned_back(pose, work, AXIS, axes, at)
+    part = parts.links[3 * root + 2]
+    axes[at + 3] = np.inf
+    if part >= 0:
+        axes[at + 3] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
 
 
-@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, POINTED_PARTS, int64, types.float64, SCRATCH_MEMORY))
-def _left_of_obstacle(
+@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, int64, types.float64, SCRATCH_MEMORY, boolean))
+def left_of_obstacle(
     bodies: LaneBodies,
     parts: Parts,
     body: int,
     obstacle: int,
     obstacles: LaneObstacles,
-    scene: Parts,
     mask: int,
     clearance: float,
     scratch: Scratch,
+    closely: bool,
 ) -> int:
-    """The lanes of a mask where the last axis that separated body and obstacle does not; it is fixed in the world."""
-    axes, at = scratch.obstacle_axes, 3 * (body * obstacles.size + obstacle)
+    """The lanes of a mask where the last axis that separated body and obstacle does not; it is fixed in the world.
+
+    By the balls of the body's cover; `closely` also by the vertices of its hull.
+    """
+    axes, at = scratch.obstacle_axes, AXIS_AND_REACH * (body * obstacles.size + obstacle)
     x, y, z = axes[at], axes[at + 1], axes[at + 2]
-    part = _polytope(parts, bodies.roots[body])
-    other = scene.links[3 * obstacles.roots[obstacle] + 2]
-    if part < 0 or other < 0 or (x == 0.0 and y == 0.0 and z == 0.0):
+    if x == 0.0 and y == 0.0 and z == 0.0:
         return mask
-    highest = reach_along(scene, other, scratch.work, x, y, z)
-    u, v, w = splat(x), splat(y), splat(z)
-    lowest = _lowest(parts, part, scratch.poses, bodies.joints[body], u, v, w)
-    return int(mask & below(lowest, splat(highest + clearance + BAND)))
+    enough = splat(axes[at + 3] + clearance + BAND)
+    u, v, w, origin = _turned_axis(scratch.poses, bodies.joints[body], splat(x), splat(y), splat(z))
+    left = mask & below(_lowest_ball(bodies, body, u, v, w) + origin, enough)
+    part = _polytope(parts, bodies.roots[body])
+    if closely and left and part >= 0:
+        left &= below(_lowest_vertex(parts, part, u, v, w) + origin, enough)
+    return left
 
 
 @lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, POINTED_PARTS, int64, types.float64, SCRATCH_MEMORY))
@@ -134,64 +161,111 @@ def meets_obstacle(
     Each lane that is judged leaves an axis behind, which mostly separates the others too.
     """
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.obstacle_axes
-    at, margin = 3 * (body * obstacles.size + obstacle), clearance + DECISION_BAND
+    at, margin = AXIS_AND_REACH * (body * obstacles.size + obstacle), clearance + DECISION_BAND
+    root = obstacles.roots[obstacle]
     for entry in range(12):
         pose_b[entry] = 1.0 if entry in (0, 5, 10) else 0.0
     while True:
-        mask = _left_of_obstacle(bodies, parts, body, obstacle, obstacles, scene, mask, clearance, scratch)
+        mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
         if mask == 0:
             return False
         _pose(scratch.poses, bodies.joints[body], first_lane(mask), pose_a)
         mask &= mask - 1
         for k in range(3):
             work[AXIS + k] = axes[at + k]
-        if not bodies_apart(parts, bodies.roots[body], pose_a, scene, obstacles.roots[obstacle], pose_b, margin, work):
+        if not bodies_apart(parts, bodies.roots[body], pose_a, scene, root, pose_b, margin, work):
             return True
-        _unit(work)
-        for k in range(3):
-            axes[at + k] = work[AXIS + k]
+        _keep_axis(scene, root, work, pose_b, 1.0, axes, at)
 
 
-@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, SCRATCH_MEMORY))
-def _left_of_pair(bodies: LaneBodies, parts: Parts, pair: int, mask: int, scratch: Scratch) -> int:
-    """The lanes of a mask where the last axis that separated a pair does not; it is fixed in the first body."""
-    poses, axes, vertices, shapes = scratch.poses, scratch.pair_axes, parts.vertices, parts.shapes
-    first, second = bodies.pairs[2 * pair], bodies.pairs[2 * pair + 1]
-    part_a, part_b = _polytope(parts, bodies.roots[first]), _polytope(parts, bodies.roots[second])
-    x, y, z = np.float32(axes[3 * pair]), np.float32(axes[3 * pair + 1]), np.float32(axes[3 * pair + 2])
-    if part_a < 0 or part_b < 0 or (x == 0.0 and y == 0.0 and z == 0.0):
+@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
+def _left_of_pieces(
+    bodies: LaneBodies,
+    parts: Parts,
+    joint_a: int,
+    b: int,
+    joint_b: int,
+    body_b: int,
+    place: int,
+    mask: int,
+    scratch: Scratch,
+) -> int:
+    """The lanes of a mask where the last axis that separated two pieces does not; it is fixed in the first one.
+
+    By the vertices of the second one's hull, but first by its body's cover, if the body is given: it is -1 if not.
+    """
+    poses, axes, at = scratch.poses, scratch.pair_axes, AXIS_AND_REACH * place
+    x, y, z = np.float32(axes[at]), np.float32(axes[at + 1]), np.float32(axes[at + 2])
+    part = _polytope(parts, bodies.piece_roots[b])
+    if x == 0.0 and y == 0.0 and z == 0.0:
         return mask
-    deepest = splat(-1e30)
-    for block in range(shapes[3 * part_a + 1], shapes[3 * part_a + 1] + shapes[3 * part_a + 2]):
-        at = block * BLOCK
-        along = load(vertices, at) * x + load(vertices, at + 16) * y + load(vertices, at + 32) * z
-        deepest = largest_of(deepest, -along)
-    a = bodies.joints[first] * POSE
+    a = joint_a * POSE
     u = load(poses, a) * x + load(poses, a + 16) * y + load(poses, a + 32) * z
     v = load(poses, a + 64) * x + load(poses, a + 80) * y + load(poses, a + 96) * z
     w = load(poses, a + 128) * x + load(poses, a + 144) * y + load(poses, a + 160) * z
-    lowest = load(poses, a + 48) * u + load(poses, a + 112) * v + load(poses, a + 176) * w - largest_lane(deepest)
-    highest = -_lowest(parts, part_b, poses, bodies.joints[second], -u, -v, -w)
-    return int(mask & below(lowest - highest, splat(BAND)))
+    lowest = load(poses, a + 48) * u + load(poses, a + 112) * v + load(poses, a + 176) * w - axes[at + 3]
+    u, v, w, origin = _turned_axis(poses, joint_b, -u, -v, -w)
+    lowest, enough = lowest + origin, splat(BAND)
+    if body_b >= 0:
+        mask &= below(_lowest_ball(bodies, body_b, u, v, w) + lowest, enough)
+    if mask and part >= 0:
+        mask &= below(_lowest_vertex(parts, part, u, v, w) + lowest, enough)
+    return mask
 
 
-@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, SCRATCH_MEMORY))
-def pair_meets(bodies: LaneBodies, parts: Parts, pair: int, mask: int, scratch: Scratch) -> bool:
-    """Whether the bodies of a pair touch in any lane of a mask; as `meets_obstacle`."""
-    work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.pair_axes
-    first, second = bodies.pairs[2 * pair], bodies.pairs[2 * pair + 1]
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
+def _pieces_meet(
+    bodies: LaneBodies,
+    parts: Parts,
+    a: int,
+    joint_a: int,
+    b: int,
+    joint_b: int,
+    body_b: int,
+    place: int,
+    mask: int,
+    scratch: Scratch,
+) -> bool:
+    """Whether two pieces touch in any lane of a mask; as `meets_obstacle`."""
+    work, pose_a, pose_b, axes, at = (
+        scratch.work,
+        scratch.pose_a,
+        scratch.pose_b,
+        scratch.pair_axes,
+        AXIS_AND_REACH * place,
+    )
+    root_a, root_b = bodies.piece_roots[a], bodies.piece_roots[b]
     while True:
-        mask = _left_of_pair(bodies, parts, pair, mask, scratch)
+        mask = _left_of_pieces(bodies, parts, joint_a, b, joint_b, body_b, place, mask, scratch)
         if mask == 0:
             return False
         chosen = first_lane(mask)
         mask &= mask - 1
-        _pose(scratch.poses, bodies.joints[first], chosen, pose_a)
-        _pose(scratch.poses, bodies.joints[second], chosen, pose_b)
-        _turned(pose_a, axes, 3 * pair, work, AXIS)
-        if not bodies_apart(
-            parts, bodies.roots[first], pose_a, parts, bodies.roots[second], pose_b, DECISION_BAND, work
-        ):
+        _pose(scratch.poses, joint_a, chosen, pose_a)
+        _pose(scratch.poses, joint_b, chosen, pose_b)
+        _turned(pose_a, axes, at, work, AXIS)
+        if not bodies_apart(parts, root_a, pose_a, parts, root_b, pose_b, DECISION_BAND, work):
             return True
-        _unit(work)
-        _turned_back(pose_a, work, AXIS, axes, 3 * pair)
+        _keep_axis(parts, root_a, work, pose_a, -1.0, axes, at)
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, SCRATCH_MEMORY))
+def pair_meets(bodies: LaneBodies, parts: Parts, pair: int, mask: int, scratch: Scratch) -> bool:
+    """Whether the bodies of a pair touch in any lane of a mask: piece by piece."""
+    poses, bounds, pieces = scratch.poses, bodies.piece_bounds, bodies.pieces
+    first, second, place = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1], bodies.pairs[3 * pair + 2]
+    joint_a, joint_b = bodies.joints[first], bodies.joints[second]
+    several = pieces[first + 1] - pieces[first] > 1 or pieces[second + 1] - pieces[second] > 1
+    whole = second if pieces[second + 1] - pieces[second] == 1 else -1
+    for a in range(pieces[first], pieces[first + 1]):
+        x, y, z = moved(poses, joint_a, bounds[4 * a], bounds[4 * a + 1], bounds[4 * a + 2])
+        for b in range(pieces[second], pieces[second + 1]):
+            near = mask
+            if several:
+                u, v, w = moved(poses, joint_b, bounds[4 * b], bounds[4 * b + 1], bounds[4 * b + 2])
+                u, v, w, reach = u - x, v - y, w - z, bounds[4 * a + 3] + bounds[4 * b + 3] + BAND
+                near &= below(u * u + v * v + w * w, splat(reach * reach))
+            if near and _pieces_meet(bodies, parts, a, joint_a, b, joint_b, whole, place, near, scratch):
+                return True
+            place += 1
+    return False

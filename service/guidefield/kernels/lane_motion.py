@@ -33,7 +33,9 @@ from guidefield.kernels.lanes import (
     splat,
     store,
 )
+from guidefield.kernels.packing import Words, unpacked
 from guidefield.kernels.separation import PARTS, Parts
+from guidefield.kernels.tree_kinematics import INDICES
 
 
 class LaneWorld(NamedTuple):
@@ -44,6 +46,7 @@ class LaneWorld(NamedTuple):
         obstacles, scene: What is around it.
         scratch: Memory; so a world answers one question at a time.
         block: (nv * 16,) memory for the configurations of one block.
+        fractions: `FRACTIONS`.
         nv: How many coordinates a configuration has.
     """
 
@@ -54,13 +57,17 @@ class LaneWorld(NamedTuple):
     scene: Parts
     scratch: Scratch
     block: np.ndarray
+    fractions: np.ndarray
     nv: int
 
 
 LANE_WORLD = types.NamedTuple(
-    [LANE_JOINTS, LANE_BODIES, PARTS, LANE_OBSTACLES, PARTS, SCRATCH, FLOATS_OUT, types.int64], LaneWorld
+    [LANE_JOINTS, LANE_BODIES, PARTS, LANE_OBSTACLES, PARTS, SCRATCH, FLOATS_OUT, FLOATS, types.int64], LaneWorld
 )
 WORLD = pointed(LANE_WORLD)
+
+world_of = unpacked(LANE_WORLD)
+"""Makes a world of its words."""
 
 FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
 FRACTIONS.setflags(write=False)
@@ -84,10 +91,8 @@ def _touches(world: LaneWorld, clearance: float) -> bool:
     )
 
 
-@lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, FLOAT_POINTER, types.float64))
-def motion_free(
-    world: LaneWorld, clearance: float, fractions: Floats32, z0: Floats32, z1: Floats32, resolution: float
-) -> bool:
+@lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
+def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
     """Whether no sample of the straight motion from z0 (nv,) to z1 touches; the first is not looked at, the last is.
 
     With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i = 1 .. 16: the first spreads over the
@@ -96,7 +101,6 @@ def motion_free(
     Args:
         world: Robot and obstacles.
         clearance: What to keep from obstacles [m].
-        fractions: `FRACTIONS`.
         z0: Where the motion begins.
         z1: Where it ends.
         resolution: Samples per length in the chart [1/rad or 1/m].
@@ -106,7 +110,7 @@ def motion_free(
         square += (z1[j] - z0[j]) ** 2
     blocks = max(1, math.ceil(math.sqrt(square) * resolution / LANES))
     for k in range(blocks):
-        place = load(fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
+        place = load(world.fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
         for j in range(nv):
             origin, end = z0[j], z1[j]
             store(block, j * LANES, place * (end - origin) + origin)
@@ -115,25 +119,23 @@ def motion_free(
     return True
 
 
-@lane_kernel(void(LANE_WORLD, types.float64, types.Array(types.float32, 2, "C"), types.Array(types.boolean, 1, "C")))
+@lane_kernel(void(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.Array(types.boolean, 1, "C")))
 def touching_configurations(
-    world: LaneWorld, clearance: float, configurations: np.ndarray, touching_out: np.ndarray
+    words: Words, clearance: float, configurations: np.ndarray, touching_out: np.ndarray
 ) -> None:
-    """Which of some chart points (n, nv) touch, one after another."""
-    pointed_world = pointers(world)
+    """Which of some chart points (n, nv) touch, one after another, in the world of some words."""
+    world = world_of(pointers(words))
     for i in range(configurations.shape[0]):
         for j in range(configurations.shape[1]):
-            store(pointed_world.block, j * LANES, splat(configurations[i, j]))
-        touching_out[i] = _touches(pointed_world, clearance)
+            store(world.block, j * LANES, splat(configurations[i, j]))
+        touching_out[i] = _touches(world, clearance)
 
 
-@lane_kernel(int64(LANE_WORLD, types.float64, FLOATS, types.Array(types.float32, 2, "C"), types.float64))
-def path_free_until(
-    world: LaneWorld, clearance: float, fractions: Floats32, path: np.ndarray, resolution: float
-) -> int:
+@lane_kernel(int64(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.float64))
+def path_free_until(words: Words, clearance: float, path: np.ndarray, resolution: float) -> int:
     """How many of the straight motions along chart points (n, nv) are free before the first that is not."""
-    pointed_world, shares = pointers(world), pointers(fractions)
+    world = world_of(pointers(words))
     for i in range(path.shape[0] - 1):
-        if not motion_free(pointed_world, clearance, shares, pointers(path[i]), pointers(path[i + 1]), resolution):
+        if not motion_free(world, clearance, pointers(path[i]), pointers(path[i + 1]), resolution):
             return i
     return len(path) - 1

@@ -20,35 +20,64 @@ DECISION_BAND = 2e-6
 BALL = 3 * LANES
 """Floats of a ball's centre in sixteen lanes."""
 
+AXIS_AND_REACH = 4
+"""Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
+
+AROUND = 6 * LANES
+"""Floats of the boxes about sixteen obstacles along the world's axes: the least x, y, z of all, then the largest."""
+
 
 class LaneBodies(NamedTuple):
     """The robot's bodies; lengths [m] in the frame of the joint that carries a body.
 
+    A *carrier* is a joint with bodies. Balls contain each other: those about a carrier's bodies, about a body, about a
+    group of its cover's balls, the cover's.
+
     Attributes:
         size: n.
-        moving: m.
-        n_pairs: p.
-        joints: (n,) the joint that carries each.
-        covers: (n + 1,) where each body's cover begins in `cover`.
-        inners: (n + 1,) where its inner balls begin in `inner`.
+        carriers: m, how many joints carry bodies.
+        moving: How many of them move in the world: the first ones, those far out first.
+        n_meetings: Pairs of carriers some of whose bodies must not touch.
+        joints: (n,) the joint that carries each body.
+        carrying: (m,) the joint of each carrier.
+        members: (m + 1,) where the bodies of each carrier begin in `order`.
+        order: (n,) the bodies, carrier by carrier.
+        groups: (n + 1,) where the groups of each body's cover begin.
+        covers: (groups + 1,) where the balls of each group begin in `cover`.
+        inners: (n + 1,) where a body's inner balls begin in `inner`.
         roots: (n,) its root in the robot's parts.
-        order: (m,) the bodies that move in the world, in the order in which they are tested: those far out first.
-        pairs: (2 * p,) bodies that must not touch each other.
-        bounds: (4 * n,) a ball about each.
+        pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
+        piece_roots: (pieces,) the root of each in the robot's parts.
+        meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
+        pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
+        around: (4 * m,) a ball about each carrier's bodies.
+        bounds: (4 * n,) a ball about each body.
+        piece_bounds: (4 * pieces,) a ball about each piece.
+        grouped: (4 * groups,) a ball about each group.
         cover: (4 * c,) balls that contain the bodies.
         inner: (4 * i,) balls that are inside them.
     """
 
     size: int
+    carriers: int
     moving: int
-    n_pairs: int
+    n_meetings: int
     joints: np.ndarray
+    carrying: np.ndarray
+    members: np.ndarray
+    order: np.ndarray
+    groups: np.ndarray
     covers: np.ndarray
     inners: np.ndarray
     roots: np.ndarray
-    order: np.ndarray
+    pieces: np.ndarray
+    piece_roots: np.ndarray
+    meetings: np.ndarray
     pairs: np.ndarray
+    around: np.ndarray
     bounds: np.ndarray
+    piece_bounds: np.ndarray
+    grouped: np.ndarray
     cover: np.ndarray
     inner: np.ndarray
 
@@ -63,6 +92,7 @@ class LaneObstacles(NamedTuple):
         roots: (n,) its root in the scene's parts.
         tested: (bodies * n,) 1 where the body must not touch it.
         primitives: (PRIMITIVE * n,) float32.
+        boxes: (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones.
     """
 
     size: int
@@ -71,25 +101,26 @@ class LaneObstacles(NamedTuple):
     roots: np.ndarray
     tested: np.ndarray
     primitives: np.ndarray
+    boxes: np.ndarray
 
 
 class Scratch(NamedTuple):
-    """Memory that a search uses again and again; its contents mean nothing between calls.
+    """Memory that a search uses again and again.
+
+    Only the axes mean anything between calls: with what separated two bodies last, the next question begins.
 
     Attributes:
-        poses: (joints * POSE,) placements; the world's is written once.
-        centres: (cover * BALL,) centres of cover balls.
-        placed: (bodies,) whether a body's are up to date.
+        poses: (joints * POSE,) placements.
+        centres: (m * BALL,) centres of the balls about carriers.
         found: (3 * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask.
-        obstacle_axes: (3 * bodies * obstacles,) the axis that last separated them, in the world; 0 where there is none.
-        pair_axes: (3 * pairs,) the axis that last separated each pair, in the first one's frame; 0 where there is none.
+        obstacle_axes: (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it.
+        pair_axes: (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it.
         pose_a, pose_b: (12,) each.
         work: (WORK,).
     """
 
     poses: np.ndarray
     centres: np.ndarray
-    placed: np.ndarray
     found: np.ndarray
     obstacle_axes: np.ndarray
     pair_axes: np.ndarray
@@ -98,8 +129,8 @@ class Scratch(NamedTuple):
     work: np.ndarray
 
 
-LANE_BODIES = types.NamedTuple([*[types.int64] * 3, *[INDICES] * 6, *[FLOATS] * 3], LaneBodies)
-LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, FLOATS], LaneObstacles)
-SCRATCH = types.NamedTuple([*[FLOATS_OUT] * 2, *[INTEGERS_OUT] * 2, *[VECTOR_OUT] * 5], Scratch)
+LANE_BODIES = types.NamedTuple([*[types.int64] * 4, *[INDICES] * 12, *[FLOATS] * 6], LaneBodies)
+LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2], LaneObstacles)
+SCRATCH = types.NamedTuple([*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5], Scratch)
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)

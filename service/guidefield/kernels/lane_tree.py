@@ -14,7 +14,7 @@ from numba import boolean, int64, types
 
 from guidefield.kernels.lane_kinematics import Integers
 from guidefield.kernels.lane_math import Floats32
-from guidefield.kernels.lane_motion import LANE_WORLD, WORLD, LaneWorld, motion_free
+from guidefield.kernels.lane_motion import WORLD, LaneWorld, motion_free, world_of
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS,
@@ -33,6 +33,7 @@ from guidefield.kernels.lanes import (
     rint,
     splat,
 )
+from guidefield.kernels.packing import Words, unpacked
 from guidefield.kernels.signatures import VECTOR
 from guidefield.kernels.tree_kinematics import INDICES
 
@@ -106,6 +107,7 @@ SEARCH = types.NamedTuple(
 )
 
 _SAMPLING, _SEARCH = pointed(SAMPLING), pointed(SEARCH)
+sampling_of, search_of = unpacked(SAMPLING), unpacked(SEARCH)
 
 
 @lane_step(types.void(_SAMPLING, INTEGER_POINTER, FLOAT_POINTER, int64))
@@ -192,12 +194,11 @@ def _add(search: Search, tree: int, parent: int) -> int:
     return int(at)
 
 
-@lane_step(boolean(WORLD, _SAMPLING, _SEARCH, FLOAT_POINTER, types.float64, types.float64, int64))
+@lane_step(boolean(WORLD, _SAMPLING, _SEARCH, types.float64, types.float64, int64))
 def _connected(
     world: LaneWorld,
     sampling: Sampling,
     search: Search,
-    fractions: Floats32,
     clearance: float,
     resolution: float,
     tree: int,
@@ -208,7 +209,7 @@ def _connected(
     while counters[SIZE + tree] < search.capacity:
         distance = _step_towards(search, tree, node, search.target, sampling)
         counters[MOTIONS] += 1
-        if not motion_free(world, clearance, fractions, search.origin, search.reached, resolution):
+        if not motion_free(world, clearance, search.origin, search.reached, resolution):
             return False
         if distance <= RANGE:
             counters[MEETING + tree] = node
@@ -217,12 +218,11 @@ def _connected(
     return False
 
 
-@lane_step(int64(WORLD, _SAMPLING, _SEARCH, FLOAT_POINTER, types.float64, types.float64, int64))
+@lane_step(int64(WORLD, _SAMPLING, _SEARCH, types.float64, types.float64, int64))
 def _grown(
     world: LaneWorld,
     sampling: Sampling,
     search: Search,
-    fractions: Floats32,
     clearance: float,
     resolution: float,
     iterations: int,
@@ -245,7 +245,7 @@ def _grown(
         if distance > domain:
             continue
         counters[MOTIONS] += 1
-        if not motion_free(world, clearance, fractions, search.origin, reached, resolution):
+        if not motion_free(world, clearance, search.origin, reached, resolution):
             smaller = DOMAIN if domain == np.inf else max(domain * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)
             domains[a * capacity + node] = smaller
             continue
@@ -254,29 +254,20 @@ def _grown(
         met = _add(search, a, node)
         for j in range(nv):
             target[j] = reached[j]
-        if _connected(world, sampling, search, fractions, clearance, resolution, 1 - a):
+        if _connected(world, sampling, search, clearance, resolution, 1 - a):
             counters[MEETING + a] = met
             return MET
     return GOING_ON
 
 
-@lane_kernel(int64(LANE_WORLD, SAMPLING, SEARCH, FLOATS, types.float64, types.float64, int64))
-def grow(
-    world: LaneWorld,
-    sampling: Sampling,
-    search: Search,
-    fractions: Floats32,
-    clearance: float,
-    resolution: float,
-    iterations: int,
-) -> int:
+@lane_kernel(int64(INDICES, INDICES, INDICES, types.float64, types.float64, int64))
+def grow(world: Words, sampling: Words, search: Words, clearance: float, resolution: float, iterations: int) -> int:
     """Go on growing two trees towards each other.
 
     Args:
-        world: Robot and obstacles.
-        sampling: Where samples come from.
-        search: The trees, whose roots have been written; changed.
-        fractions: lane_motion's `FRACTIONS`.
+        world: Robot and obstacles, a packed `LaneWorld`.
+        sampling: Where samples come from, a packed `Sampling`.
+        search: The trees, whose roots have been written, a packed `Search`; changed.
         clearance: What to keep from obstacles [m].
         resolution: Samples per length in the chart [1/rad or 1/m].
         iterations: How many more.
@@ -284,6 +275,5 @@ def grow(
     Returns:
         MET (the nodes are in the counters), FULL (give it more room) or GOING_ON.
     """
-    return _grown(
-        pointers(world), pointers(sampling), pointers(search), pointers(fractions), clearance, resolution, iterations
-    )
+    sources, trees = sampling_of(pointers(sampling)), search_of(pointers(search))
+    return _grown(world_of(pointers(world)), sources, trees, clearance, resolution, iterations)

@@ -97,11 +97,12 @@ def lane_part(kernel: Kernel) -> Kernel:
     return decorated
 
 
-def lane_kernel(signature: Any) -> Callable[[Kernel], Kernel]:
+def lane_kernel(signature: Any, **options: bool) -> Callable[[Kernel], Kernel]:
     """Decorator of a lane kernel of one signature: machine code from the cache, no GIL; sums keep their order."""
 
     def decorate(kernel: Kernel) -> Kernel:
-        decorated: Kernel = njit(signature, cache=True, fastmath={"contract"}, error_model="numpy", nogil=True)(kernel)
+        compiled = njit(signature, cache=True, fastmath={"contract"}, error_model="numpy", nogil=True, **options)
+        decorated: Kernel = compiled(kernel)
         return decorated
 
     return decorate
@@ -109,20 +110,7 @@ def lane_kernel(signature: Any) -> Callable[[Kernel], Kernel]:
 
 def lane_step(signature: Any) -> Callable[[Kernel], Kernel]:
     """The same for a kernel that only kernels call: quicker to compile, as Python can't call it."""
-
-    def decorate(kernel: Kernel) -> Kernel:
-        decorated: Kernel = njit(
-            signature,
-            cache=True,
-            fastmath={"contract"},
-            error_model="numpy",
-            nogil=True,
-            no_cpython_wrapper=True,
-            no_cfunc_wrapper=True,
-        )(kernel)
-        return decorated
-
-    return decorate
+    return lane_kernel(signature, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def _spread(builder: Any, scalar: Any) -> Any:
@@ -218,16 +206,23 @@ def lane(typing: Any, value: Any, index: Any) -> Any:
     return types.float32(f32x16, types.int64), generate
 
 
-@intrinsic
-def largest_lane(typing: Any, value: Any) -> Any:
-    """The largest of the sixteen lanes, a float32."""
+def _reduction(name: str, purpose: str) -> Any:
+    """A function of all lanes of one vector that LLVM has."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.FloatType(), [_VECTOR])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.vector.reduce.fmax.v16f32")
-        return builder.call(function, args)
+    def typed(typing: Any, value: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            kind = ir.FunctionType(ir.FloatType(), [_VECTOR])
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.{name}.v16f32")
+            return builder.call(function, args, fastmath=("nnan",))
 
-    return types.float32(f32x16), generate
+        return types.float32(f32x16), generate
+
+    typed.__name__, typed.__doc__ = name, purpose
+    return intrinsic(typed)
+
+
+largest_lane = _reduction("fmax", "The largest of the sixteen lanes, a float32; none may be NaN.")
+smallest_lane = _reduction("fmin", "The smallest of the sixteen lanes, a float32; none may be NaN.")
 
 
 @intrinsic

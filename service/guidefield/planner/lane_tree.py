@@ -8,8 +8,8 @@ import numpy as np
 
 from guidefield.collision.lanes import Lanes
 from guidefield.kernels import lane_tree as kernel
-from guidefield.kernels.lane_motion import FRACTIONS
 from guidefield.kernels.lanes import LANES
+from guidefield.kernels.packing import packed
 from guidefield.planner.problem import Budget
 from guidefield.robot.chart import ANGLE
 from guidefield.robot.group import ROAM, PlanningGroup
@@ -60,14 +60,15 @@ def grow(
     """
     group = lanes.world.group
     sampling = _sampling(group, rng)
+    sources = packed(sampling)
     search = _search((starts, goals), max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
-    counters = search.counters
+    trees, counters = packed(search), search.counters
     lanes.forget()
     while counters[kernel.ITERATION] < MOST_ITERATIONS and budget.spent() is None:
-        ended = kernel.grow(lanes.tables, sampling, search, FRACTIONS, clearance, resolution, PIECE)
+        ended = kernel.grow(lanes.words, sources, trees, clearance, resolution, PIECE)
         if ended == kernel.FULL:
             search = _roomier(search)
-            counters = search.counters
+            trees = packed(search)
         if ended == kernel.MET:
             first, second = (_branch(search, tree) for tree in range(2))
             path = _joined(group, first, second, starts, goals)
