@@ -141,7 +141,7 @@ def left_of_obstacle(
     part = _polytope(parts, bodies.roots[body])
     if closely and left and part >= 0:
         left &= below(_lowest_vertex(parts, part, u, v, w) + origin, enough)
-    return left
+    return int(left)
 
 
 @lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, POINTED_PARTS, int64, types.float64, SCRATCH_MEMORY))
