@@ -258,3 +258,21 @@ def test_questions_before_do_not_change_an_answer():
     for a, b in zip(first, again, strict=True):
         for fact in ("reason", "piece", "parameter", "free_until", "pair", "evaluations"):
             assert getattr(a, fact) == getattr(b, fact)
+
+
+def test_a_judgement_that_is_stopped_certifies_what_comes_before():
+    arm = group("panda")
+    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.3, 0, 0.75))])
+    points = np.tile(rest(arm), (201, 1))
+    points[:, 0] = np.linspace(-1.2, -0.4, 201)
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    whole = certify(world, pieces)
+    assert whole.free
+    for rounds in range(2):
+        left = iter([None] * rounds)
+        verdict = certify(world, pieces, stopped=lambda left=left: next(left, "enough"))
+        assert verdict.reason == "stopped"
+        assert not verdict.free
+        assert verdict.evaluations < whole.evaluations
+        assert (verdict.piece > 0) == (rounds > 0)
+        assert certify(world, pieces[: verdict.piece]).free

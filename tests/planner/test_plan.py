@@ -12,11 +12,12 @@ from guidefield.collision.certificate import certify
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
-from guidefield.planner.problem import Budget, Problem, TipGoal
+from guidefield.planner.problem import Budget, ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.trace import StageEntered, StageLeft
 from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
+from tests.robots import box_arm, grouped
 
 
 def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
@@ -220,6 +221,27 @@ def test_min_clearance_is_certified_or_refused_with_the_place() -> None:
     assert refusal.status is Status.CLEARANCE_BELOW_MINIMUM
     assert refusal.details["clearance"] == pytest.approx(distance)
     assert "ball" in refusal.details["pair"]
+
+
+def test_a_gate_narrower_than_the_clearance_asked_for_is_told_with_the_place() -> None:
+    arm, gap = grouped(box_arm("slide", 1)), 0.03
+    posts = [
+        messages.Box(name=name, size=(1.0, 0.1, 0.05), position=(0.0, side * (0.02 + gap + 0.05), 1.6))
+        for name, side in (("left", 1.0), ("right", -1.0))
+    ]
+
+    def planned(asked: float) -> Plan:
+        goal = ConfigurationGoal((np.array([1.9]),))
+        budget = Budget(time.monotonic() + 2.0)
+        return plan(problem(arm, scene_of(*posts), goal, np.array([0.5]), (), min_clearance=asked, budget=budget))
+
+    assert planned(0.9 * gap).status is Status.SUCCESS
+    refusal = planned(1.5 * gap)
+    assert refusal.status is Status.CLEARANCE_BELOW_MINIMUM, refusal.message
+    assert gap < refusal.details["clearance"] < 1.5 * gap + 1e-3  # where the motion enters the gate
+    assert refusal.details["pair"][1] in ("left", "right")
+    assert 0.9 < refusal.details["configuration"]["j1"] < 1.4
+    assert not refusal.verdict.free
 
 
 def test_time_up_returns_what_there_is() -> None:

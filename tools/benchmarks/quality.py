@@ -1,6 +1,6 @@
 """How good whole plans are: certified, truly free, how far from everything, how long, how smooth, and their times.
 
-Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--peers] [--slowest N]
+Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--peers] [--worst N]
 
 The folder is described in problems.py. Every trajectory is sampled `JUDGED_STEP` apart on the exact collision geometry,
 whoever made it. *inner* leaves out `END_STRETCH` at each end; *at the ends* is the share of problems whose minimum over
@@ -72,6 +72,7 @@ class Row:
     smoothness: float = np.nan
     duration: float = np.nan
     seconds: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 def run(arguments: list[str]) -> None:
@@ -81,7 +82,7 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--robots", default=",".join(ROBOTS[:3]), help="which, between commas")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--peers", action="store_true", help="plan with the peers that are installed, too")
-    parser.add_argument("--slowest", type=int, default=0, help="name so many problems that were worst or slowest")
+    parser.add_argument("--worst", type=int, default=0, help="name so many problems that were worst, and all warnings")
     options = parser.parse_args(arguments)
     for robot in options.robots.split(","):
         given = Problems.load(options.folder, robot, options.every)
@@ -91,8 +92,8 @@ def run(arguments: list[str]) -> None:
         _print("guidefield", rows)
         for name in dict.fromkeys(row.problem_set for row in rows):
             _print(f"  {name}", [row for row in rows if row.problem_set == name])
-        if options.slowest:
-            _print_worst(rows, options.slowest)
+        if options.worst:
+            _print_worst(rows, options.worst)
         _print_vamp(given, vamp)
         for name, solve in peers.installed().items() if options.peers else ():
             _print(name, [_peers_row(given, problem, vamp, name, solve) for problem in given.problems])
@@ -148,7 +149,7 @@ def _measured(
     vamp: dict[tuple[str, int], dict[str, Any]],
     seconds: dict[str, float],
 ) -> Row:
-    row = Row(name, problem["set"], made.status.name, seconds=seconds)
+    row = Row(name, problem["set"], made.status.name, seconds=seconds, warnings=made.warnings)
     if made.trajectory is None or made.status is not Status.SUCCESS:
         return row
     fine = np.linspace(0.0, made.trajectory.duration, 40 * len(made.trajectory.times))
@@ -212,6 +213,7 @@ def _print(title: str, rows: list[Row]) -> None:
     print(
         f"    minimum {_spread(1e3 * m.minimum for _, m in done)} mm, {100 * share:.0f} % at the ends' own;"
         f" inner {_spread(1e3 * m.inner for _, m in done)} mm;"
+        f" found motions not relaxed: {sum(bool(row.warnings) for row, _ in done)};"
         f" length {_spread((row.relative_length for row, _ in done), 95, 2)} of VAMP's;"
         f" smoothness {_median(row.smoothness for row, _ in done):.2f};"
         f" duration {_median(row.duration for row, _ in done):.2f} s"
@@ -224,6 +226,9 @@ def _print(title: str, rows: list[Row]) -> None:
 def _print_worst(rows: list[Row], count: int) -> None:
     short = [row for row in rows if row.judged is not None and not row.judged.at_the_ends]
     short.sort(key=lambda row: row.judged.minimum - row.judged.ends if row.judged else 0.0)
+    for row in rows:
+        for warning in row.warnings:
+            print(f"    {row.name}: {warning}")
     for row in short[:count]:
         if row.judged is not None:
             print(f"    {row.name} comes {1e3 * (row.judged.ends - row.judged.minimum):.1f} mm closer than its ends")

@@ -7,7 +7,7 @@ curve; else the curve is halved, for the pairs that are left, down to a floor.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,12 @@ COAL_ACCURACY = 1e-6
 WIDEST = 0.3
 """Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
 
+TOGETHER = 0.1
+"""Consecutive pieces are tested together as long as they span no more than this in any coordinate [rad or m]."""
+
+MESH_FROM = 0.01
+"""A mesh is asked, where its hull does not tell, once its pair's possible motion is down to this [m]."""
+
 BATCH = 64
 """At most so many stretches have their bounds computed together."""
 
@@ -33,11 +39,11 @@ class Verdict:
     Attributes:
         free: Whether no pair touches, and robot and obstacles keep the clearance asked for, all along the motion.
         reason: free; contact: a pair touches; too close: robot and obstacle come closer than the clearance asked for;
-            undecided: a pair comes so close that the floor was reached.
+            undecided: a pair comes so close that the floor was reached; stopped: there was no time to tell.
         piece: Index of the piece that was refused; None if free.
         parameter: Where on it, from 0 to 1: the place that was judged; None if free.
         free_until: Parameter of that piece up to which the motion is certified, as all pieces before are; None if free.
-        pair: Names of the pair that was refused; None if free.
+        pair: Names of the pair that was refused; None if free, or where all pairs are left.
         configuration: Chart coordinates (nv,) of the place that was judged; None if free.
         evaluations: Configurations at which Coal was asked.
     """
@@ -54,25 +60,44 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """A part of a piece, not judged yet: control points (k, nv), parameters on the piece, pairs left (None: all)."""
+    """A part of a piece, or several pieces, not judged yet.
+
+    Attributes:
+        piece: Index of the piece, or of the first of them.
+        controls: Control points, shape (m, k, nv).
+        start, end: Parameters on a single piece; 0 and 1 for several.
+        pairs: Pairs left; None: all.
+    """
 
     piece: int
-    control: np.ndarray
+    controls: np.ndarray
     start: float
     end: float
     pairs: list[int] | None
 
     def halves(self, pairs: list[int] | None) -> tuple[_Stretch, _Stretch]:
         """The two halves, for some pairs."""
-        first, second = _halved(self.control[None])
+        count = len(self.controls) // 2
+        if count:
+            return (
+                _Stretch(self.piece, self.controls[:count], 0.0, 1.0, pairs),
+                _Stretch(self.piece + count, self.controls[count:], 0.0, 1.0, pairs),
+            )
+        first, second = _halved(self.controls)
         middle = 0.5 * (self.start + self.end)
         return (
-            _Stretch(self.piece, first, self.start, middle, pairs),
-            _Stretch(self.piece, second, middle, self.end, pairs),
+            _Stretch(self.piece, first[None], self.start, middle, pairs),
+            _Stretch(self.piece, second[None], middle, self.end, pairs),
         )
 
 
-def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor: float = 1e-4) -> Verdict:
+def certify(
+    world: World,
+    pieces: np.ndarray,
+    min_clearance: float = 0.0,
+    floor: float = 1e-4,
+    stopped: Callable[[], object] = lambda: None,
+) -> Verdict:
     """Judge a motion.
 
     All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
@@ -84,13 +109,16 @@ def certify(world: World, pieces: np.ndarray, min_clearance: float = 0.0, floor:
         pieces: Bezier control points of each piece in the group's chart, shape (m, k, nv) [rad or m]; any degree k - 1.
         min_clearance: What robot and obstacles must keep apart [m]; the robot and itself must only not touch.
         floor: A pair whose possible motion [m] is down to this and which still can't be told apart is undecided.
+        stopped: Asked now and then; anything true ends the judgement.
     """
     judge = _Judge(world, min_clearance, floor)
     refusal = None
-    level = list(_narrow_stretches(np.asarray(pieces, float)))
+    level = list(_stretches(np.asarray(pieces, float)))
     while level:
         finer: list[_Stretch] = []
         for first in range(0, len(level), BATCH):
+            if stopped():
+                return _unfinished(world, min([*finer, level[first]], key=_place), judge.evaluations)
             halves, found = judge.halved(level[first : first + BATCH])
             finer += halves
             if found is not None:
@@ -109,14 +137,38 @@ def motion_free(
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
 
 
-def _narrow_stretches(pieces: np.ndarray) -> Iterator[_Stretch]:
-    """The pieces in order, each halved throughout until no coordinate of a part spans more than `WIDEST`."""
-    for index, piece in enumerate(pieces):
-        parts = piece[None]
-        while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
-            parts = _halved(parts)
-        for number, part in enumerate(parts):
-            yield _Stretch(index, part, number / len(parts), (number + 1) / len(parts), None)
+def _stretches(pieces: np.ndarray) -> Iterator[_Stretch]:
+    """The pieces in order: short ones together, long ones halved until no coordinate spans more than `WIDEST`."""
+    lows, highs = pieces.min(axis=1), pieces.max(axis=1)
+    first = 0
+    while first < len(pieces):
+        low, high, last = lows[first], highs[first], first + 1
+        while last < len(pieces):
+            low, high = np.minimum(low, lows[last]), np.maximum(high, highs[last])
+            if (high - low).max() > TOGETHER:
+                break
+            last += 1
+        parts = pieces[first:last]
+        if last > first + 1:
+            yield _Stretch(first, parts, 0.0, 1.0, None)
+        else:
+            while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
+                parts = _halved(parts)
+            for number, part in enumerate(parts):
+                yield _Stretch(first, part[None], number / len(parts), (number + 1) / len(parts), None)
+        first = last
+
+
+def _place(stretch: _Stretch) -> tuple[int, float]:
+    """Where a stretch begins along the motion."""
+    return stretch.piece, stretch.start
+
+
+def _unfinished(world: World, first: _Stretch, evaluations: int) -> Verdict:
+    """The verdict of a judgement that was stopped, the first stretch that is left in it."""
+    pair = world.pair_names(first.pairs[0]) if first.pairs else None
+    at = first.start
+    return Verdict(False, "stopped", first.piece, at, at, pair, first.controls[0, 0], evaluations)
 
 
 def _halved(controls: np.ndarray) -> np.ndarray:
@@ -165,8 +217,8 @@ class _Judge:
     def _measure(self, stretches: Sequence[_Stretch]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         """At each stretch's middle: configuration, centres (s, r, 3) of balls, bounds (s, n) within the box."""
         world, group = self.world, self.world.group
-        low = np.array([stretch.control.min(axis=0) for stretch in stretches])
-        high = np.array([stretch.control.max(axis=0) for stretch in stretches])
+        low = np.array([stretch.controls.min(axis=(0, 1)) for stretch in stretches])
+        high = np.array([stretch.controls.max(axis=(0, 1)) for stretch in stretches])
         qs = [group.expand(group.from_chart(middle)) for middle in 0.5 * (low + high)]
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements = np.empty((len(qs), world.model.njoints, 4, 4))
@@ -195,17 +247,17 @@ class _Judge:
             pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
             pairs = stretch.pairs
         left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]
-        if all(self._signed[pair] for pair in left):
+        asked = [pair for pair in left if not self._signed[pair] and bounds[pair] <= MESH_FROM]
+        if not asked:
             return left
         world.margin_data.setSecurityMargins(world.geometry, margins, True, True)
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
-        return [
-            pair for pair in left if self._signed[pair] or pin.computeCollision(world.geometry, world.margin_data, pair)
-        ]
+        free = {pair for pair in asked if not pin.computeCollision(world.geometry, world.margin_data, pair)}
+        return [pair for pair in left if pair not in free]
 
     def _refusal_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
         """Why the curve is refused where its rest begins: it touches there, or the pairs left can't move any less."""
-        z = rest.control[0]
+        z = rest.controls[0, 0]
         found = self._touching(z, left)
         if found is None:
             undecided = [pair for pair in left if bounds[pair] <= self.floor]

@@ -58,7 +58,7 @@ def finish(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages
         return finished
     unrelaxed = _certified(problem, path, crossings, stages)
     if not unrelaxed.verdict.free:
-        return unrelaxed
+        return finished if finished.verdict.reason != "contact" else unrelaxed
     warning = f"the relaxed motion was not certified ({finished.verdict.reason}); this is the motion as it was found"
     return Finished(unrelaxed.trajectory, unrelaxed.verdict, unrelaxed.path, unrelaxed.crossings, (warning,))
 
@@ -72,7 +72,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
             trajectory = parameterize(spline, problem.group.velocity_limits, problem.group.acceleration_limits)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
-            verdict = certify(problem.world, trajectory.bezier(), problem.min_clearance)
+            verdict = certify(problem.world, trajectory.bezier(), problem.min_clearance, stopped=problem.budget.spent)
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason
         if verdict.free or repair == REPAIRS or verdict.piece is None or problem.budget.spent():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,9 +20,16 @@ from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross, inset_of
 from guidefield.planner.problem import Problem
 from guidefield.planner.stages import Stage, StageFailed, Stages
-from guidefield.planner.trace import StageLeft
+from guidefield.planner.trace import Note, StageLeft
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.inverse_kinematics import PoseTarget
+
+SLACK = 1e-3
+"""A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
+
+
+CLEARANCE_SHARE = 0.5
+"""Share of the time in which a connection with the clearance asked for is looked for; then any that is free will do."""
 
 
 class Planner(enum.Enum):
@@ -148,11 +157,24 @@ def _connect_to_plane(problem: Problem, found: _Found, stuck: Crossing, index: i
 
 def _connect(problem: Problem, found: _Found, goals: np.ndarray, stage: Stage) -> None:
     rng = np.random.default_rng([problem.seed, 2])
-    connection = connect(problem, found.path[-1], goals, rng)
+    connection = connect(_in_part_of_the_time(problem), found.path[-1], goals, rng)
+    if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
+        problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
+        problem = dataclasses.replace(problem, min_clearance=0.0)
+        connection = connect(problem, found.path[-1], goals, rng)
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
         raise StageFailed(connection.status, connection.message, stage="connect")
     found.extend(shortcut(problem, connection.path, rng))
+
+
+def _in_part_of_the_time(problem: Problem) -> Problem:
+    """The problem with a share of the time that is left, if a clearance is asked for: one without comes after."""
+    if problem.min_clearance <= 0.0:
+        return problem
+    left = problem.budget.deadline - time.monotonic()
+    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + CLEARANCE_SHARE * max(left, 0.0))
+    return dataclasses.replace(problem, budget=budget)
 
 
 def _partial(problem: Problem, found: _Found, failure: StageFailed, stages: Stages) -> Plan:
@@ -179,10 +201,7 @@ def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
     if verdict.free and problem.budget.cancelled():
         status, message = Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length"
     if not verdict.free:
-        status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
-        pair = " and ".join(verdict.pair) if verdict.pair else "a pair of bodies"
-        message = f"the certificate refused the motion: {verdict.reason} between {pair}"
-        details = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+        status, message, details = _refusal(problem, verdict)
     return Plan(
         status=status,
         message=message,
@@ -195,6 +214,29 @@ def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
         details=details,
         warnings=finished.warnings,
     )
+
+
+def _refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, Any]]:
+    """Why a motion is not certified: status, message, and the place."""
+    status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
+    pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
+    message = f"the certificate refused the motion: {verdict.reason} between {pair}"
+    details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+    if verdict.configuration is None:
+        return status, message, details
+    group = problem.group
+    details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
+    if verdict.reason == "stopped":
+        return status, "time was up before the motion was certified", details
+    distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
+    if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
+        status = Status.CLEARANCE_BELOW_MINIMUM
+        message = (
+            f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
+            f" within {1000 * distance:.1f} mm between {pair}"
+        )
+        details |= {"clearance": distance, "min_clearance": problem.min_clearance}
+    return status, message, details
 
 
 def polyline(path: np.ndarray) -> np.ndarray:
