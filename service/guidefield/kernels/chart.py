@@ -40,7 +40,7 @@ def configuration(joints: JointTable, values: Floats, origin: Floats, q_out: Flo
             if kind == FLOATING:
                 q_out[q], q_out[q + 1], q_out[q + 2] = values[v], values[v + 1], values[v + 2]
                 v, q = v + 3, q + 3
-            _turned(origin, (values[v], values[v + 1], values[v + 2]), q, q_out)
+            turned(origin, (values[v], values[v + 1], values[v + 2]), q, q_out)
 
 
 @inlined
@@ -78,7 +78,7 @@ def _combine(v: int, a: Vector3, b: Vector3, c: Vector3, subspaces_out: Floats) 
 
 
 @inlined
-def _turned(origin: Floats, vector: Vector3, at: int, q_out: Floats) -> None:
+def turned(origin: Floats, vector: Vector3, at: int, q_out: Floats) -> None:
     """The quaternion (x, y, z, w) at an index, turned by a rotation vector."""
     angle = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
     scale = math.sin(0.5 * angle) / angle if angle > _SMALL else 0.5 - angle * angle / 48.0

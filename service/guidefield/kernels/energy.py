@@ -29,7 +29,7 @@ from guidefield.kernels.signatures import (
     compiled,
     inlined,
 )
-from guidefield.kernels.tree_kinematics import BLOCKS, INDICES, JointTable, joint_placements
+from guidefield.kernels.tree_kinematics import BLOCKS, BLOCKS_OUT, INDICES, JointTable, joint_placements
 from guidefield.kernels.wrenches import gathered, give, nothing, project
 
 
@@ -162,6 +162,39 @@ def _repulsion(
     return total(U)
 
 
+@compiled([SCALAR(JOINTS, ROBOT, t, VECTOR, BLOCKS_OUT, MATRIX_OUT, MATRIX_OUT) for t in (TABLES, TABLES_32)])
+def forces(
+    joints: Any, robot: Any, tables: Any, q: Floats, world_out: Floats, wrenches_out: Floats, inertias_out: Floats
+) -> float:
+    """Potential U of a robot at q, and what the field does to its links, all about the tables' origin.
+
+    Args:
+        joints: The joints.
+        robot: What they carry.
+        tables: What is charged.
+        q: Configuration, shape (nq,).
+        world_out: Placements of joints, shape (n, 3, 4) [m].
+        wrenches_out: Force and moment on the points that each joint itself carries, shape (n, 6).
+        inertias_out: Their weight by curvature, first moments, second moments xx xy xz yy yz zz, shape (n, 10).
+
+    Returns:
+        U [m].
+    """
+    kind, counting = tables.boxes.dtype, _counting(tables)
+    # A vector may begin at the last point.
+    lanes = robot.points.shape[0] + lanes_of(counting) - 1
+    points, weights = np.empty((3, lanes), kind), np.empty(lanes, kind)
+    _place(joints, robot, tables.origin, q, world_out, points, weights)
+    field = np.zeros((6, lanes), kind)
+    add_field(tables, points, _first_moving(robot), field)
+    inertias_out[:, :] = 0.0
+    wrenches_out[:, :] = 0.0
+    potential = float(_field_forces(robot, points, weights, field, counting, wrenches_out, inertias_out))
+    for k in range(robot.pairs.shape[0]):
+        potential += _repulsion(robot, k, world_out, points, weights, counting, wrenches_out, inertias_out)
+    return potential
+
+
 @compiled([SCALAR(JOINTS, ROBOT, t, VECTOR, VECTOR_OUT, MATRIX_OUT, MATRIX_OUT) for t in (TABLES, TABLES_32)])
 def energy(
     joints: Any, robot: Any, tables: Any, q: Floats, gradient_out: Floats, metric_out: Floats, wrenches_out: Floats
@@ -174,18 +207,9 @@ def energy(
     Returns:
         U [m].
     """
-    n, kind, counting = joints.parents.shape[0], tables.boxes.dtype, _counting(tables)
-    # A vector may begin at the last point.
-    lanes = robot.points.shape[0] + lanes_of(counting) - 1
-    world, points, weights = np.empty((n, 3, 4)), np.empty((3, lanes), kind), np.empty(lanes, kind)
-    _place(joints, robot, tables.origin, q, world, points, weights)
-    field = np.zeros((6, lanes), kind)
-    add_field(tables, points, _first_moving(robot), field)
-    inertias = np.zeros((n, 10))
-    wrenches_out[:, :] = 0.0
-    potential = float(_field_forces(robot, points, weights, field, counting, wrenches_out, inertias))
-    for k in range(robot.pairs.shape[0]):
-        potential += _repulsion(robot, k, world, points, weights, counting, wrenches_out, inertias)
+    n = joints.parents.shape[0]
+    world, inertias = np.empty((n, 3, 4)), np.empty((n, 10))
+    potential = forces(joints, robot, tables, q, world, wrenches_out, inertias)
     project(
         joints.parents, joints.kinds, joints.axes, joints.idx_v, joints.nv, world, wrenches_out, inertias,
         gradient_out.shape[0], gradient_out, metric_out,
@@ -199,32 +223,37 @@ def energy(
     return potential
 
 
-@compiled([void(JOINTS, ROBOT, t, MATRIX, VECTOR_OUT) for t in (TABLES, TABLES_32)])
-def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
-    """Potential U alone of a robot at many configurations, shape (m, nq): `potentials_out` (m,) [m]."""
-    n, count = joints.parents.shape[0], robot.points.shape[0]
+@compiled([SCALAR(JOINTS, ROBOT, t, VECTOR) for t in (TABLES, TABLES_32)])
+def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
+    """Potential U alone of a robot at a configuration (nq,) [m]."""
+    count = robot.points.shape[0]
     kind, counting = tables.boxes.dtype, _counting(tables)
     step, lane = lanes_of(counting), load(counting, 0)
     lanes = count + step - 1
-    world, points, weights = np.empty((n, 3, 4)), np.empty((3, lanes), kind), np.empty(lanes, kind)
-    phi = np.empty(lanes, kind)
+    world, points, weights = np.empty((joints.parents.shape[0], 3, 4)), np.empty((3, lanes), kind), np.empty(lanes, kind)
+    phi = np.zeros(lanes, kind)
     first_moving = _first_moving(robot)
+    _place(joints, robot, tables.origin, q, world, points, weights)
+    add_potential(tables, points, first_moving, phi)
+    U = 0.0 * lane
+    for i in range(first_moving, count):
+        if robot.point_joints[i] == 0:
+            phi[i] = 0.0
+    for i in range(first_moving, count, step):
+        U += load(weights, i) * load(phi, i)
+    x, y, z = points[0], points[1], points[2]
+    for k in range(robot.pairs.shape[0]):
+        first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+        a0, a1, a2, b0, b1, b2 = _ends(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
+        radius = robot.capsules[capsule, 6]
+        for i in range(first, past, step):
+            at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
+            U += select(lane < past - i, load(weights, i), 0.0) * at[0]
+    return total(U)
+
+
+@compiled([void(JOINTS, ROBOT, t, MATRIX, VECTOR_OUT) for t in (TABLES, TABLES_32)])
+def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
+    """`potential` at many configurations, shape (m, nq): `potentials_out` (m,) [m]."""
     for m in range(qs.shape[0]):
-        _place(joints, robot, tables.origin, qs[m], world, points, weights)
-        phi[:] = 0.0
-        add_potential(tables, points, first_moving, phi)
-        U = 0.0 * lane
-        for i in range(first_moving, count):
-            if robot.point_joints[i] == 0:
-                phi[i] = 0.0
-        for i in range(first_moving, count, step):
-            U += load(weights, i) * load(phi, i)
-        x, y, z = points[0], points[1], points[2]
-        for k in range(robot.pairs.shape[0]):
-            first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
-            a0, a1, a2, b0, b1, b2 = _ends(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
-            radius = robot.capsules[capsule, 6]
-            for i in range(first, past, step):
-                at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
-                U += select(lane < past - i, load(weights, i), 0.0) * at[0]
-        potentials_out[m] = total(U)
+        potentials_out[m] = potential(joints, robot, tables, qs[m])

@@ -1,79 +1,38 @@
-"""What the tip has to keep while the robot descends: its plane, its orientation, its place."""
+"""What the tip has to keep while the robot descends: its plane, its plane and orientation, its place."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
-
 import numpy as np
-import pinocchio as pin
 
-from guidefield.robot.kinematics import Kinematics
+from guidefield.kernels.field_tables import frozen
+from guidefield.kernels.tip_constraint import HELD, ON_PLANE, SLIDING, TipConstraint, constraint_at
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.mover import mover_of
 
-
-class TipConstraint(Protocol):
-    """Some numbers about the tip that have to stay zero."""
-
-    def error(self, q: np.ndarray) -> np.ndarray:
-        """How far from zero they are at a configuration, shape (rows,) [m or rad]."""
-
-    def rows(self, q: np.ndarray) -> np.ndarray:
-        """Their derivative by the tangent, shape (rows, nv)."""
+_NONE = frozen(np.eye(3))
 
 
-@dataclass(frozen=True, eq=False)
-class OnPlane:
-    """The tip stays on a plane: slide and reorient at once."""
-
-    kinematics: Kinematics
-    point: np.ndarray
-    normal: np.ndarray
-
-    def error(self, q: np.ndarray) -> np.ndarray:
-        """Height above the plane, shape (1,) [m]."""
-        return np.array([self.normal @ (self.kinematics.tip_position(q) - self.point)])
-
-    def rows(self, q: np.ndarray) -> np.ndarray:
-        """n^T J_p, shape (1, nv)."""
-        row: np.ndarray = self.normal @ self.kinematics.tip_jacobian(q)[:3]
-        return row[None, :]
+def on_plane(point: np.ndarray, normal: np.ndarray) -> TipConstraint:
+    """The tip stays on a plane through a point (3,) with a unit normal (3,): slide and reorient at once."""
+    return TipConstraint(ON_PLANE, _held(point), _held(normal), _NONE)
 
 
-@dataclass(frozen=True, eq=False)
-class Sliding:
-    """The tip stays on a plane and keeps its orientation: the seed's slide."""
-
-    kinematics: Kinematics
-    point: np.ndarray
-    normal: np.ndarray
-    rotation: np.ndarray
-
-    def error(self, q: np.ndarray) -> np.ndarray:
-        """Height above the plane [m] and rotation vector from the orientation held [rad], shape (4,)."""
-        placement: Any = self.kinematics.frame_placement(q, self.kinematics.group.tip_id)
-        turned = pin.log3(placement.rotation @ self.rotation.T)
-        height = self.normal @ (placement.translation - self.point)
-        return np.array([height, *turned])
-
-    def rows(self, q: np.ndarray) -> np.ndarray:
-        """n^T J_p over J_omega, shape (4, nv)."""
-        J = self.kinematics.tip_jacobian(q)
-        return np.vstack([self.normal @ J[:3], J[3:]])
+def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipConstraint:
+    """The tip stays on a plane and keeps its orientation (3, 3): the seed's slide."""
+    return TipConstraint(SLIDING, _held(point), _held(normal), _held(rotation))
 
 
-@dataclass(frozen=True, eq=False)
-class Reorienting:
-    """The tip stays where it is: the seed's reorient."""
+def reorienting(point: np.ndarray) -> TipConstraint:
+    """The tip stays where it is, at a point (3,): the seed's reorient."""
+    return TipConstraint(HELD, _held(point), _held(np.zeros(3)), _NONE)
 
-    kinematics: Kinematics
-    point: np.ndarray
 
-    def error(self, q: np.ndarray) -> np.ndarray:
-        """Displacement of the tip, shape (3,) [m]."""
-        error: np.ndarray = self.kinematics.tip_position(q) - self.point
-        return error
+def evaluated(constraint: TipConstraint, group: PlanningGroup, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A constraint's numbers [m or rad], shape (rows,), and their derivative by the tangent, shape (rows, nv)."""
+    error, rows = np.empty(constraint.kind), np.empty((constraint.kind, group.nv))
+    constraint_at(constraint, mover_of(group), group.expand(q), error, rows)
+    return error, rows
 
-    def rows(self, q: np.ndarray) -> np.ndarray:
-        """J_p, shape (3, nv)."""
-        rows: np.ndarray = self.kinematics.tip_jacobian(q)[:3]
-        return rows
+
+def _held(values: np.ndarray) -> np.ndarray:
+    return frozen(np.array(values, dtype=np.float64))

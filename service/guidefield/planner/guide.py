@@ -15,6 +15,7 @@ import numpy as np
 
 from guidefield.collision.ball import obstacle_touched
 from guidefield.errors import Status
+from guidefield.planner.aim import Aim
 from guidefield.planner.problem import Problem
 from guidefield.planner.projected import Blocks, Projected
 from guidefield.planner.settling import Minimizer
@@ -127,84 +128,60 @@ def tip_radius(problem: Problem) -> float:
 
 def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
     """Advance, slide and reorient until the tip is on the plane or a reason to give up turns up."""
-    inset = inset_of(problem, plane)
+    aim = Aim(plane, inset_of(problem, plane))
     walker = Walker(problem, q, _margin(problem, q), index)
     problem.tell(Step("start", q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
     creeping = 0
     while True:
         if (spent := problem.budget.spent()) is not None:
-            return _given_up(spent, "planning was stopped", walker, plane, index, inset)
-        distance = plane.distance(walker.tip, inset)
+            return _given_up(spent, "planning was stopped", walker, aim, index)
+        distance = aim.distance(walker.tip)
         if distance <= ON_PLANE:
             return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
-        target = plane.closest_point(walker.tip, inset)
+        target = aim.closest_point(walker.tip)
         direction = (target - walker.tip) / distance
         since = len(walker.path) - 1
         step, smallest = min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance)
         moved = walker.advance(direction, step, smallest, attempt.minimizer.reach)
         if moved.q is None:
-            return _blocked(walker, plane, index, inset)
-        gained = distance - plane.distance(walker.tip, inset)
+            return _blocked(walker, aim, index)
+        gained = distance - aim.distance(walker.tip)
         farthest = distance - GUARD * gained
         if moved.step >= distance - ON_PLANE:  # arrived: minimise in the guide plane itself, inside its polygon
-            inside = _Inside(plane, 0.5 * inset)
-            attempt.minimizer.settle(walker, plane.centroid, plane.normal, inside)
+            attempt.minimizer.settle(walker, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
             walker.straighten(since)
             return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
-        attempt.minimizer.settle(walker, walker.tip, direction, _Within(plane, inset, farthest))
+        attempt.minimizer.settle(walker, walker.tip, direction, aim.within(farthest))
         walker.straighten(since)
-        kept = distance - plane.distance(walker.tip, inset)
+        kept = distance - aim.distance(walker.tip)
         creeping = creeping + 1 if kept < CREEPING * min(attempt.step, distance) else 0
         if creeping >= CREEPING_ROUNDS:
             return _given_up(
                 Status.STUCK_IN_MINIMUM,
                 f"stuck in a minimum of the potential {1000 * distance:.0f} mm before guide plane {plane.name!r}",
-                walker, plane, index, inset,
+                walker, aim, index,
             )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Within:
-    """The guard: a point may not be farther from the inset polygon than this [m]."""
-
-    plane: GuidePlane
-    inset: float
-    farthest: float
-
-    def __call__(self, point: np.ndarray) -> bool:
-        return self.plane.distance(point, self.inset) <= self.farthest
-
-
-@dataclass(frozen=True, eq=False)
-class _Inside:
-    """A point on the plane may not come nearer to the polygon's edges than this [m]."""
-
-    plane: GuidePlane
-    inset: float
-
-    def __call__(self, point: np.ndarray) -> bool:
-        return self.plane.contains(point, self.inset)
-
-
-def _blocked(walker: Walker, plane: GuidePlane, index: int, inset: float) -> Crossing:
+def _blocked(walker: Walker, aim: Aim, index: int) -> Crossing:
     """No advance is possible: held by an obstacle it is stuck, out of reach the plane is unreachable from here."""
-    left = 1000 * plane.distance(walker.tip, inset)
+    plane, left = aim.plane, 1000 * aim.distance(walker.tip)
     refusal = walker.refusal()
     if refusal is None:
         return _given_up(
             Status.GUIDE_PLANE_UNREACHABLE,
             f"guide plane {plane.name!r} is {left:.0f} mm away and the tip can't get nearer: joint limits or reach",
-            walker, plane, index, inset,
+            walker, aim, index,
         )  # fmt: skip
     pair = " and ".join(refusal.pair) if refusal.pair else "two bodies"
     return _given_up(
         Status.STUCK_IN_MINIMUM,
         f"stuck in a minimum of the potential {left:.0f} mm before guide plane {plane.name!r}: {pair} would touch",
-        walker, plane, index, inset,
+        walker, aim, index,
     )  # fmt: skip
 
 
-def _given_up(status: Status, message: str, walker: Walker, plane: GuidePlane, index: int, inset: float) -> Crossing:
+def _given_up(status: Status, message: str, walker: Walker, aim: Aim, index: int) -> Crossing:
     group, refusal = walker.problem.group, walker.refusal()
     z = group.chart(walker.q)
     at_limit = [
@@ -213,8 +190,8 @@ def _given_up(status: Status, message: str, walker: Walker, plane: GuidePlane, i
     details = {
         "stage": "guide",
         "plane": index,
-        "guide_plane": plane.name,
-        "distance": plane.distance(walker.tip, inset),
+        "guide_plane": aim.plane.name,
+        "distance": aim.distance(walker.tip),
         "potential": walker.problem.robot_field.potential(walker.q),
         "pair": list(refusal.pair) if refusal is not None and refusal.pair else None,
         "joints_at_limit": at_limit,

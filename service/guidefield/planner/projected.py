@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.planner.constraints import OnPlane, Reorienting, Sliding, TipConstraint
+from guidefield.kernels.tip_constraint import TipConstraint
+from guidefield.kernels.tip_guard import TipGuard
+from guidefield.planner.constraints import on_plane, reorienting, sliding
 from guidefield.planner.minimizer import MOST_STEPS, TOLERANCE, descend
 from guidefield.planner.problem import Problem
-from guidefield.planner.settling import MOST_ROUNDS, NEGLIGIBLE, Guard
+from guidefield.planner.settling import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.steps import Walker, reach_point
 
 
@@ -47,30 +49,23 @@ class Projected:
         if reached is not None:
             yield reached
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: Guard) -> None:
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane until U falls no more."""
         problem = walker.problem
-        kinematics = problem.kinematics
-
-        def accept(q0: np.ndarray, q1: np.ndarray) -> bool:
-            return guard(kinematics.tip_position(q1)) and walker.free(q0, q1)
-
         if self.blocks is Blocks.ONE:
-            self._descend(walker, OnPlane(kinematics, point, normal), accept, "descend")
+            self._descend(walker, on_plane(point, normal), guard, "descend")
             return
         before = problem.robot_field.potential(walker.q)
         for _ in range(MOST_ROUNDS):
-            rotation = kinematics.frame_placement(walker.q, problem.group.tip_id).rotation
-            self._descend(walker, Sliding(kinematics, point, normal, rotation), accept, "slide")
-            after = self._descend(walker, Reorienting(kinematics, walker.tip), accept, "reorient")
+            rotation = problem.kinematics.frame_placement(walker.q, problem.group.tip_id).rotation
+            self._descend(walker, sliding(point, normal, rotation), guard, "slide")
+            after = self._descend(walker, reorienting(walker.tip), guard, "reorient")
             if before - after < NEGLIGIBLE * before or problem.budget.spent():
                 return
             before = after
 
-    def _descend(
-        self, walker: Walker, constraint: TipConstraint, accept: Callable[[np.ndarray, np.ndarray], bool], kind: str
-    ) -> float:
-        descent = descend(walker.problem, walker.q, constraint, accept, self.tolerance, self.most_steps)
-        for q in descent.path:
-            walker.take(q, kind, f"{kind} to U = {descent.potential:.4g}", descent.potential)
+    def _descend(self, walker: Walker, constraint: TipConstraint, guard: TipGuard, kind: str) -> float:
+        descent = descend(walker, constraint, guard, self.tolerance, self.most_steps)
+        for q, potential in zip(descent.path, descent.potentials[1:], strict=True):
+            walker.take(q, kind, f"{kind} to U = {potential:.4g}", potential)
         return descent.potential

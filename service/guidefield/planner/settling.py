@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
 
+from guidefield.kernels.tip_guard import TipGuard
 from guidefield.planner.problem import Problem
 from guidefield.planner.steps import Walker
 
@@ -14,9 +15,6 @@ MOST_ROUNDS = 6
 """Rounds of slide and reorient on one plane."""
 NEGLIGIBLE = 2e-3
 """Rounds end where U falls by less than this share."""
-
-Guard = Callable[[np.ndarray], bool]
-"""Whether the tip may be at a point, shape (3,) [m]."""
 
 
 class Minimizer(Protocol):
@@ -29,7 +27,7 @@ class Minimizer(Protocol):
     def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterable[np.ndarray]:
         """Configurations near q whose tip is at a point (3,) [m]: those that an advance tries, in order."""
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: Guard) -> None:
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane until U falls no more; the walker takes every step.
 
         Args:

@@ -12,15 +12,13 @@ import numpy as np
 
 from guidefield.collision.certificate import Verdict, motion_free
 from guidefield.collision.swept import swept_world
+from guidefield.kernels.reach import reach
 from guidefield.planner.problem import Problem
 from guidefield.planner.trace import Step
-from guidefield.robot.chart import TRANSLATION
+from guidefield.robot.mover import mover_of, planned_values
 
 MARGIN = 2e-3
 """Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
-NEWTON_STEPS = 30
-ARRIVED = 1e-6
-"""How exactly an advance reaches its point [m]."""
 
 Reach = Callable[[Problem, np.ndarray, np.ndarray], Iterable[np.ndarray]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
@@ -68,8 +66,7 @@ class Walker:
 
     def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
         """Whether the straight joint motion between two configurations is free over its whole length."""
-        world = self.problem.world
-        swept = swept_world(world)
+        swept = swept_world(self.problem.world)
         z0, z1 = swept.ends(q0, q1)
         self.problem.counters.collision_checks += 1
         if swept.apart(z0, z1, self.margin):
@@ -77,7 +74,12 @@ class Walker:
         if swept.exact:
             self._refused = (z0, z1)
             return False
-        verdict = motion_free(world, z0, z1, self.margin)
+        return self.judged(q0, q1)
+
+    def judged(self, q0: np.ndarray, q1: np.ndarray) -> bool:
+        """`free` by the certificate, where capsules can't tell."""
+        z0, z1 = swept_world(self.problem.world).ends(q0, q1)
+        verdict = motion_free(self.problem.world, z0, z1, self.margin)
         self.problem.counters.collision_checks += verdict.evaluations
         if not verdict.free:
             self._refused = (z0, z1)
@@ -109,19 +111,19 @@ class Walker:
         self.path.append(q)
         self.problem.tell(Step(kind, q, message, potential, self.plane))
 
-    def advance(self, direction: np.ndarray, step: float, smallest: float, reach: Reach) -> Moved:
+    def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Moved:
         """Move the tip along a direction: the largest of step, step/2, step/4 .. that is feasible and free.
 
         Args:
             direction: Unit vector, shape (3,).
             step: How far at most [m].
             smallest: Below this the advance is given up [m].
-            reach: How configurations with the tip at a point are found.
+            reached: How configurations with the tip at a point are found.
         """
         start, tried = self.tip, step
         self._refused = None
         while tried >= smallest or tried == step:
-            for q in reach(self.problem, self.q, start + tried * direction):
+            for q in reached(self.problem, self.q, start + tried * direction):
                 if self.free(self.q, q):
                     self.take(q, "advance", f"tip {1000 * tried:.0f} mm towards the plane")
                     return Moved(q, tried)
@@ -140,40 +142,9 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
     Returns:
         A configuration within the limits, shape (nq,), or None if Newton's method does not get there.
     """
-    group, kinematics = problem.group, problem.kinematics
-    inverse_weights = 1.0 / _reach(problem, q) ** 2
-    for _ in range(NEWTON_STEPS):
-        missing = point - kinematics.tip_position(q)
-        if float(np.linalg.norm(missing)) < ARRIVED:
-            return q
-        J = kinematics.tip_jacobian(q)[:3]
-        z = group.chart(q) if group.limited else q  # unlimited joints never stop
-        movable = np.ones(group.nv, bool)
-        v = np.zeros(group.nv)
-        for _ in range(group.nv):
-            W = np.where(movable, inverse_weights, 0.0)
-            gram = (J * W) @ J.T
-            v = W * (J.T @ np.linalg.solve(gram + 1e-9 * max(float(np.trace(gram)), 1e-12) * np.eye(3), missing))
-            if not group.limited:
-                break
-            stopped = movable & (((z <= group.lower) & (v < 0.0)) | ((z >= group.upper) & (v > 0.0)))
-            if not np.any(stopped):
-                break
-            movable &= ~stopped
-        largest = float(np.abs(v).max())
-        q = group.clamped(group.integrate(q, v * min(1.0, 0.4 / max(largest, 1e-12))))
-    return None
-
-
-def _reach(problem: Problem, q: np.ndarray) -> np.ndarray:
-    """What moving each tangent coordinate by 1 moves, shape (nv,) [m]: its distance to the tip, 1 for a length."""
     group = problem.group
-    tip, origins = problem.kinematics.tip_and_joints(q)
-    reach = np.ones(group.nv)
-    for joint in group.joints:
-        origin = origins[group.model.getJointId(joint.name)]
-        at = slice(joint.idx_v, joint.idx_v + joint.nv)
-        reach[at] = float(np.linalg.norm(tip - origin)) + 0.05
-        if joint.kind in TRANSLATION:
-            reach[at][TRANSLATION[joint.kind]] = 1.0
-    return reach
+    start = group.expand(q)
+    reached = np.empty_like(start)
+    if not reach(mover_of(group), start, point, reached):
+        return None
+    return reached[planned_values(group)]

@@ -15,8 +15,9 @@ import numpy as np
 
 from guidefield.kernels.chain_angles import chain_configuration
 from guidefield.kernels.link_chain import close_chain, end_force, turn_from, turn_towards
+from guidefield.kernels.tip_guard import TipGuard, allowed
 from guidefield.planner.problem import Problem
-from guidefield.planner.settling import MOST_ROUNDS, NEGLIGIBLE, Guard
+from guidefield.planner.settling import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.steps import Walker, reach_point
 from guidefield.planner.strung import Strung, strung
 from guidefield.robot.link_chain import Chain
@@ -68,7 +69,7 @@ class Univariate:
         if not self.chain.leads and (reached := reach_point(problem, q, point)) is not None:
             yield reached
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: Guard) -> None:  # noqa: ARG002
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
         """Slide and reorient on a plane until U falls by next to nothing, or rounds are over.
 
         Every step is parallel to the plane: its point is not needed.
@@ -102,7 +103,7 @@ class Univariate:
 class _Sweep:
     """One round: a slide, then every link in turn; what was accepted, in order."""
 
-    def __init__(self, minimizer: Univariate, walker: Walker, here: Strung, guard: Guard) -> None:
+    def __init__(self, minimizer: Univariate, walker: Walker, here: Strung, guard: TipGuard) -> None:
         self.here = here
         self._minimizer, self._walker, self._guard = minimizer, walker, guard
         self._chain = minimizer.chain
@@ -189,7 +190,7 @@ class _Sweep:
         if joints is None:
             return None
         tip = joints[0] if self._chain.leads else joints[-1]
-        if not self._guard(tip):
+        if not allowed(self._guard, tip):
             return None
         found = self._minimizer._configuration(self.here, joints)
         if found is None or not self._walker.free(self.here.q, found[0]):

@@ -10,7 +10,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
 from guidefield.scene.flat import PLANARITY, FlatPolygon, flat_polygon, flatness_fault
 
-_SLACK = 1e-8
+SLACK = 1e-8
 """Rounding that `contains` forgives, as a fraction of the size: a closest point is contained."""
 
 
@@ -48,7 +48,7 @@ class GuidePlane:
     def contains(self, point: np.ndarray, inset: float = 0.0) -> bool:
         """Whether the foot of a point (3,) on the plane lies in the inset polygon, whatever its height."""
         depth = self._depth(self.flat.axes @ (point - self.flat.origin))
-        return depth >= min(inset, self.inradius) - _SLACK * self.flat.size
+        return depth >= min(inset, self.inradius) - SLACK * self.flat.size
 
     def closest_point(self, point: np.ndarray, inset: float = 0.0) -> np.ndarray:
         """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""

@@ -1,0 +1,219 @@
+"""Systems M y = g of a tree of joints solved in time proportional to their number, without the matrix M.
+
+M = sum_i s_i J_i^T J_i + ridge 1, with point masses s_i that the joints carry, is the mass matrix of a tree of bodies
+whose rotors weigh `ridge` each: articulated-body inertias factor it (R. Featherstone, Rigid Body Dynamics Algorithms,
+2008, chapter 7). All twists and wrenches are taken at the world's origin, linear part first, so that nothing has to be
+transformed from joint to joint.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from guidefield.kernels.signatures import Floats, inlined
+from guidefield.kernels.tree_kinematics import Integers, JointTable
+
+
+class TreeFactors(NamedTuple):
+    """Factors of M for n joints with m tangents.
+
+    Attributes:
+        subspaces: (m, 6) twist of each tangent.
+        held: (m,) 1 where a tangent doesn't take part.
+        inertias: (n, 6, 6) articulated inertia of each joint.
+        carried: (m, 6) what it does against each tangent.
+        inverses: (n, 6, 6) inverse of what a joint's own tangents feel.
+    """
+
+    subspaces: Floats
+    held: Integers
+    inertias: Floats
+    carried: Floats
+    inverses: Floats
+
+
+@inlined
+def empty_factors(n: int, m: int) -> Any:
+    """Room for factors."""
+    return TreeFactors(
+        np.empty((m, 6)), np.zeros(m, np.int64), np.empty((n, 6, 6)), np.empty((m, 6)), np.empty((n, 6, 6))
+    )
+
+
+@inlined
+def _inverted(A: Floats, size: int) -> None:
+    """Replace the leading square of a symmetric, positive definite matrix by its inverse (Gauss and Jordan)."""
+    for p in range(size):
+        over = 1.0 / A[p, p]
+        A[p, p] = 1.0
+        for c in range(size):
+            A[p, c] *= over
+        for r in range(size):
+            if r != p:
+                share = A[r, p]
+                A[r, p] = 0.0
+                for c in range(size):
+                    A[r, c] -= share * A[p, c]
+
+
+@inlined
+def _spread(inertia: Floats, out: Floats) -> None:
+    """The 6 x 6 inertia of points of total weight s, first moments c and second moments Q at the origin.
+
+    force = s v + omega x c, moment = c x v + (tr(Q) 1 - Q) omega.
+    """
+    s, x, y, z = inertia[0], inertia[1], inertia[2], inertia[3]
+    xx, xy, xz, yy, yz, zz = inertia[4], inertia[5], inertia[6], inertia[7], inertia[8], inertia[9]
+    out[:, :] = 0.0
+    out[0, 0], out[1, 1], out[2, 2] = s, s, s
+    out[0, 4], out[0, 5], out[1, 3], out[1, 5], out[2, 3], out[2, 4] = z, -y, -z, x, y, -x
+    out[4, 0], out[5, 0], out[3, 1], out[5, 1], out[3, 2], out[4, 2] = z, -y, -z, x, y, -x
+    out[3, 3], out[4, 4], out[5, 5] = yy + zz, xx + zz, xx + yy
+    out[3, 4], out[3, 5], out[4, 5] = -xy, -xz, -yz
+    out[4, 3], out[5, 3], out[5, 4] = -xy, -xz, -yz
+
+
+@inlined
+def mean_diagonal(joints: JointTable, factors: Any, inertias: Floats, scratch: Floats) -> float:
+    """Mean of M's diagonal without the ridge, over the tangents that take part.
+
+    Args:
+        joints: The joints.
+        factors: Subspaces, and what is held.
+        inertias: (n, 10) of each joint's own points.
+        scratch: (n, 10).
+    """
+    scratch[:, :] = inertias
+    trace, count = 0.0, 0
+    for i in range(joints.parents.shape[0] - 1, 0, -1):
+        s, cx, cy, cz = scratch[i, 0], scratch[i, 1], scratch[i, 2], scratch[i, 3]
+        xx, xy, xz, yy, yz, zz = (
+            scratch[i, 4], scratch[i, 5], scratch[i, 6], scratch[i, 7], scratch[i, 8], scratch[i, 9],
+        )  # fmt: skip
+        for r in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
+            if factors.held[r] == 1:
+                continue
+            S = factors.subspaces[r]
+            vx, vy, vz, wx, wy, wz = S[0], S[1], S[2], S[3], S[4], S[5]
+            trace += s * (vx * vx + vy * vy + vz * vz)
+            trace += 2.0 * (vx * (wy * cz - wz * cy) + vy * (wz * cx - wx * cz) + vz * (wx * cy - wy * cx))
+            trace += (yy + zz) * wx * wx + (xx + zz) * wy * wy + (xx + yy) * wz * wz
+            trace -= 2.0 * (xy * wx * wy + xz * wx * wz + yz * wy * wz)
+            count += 1
+        for c in range(10):
+            scratch[joints.parents[i], c] += scratch[i, c]
+    return trace / max(count, 1)
+
+
+@inlined
+def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) -> None:
+    """Factor M.
+
+    Args:
+        joints: The joints.
+        inertias: (n, 10) of each joint's own points: weight, first moments, second moments xx xy xz yy yz zz.
+        ridge: Added to the diagonal, positive.
+        factors: Its subspaces and what is held are read, the rest is written.
+    """
+    S, U = factors.subspaces, factors.carried
+    n = joints.parents.shape[0]
+    for i in range(n):
+        _spread(inertias[i], factors.inertias[i])
+    for i in range(n - 1, 0, -1):
+        A, D, first, size = factors.inertias[i], factors.inverses[i], joints.idx_v[i], joints.nv[i]
+        for k in range(size):
+            for r in range(6):
+                value = 0.0
+                for c in range(6):
+                    value += A[r, c] * S[first + k, c]
+                U[first + k, r] = value
+        for k in range(size):
+            for m in range(size):
+                value = 0.0
+                for c in range(6):
+                    value += S[first + k, c] * U[first + m, c]
+                apart = factors.held[first + k] == 1 or factors.held[first + m] == 1
+                D[k, m] = (ridge if k == m else 0.0) + (0.0 if apart else value)
+        _inverted(D, size)
+        B = factors.inertias[joints.parents[i]]
+        for r in range(6):
+            for c in range(6):
+                B[r, c] += A[r, c]
+        for k in range(size):
+            for m in range(size):
+                if factors.held[first + k] == 1 or factors.held[first + m] == 1:
+                    continue
+                share = D[k, m]
+                for r in range(6):
+                    part = share * U[first + k, r]
+                    for c in range(6):
+                        B[r, c] -= part * U[first + m, c]
+
+
+@inlined
+def solve(joints: JointTable, factors: Any, right: Floats, forces: Floats, solution: Floats) -> None:
+    """Solve M y = g.
+
+    Args:
+        joints: The joints.
+        factors: Of M.
+        right: g, shape (m,).
+        forces: Scratch, shape (n, 6).
+        solution: y, shape (m,); 0 where held. May be `right` itself.
+    """
+    S, U, D = factors.subspaces, factors.carried, factors.inverses
+    n = joints.parents.shape[0]
+    forces[:, :] = 0.0
+    for i in range(n - 1, 0, -1):
+        first, size, parent = joints.idx_v[i], joints.nv[i], joints.parents[i]
+        for k in range(size):
+            value = right[first + k]
+            for c in range(6):
+                value -= S[first + k, c] * forces[i, c]
+            solution[first + k] = 0.0 if factors.held[first + k] == 1 else value
+        for c in range(6):
+            forces[parent, c] += forces[i, c]
+        for k in range(size):
+            value = 0.0
+            for m in range(size):
+                value += D[i, k, m] * solution[first + m]
+            if factors.held[first + k] == 0:
+                for c in range(6):
+                    forces[parent, c] += value * U[first + k, c]
+    # from here on the rows of `forces` are the joints' accelerations
+    forces[0, :] = 0.0
+    for i in range(1, n):
+        first, size, parent = joints.idx_v[i], joints.nv[i], joints.parents[i]
+        for c in range(6):
+            forces[i, c] = forces[parent, c]
+        for k in range(size):
+            if factors.held[first + k] == 0:
+                for c in range(6):
+                    solution[first + k] -= U[first + k, c] * forces[parent, c]
+        _accelerate(i, first, size, D, S, factors.held, forces, solution)
+
+
+@inlined
+def _accelerate(
+    i: int, first: int, size: int, D: Floats, S: Floats, held: Integers, forces: Floats, solution: Floats
+) -> None:
+    """y = D^-1 u of joint i in place of u; its acceleration is the parent's and S y."""
+    y0, y1, y2, y3, y4, y5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for m in range(size):
+        u = solution[first + m]
+        y0 += D[i, 0, m] * u
+        if size > 1:
+            y1 += D[i, 1, m] * u
+            y2 += D[i, 2, m] * u
+        if size > 3:
+            y3 += D[i, 3, m] * u
+            y4 += D[i, 4, m] * u
+            y5 += D[i, 5, m] * u
+    for k in range(size):
+        y = y0 if k == 0 else y1 if k == 1 else y2 if k == 2 else y3 if k == 3 else y4 if k == 4 else y5
+        y = 0.0 if held[first + k] == 1 else y
+        solution[first + k] = y
+        for c in range(6):
+            forces[i, c] += S[first + k, c] * y

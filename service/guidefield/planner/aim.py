@@ -1,0 +1,54 @@
+"""Where the tip heads for, and where it may be: a guide plane's polygon, inset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from guidefield.kernels.field_tables import frozen
+from guidefield.kernels.tip_guard import TipGuard, closest_point
+from guidefield.scene.guide_plane import SLACK, GuidePlane
+
+_NO_POLYGON = (np.zeros(3), np.eye(2, 3), np.eye(2), np.zeros(2), np.zeros((1, 2)))
+ANYWHERE = TipGuard(*map(frozen, _NO_POLYGON), 0.0, np.inf, -np.inf)
+"""A guard that lets the tip be anywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """A guide plane's polygon, inset.
+
+    Attributes:
+        plane: The guide plane.
+        inset: How far inside its edges the tip heads for [m].
+    """
+
+    plane: GuidePlane
+    inset: float
+
+    def closest_point(self, point: np.ndarray) -> np.ndarray:
+        """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
+        closest = np.empty(3)
+        closest_point(self._table, point, closest)
+        return closest
+
+    def distance(self, point: np.ndarray) -> float:
+        """Distance of a point (3,) to the inset polygon [m]."""
+        return float(np.linalg.norm(point - self.closest_point(point)))
+
+    def within(self, farthest: float) -> TipGuard:
+        """A guard: the tip may not be farther from the inset polygon than this [m]."""
+        return self._table._replace(farthest=farthest)
+
+    def inside(self, depth: float) -> TipGuard:
+        """A guard: the tip's foot may not come nearer to the polygon's edges than this [m], whatever its height."""
+        return self._table._replace(depth=min(depth, self.plane.inradius) - SLACK * self.plane.flat.size)
+
+    @cached_property
+    def _table(self) -> TipGuard:
+        flat, inset = self.plane.flat, min(self.inset, self.plane.inradius)
+        corners = (self.plane.inset_vertices(inset) - flat.origin) @ flat.axes.T
+        arrays = (flat.origin, flat.axes, self.plane.inward, self.plane.offsets, corners)
+        return TipGuard(*map(frozen, arrays), inset, np.inf, -np.inf)
