@@ -12,7 +12,8 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.kernels.chart_values import chart_values
 from guidefield.kernels.distance import DistanceTables
-from guidefield.kernels.swept import SweptRobot, motion_apart
+from guidefield.kernels.swept import motion_apart
+from guidefield.kernels.swept_bounds import SweptRobot
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.tables import joint_table

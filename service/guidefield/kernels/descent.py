@@ -19,7 +19,8 @@ from guidefield.kernels.field_tables import TABLES, TABLES_32
 from guidefield.kernels.mover import MOVER, clamp, integrate, tip_position
 from guidefield.kernels.projected_step import direction, state_room, step_room
 from guidefield.kernels.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.swept import SWEPT, motion_apart
+from guidefield.kernels.swept import motion_apart
+from guidefield.kernels.swept_bounds import SWEPT
 from guidefield.kernels.tip_constraint import CONSTRAINT, constraint_error
 from guidefield.kernels.tip_guard import GUARD, allows
 from guidefield.kernels.tree_kinematics import joint_placements
@@ -27,6 +28,8 @@ from guidefield.kernels.tree_metric import empty_factors
 
 ENDED, UNDECIDED, OUT_OF_STEPS = range(3)
 """How a descent comes back: at its end; for the caller to judge a motion; after all the steps it may take."""
+
+_REFUSED, _TAKEN, _TO_JUDGE = range(3)
 
 _CORRECTIONS = 3
 _TRIALS = 10
@@ -94,6 +97,39 @@ def _retracted(
     return False
 
 
+@inlined
+def _taken(
+    mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, guard: Any, settings: Any, z0: Floats, z1: Floats,
+    U: float, alpha: float, slope: float, there: Any, counts_out: Any,
+) -> tuple[int, float]:  # fmt: skip
+    """Whether a trial is refused, taken, or to be taken if its motion is free; and its potential [m].
+
+    Of one that is taken `there` has all that the next step needs: full steps are nearly always taken.
+    """
+    tip, origin = tip_position(mover, there.world), tables.origin
+    if not allows(guard, (tip[0] + origin[0], tip[1] + origin[1], tip[2] + origin[2])):
+        return _REFUSED, 0.0
+    chart_values(mover.joints, there.q, swept.origin, z0, z1)
+    counts_out[2] += 1
+    free = motion_apart(swept, bodies, z0, z1, settings.margin, settings.self_margin, settings.floor)
+    if not free and settings.exact == 1:
+        return _REFUSED, 0.0
+    counts_out[1] += 1
+    whole = alpha == 1.0
+    if whole:
+        reached = forces(mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias)
+    else:
+        reached = potential(mover.joints, robot, tables, there.q)
+    if not reached <= U + _SUFFICIENT_DECREASE * alpha * slope:
+        return _REFUSED, 0.0
+    if not free:
+        return _TO_JUDGE, reached
+    if not whole:
+        counts_out[1] += 1
+        reached = forces(mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias)
+    return _TAKEN, reached
+
+
 @compiled(
     [
         types.int64(
@@ -129,69 +165,37 @@ def descend(
         ENDED, UNDECIDED (capsules can't tell whether the motion from the last accepted configuration to the trial is
         free, and U says it should be taken), or OUT_OF_STEPS.
     """
-    n, nv, kind = mover.joints.parents.shape[0], mover.values.shape[0], constraint.kind
+    n, nv, m = mover.joints.parents.shape[0], mover.values.shape[0], mover.leaders.shape[0]
     here, there = state_room(q.shape[0], n), state_room(q.shape[0], n)
-    room = step_room(n, mover.leaders.shape[0], nv, kind)
-    factors = empty_factors(n, mover.leaders.shape[0])
-    origin = tables.origin
-    zero = np.zeros(q.shape[0])
-    z0, z1 = np.empty(mover.leaders.shape[0]), np.empty(mover.leaders.shape[0])
+    room, factors = step_room(n, m, nv, constraint.kind), empty_factors(n, m)
+    zero, z0, z1 = np.zeros(m), np.empty(m), np.empty(m)
     here.q[:] = q
     U = forces(mover.joints, robot, tables, here.q, here.world, here.wrenches, here.inertias)
-    steps, evaluations, motions = 0, 1, 0
+    counts_out[0], counts_out[1], counts_out[2] = 0, 1, 0
     potentials_out[0] = U
-    answer = OUT_OF_STEPS
     alpha = longest
-    while steps < path_out.shape[0]:
-        counts_out[0], counts_out[1], counts_out[2] = steps, evaluations, motions
+    while counts_out[0] < path_out.shape[0]:
         slope = direction(mover, constraint, settings.regularization, here, factors, room)
         if -slope < settings.tolerance * U or slope >= 0.0:
-            answer = ENDED
-            break
+            return ENDED
         chart_values(mover.joints, here.q, swept.origin, zero, z0)
-        reached = -1.0
-        while alpha > 0.5**_TRIALS:
-            if _retracted(mover, constraint, settings, origin, here.q, alpha, room, there):
-                tip = tip_position(mover, there.world)
-                if allows(guard, (tip[0] + origin[0], tip[1] + origin[1], tip[2] + origin[2])):
-                    chart_values(mover.joints, there.q, swept.origin, z0, z1)
-                    motions += 1
-                    free = motion_apart(
-                        swept, bodies, z0, z1, settings.margin, settings.self_margin, settings.floor
-                    )
-                    if free or settings.exact == 0:
-                        evaluations += 1
-                        whole = alpha == 1.0  # full steps are nearly always taken: with all that the next one needs
-                        if whole:
-                            reached = forces(
-                                mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias
-                            )
-                        else:
-                            reached = potential(mover.joints, robot, tables, there.q)
-                        if reached <= U + _SUFFICIENT_DECREASE * alpha * slope:
-                            path_out[steps] = there.q
-                            if not free:
-                                trial_out[0], trial_out[1] = alpha, reached
-                                counts_out[1], counts_out[2] = evaluations, motions
-                                return UNDECIDED
-                            if not whole:
-                                evaluations += 1
-                                reached = forces(
-                                    mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias
-                                )
-                            break
-                        reached = -1.0
+        verdict, reached = _REFUSED, 0.0
+        while verdict == _REFUSED and alpha > 0.5**_TRIALS:
+            if _retracted(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
+                verdict, reached = _taken(
+                    mover, robot, tables, swept, bodies, guard, settings, z0, z1, U, alpha, slope, there, counts_out
+                )
             alpha *= 0.5
-        if reached < 0.0:
-            answer = ENDED
-            break
-        steps += 1
-        alpha = 1.0
-        before, U = U, reached
-        potentials_out[steps] = U
+        if verdict == _REFUSED:
+            return ENDED
+        path_out[counts_out[0]] = there.q
+        if verdict == _TO_JUDGE:
+            trial_out[0], trial_out[1] = 2.0 * alpha, reached
+            return UNDECIDED
+        counts_out[0] += 1
+        before, U, alpha = U, reached, 1.0
+        potentials_out[counts_out[0]] = U
         here, there = there, here
         if before - U < settings.tolerance * before:
-            answer = ENDED
-            break
-    counts_out[0], counts_out[1], counts_out[2] = steps, evaluations, motions
-    return answer
+            return ENDED
+    return OUT_OF_STEPS

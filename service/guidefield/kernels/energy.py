@@ -230,7 +230,11 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
     kind, counting = tables.boxes.dtype, _counting(tables)
     step, lane = lanes_of(counting), load(counting, 0)
     lanes = count + step - 1
-    world, points, weights = np.empty((joints.parents.shape[0], 3, 4)), np.empty((3, lanes), kind), np.empty(lanes, kind)
+    world, points, weights = (
+        np.empty((joints.parents.shape[0], 3, 4)),
+        np.empty((3, lanes), kind),
+        np.empty(lanes, kind),
+    )
     phi = np.zeros(lanes, kind)
     first_moving = _first_moving(robot)
     _place(joints, robot, tables.origin, q, world, points, weights)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import types, void
 
 from guidefield.kernels.chart import turned
@@ -17,7 +16,6 @@ from guidefield.kernels.sampled_robot import JOINTS
 from guidefield.kernels.signatures import MATRIX, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
 from guidefield.kernels.tree_kinematics import (
     CONTINUOUS,
-    FLOATING,
     INDICES,
     PLANAR,
     PRISMATIC,

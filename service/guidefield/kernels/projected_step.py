@@ -14,7 +14,7 @@ import numpy as np
 from guidefield.kernels.signatures import Floats, inlined
 from guidefield.kernels.tip_constraint import constraint_rows
 from guidefield.kernels.tree_kinematics import motion_subspaces
-from guidefield.kernels.tree_metric import factorize, mean_diagonal, solve
+from guidefield.kernels.tree_metric import factorize, solve, trace
 
 _AT_LIMIT = 1e-9
 """How near a limit counts as there [rad or m]."""
@@ -49,11 +49,13 @@ class Step(NamedTuple):
 
 @inlined
 def state_room(nq: int, n: int) -> Any:
+    """Room for a state: length of a configuration, count of joints."""
     return State(np.empty(nq), np.empty((n, 3, 4)), np.empty((n, 6)), np.empty((n, 10)))
 
 
 @inlined
 def step_room(n: int, m: int, nv: int, kind: int) -> Any:
+    """Room for a step: joints, tangents of the model, of the group, rows of the constraint."""
     return Step(
         np.empty(nv), np.empty(nv), np.empty((kind, nv)), np.empty((1 + kind, nv)), np.empty((kind, nv)),
         np.empty((6, nv)), np.empty((kind, kind)), np.empty(kind), np.zeros(nv, np.int64), np.empty(m),
@@ -94,14 +96,14 @@ def _divided(mover: Any, factors: Any, right: Floats, room: Any, out: Floats) ->
 def _inverse(gram: Floats) -> None:
     """Replace a small symmetric matrix by its inverse; a ridge keeps it where two rows ask for the same."""
     size = gram.shape[0]
-    trace = 0.0
+    diagonal = 0.0
     for k in range(size):
-        trace += gram[k, k]
-    if trace <= 0.0:
+        diagonal += gram[k, k]
+    if diagonal <= 0.0:
         gram[:, :] = 0.0
         return
     for k in range(size):
-        gram[k, k] += 1e-10 * trace
+        gram[k, k] += 1e-10 * diagonal
     for p in range(size):
         over = 1.0 / gram[p, p]
         gram[p, p] = 1.0
@@ -117,7 +119,7 @@ def _inverse(gram: Floats) -> None:
 
 @inlined
 def _project(mover: Any, factors: Any, room: Any) -> None:
-    """v = -(y - Z C y) over the joints that are not blocked."""
+    """V = -(y - Z C y) over the joints that are not blocked."""
     nv, kind = room.v.shape[0], room.error.shape[0]
     for k in range(nv):
         room.tangent[k] = 0.0 if room.blocked[k] == 1 else room.gradient[k]
@@ -150,9 +152,9 @@ def _project(mover: Any, factors: Any, room: Any) -> None:
 
 
 @inlined
-def _newly_blocked(mover: Any, q: Floats, room: Any) -> bool:
-    """Block the joints at a limit beyond which v would push them; whether there are new ones."""
-    found = False
+def _newly_blocked(mover: Any, q: Floats, room: Any) -> int:
+    """Block the joints at a limit beyond which v would push them; how many new ones there are."""
+    found = 0
     for k in range(room.v.shape[0]):
         at = mover.values[k]
         if at >= 0 and mover.stops[k] == 1 and room.blocked[k] == 0:
@@ -160,7 +162,7 @@ def _newly_blocked(mover: Any, q: Floats, room: Any) -> bool:
             high = q[at] >= mover.upper[k] - _AT_LIMIT and room.v[k] > 0.0
             if low or high:
                 room.blocked[k] = 1
-                found = True
+                found += 1
     return found
 
 
@@ -172,17 +174,22 @@ def direction(mover: Any, constraint: Any, regularization: float, here: Any, fac
     _gradient(mover, factors.subspaces, here.wrenches, room.forces, room.gradient)
     constraint_rows(constraint, mover, here.world, factors.subspaces, room.jacobian, room.rows)
     room.blocked[:] = 0
-    factors.held[:] = 0
+    free = room.v.shape[0]
     for _ in range(room.v.shape[0]):
-        mean = mean_diagonal(joints, factors, here.inertias, room.scratch)
+        mean = trace(joints, factors.subspaces, here.inertias, room.scratch) / free
         if not mean < math.inf:
             return 0.0
         factorize(joints, here.inertias, max(regularization * mean, 1e-12), factors)
         _project(mover, factors, room)
-        if not _newly_blocked(mover, here.q, room):
+        newly = _newly_blocked(mover, here.q, room)
+        free -= newly
+        if newly == 0 or free == 0:
             break
         for r in range(mover.leaders.shape[0]):
-            factors.held[r] = room.blocked[mover.leaders[r]]
+            if room.blocked[mover.leaders[r]] == 1:
+                factors.subspaces[r, :] = 0.0
+    if free == 0:
+        return 0.0
     slope, longest = 0.0, 1.0
     for k in range(room.v.shape[0]):
         slope += room.gradient[k] * room.v[k]

@@ -23,7 +23,7 @@ _OWN = 0.05
 
 @inlined
 def _weights(mover: Any, world: Floats, weights_out: Floats) -> None:
-    """Inverse square of what each of the group's tangents moves by a unit, shape (nv,): tip's distance, 1 for slides."""
+    """Inverse square of what a unit of each of the group's tangents moves, (nv,): distance of the tip, 1 for slides."""
     joints, tip = mover.joints, tip_position(mover, world)
     for i in range(joints.parents.shape[0] - 1, 0, -1):  # a leader stands before its followers and has the last word
         T, kind = world[i], joints.kinds[i]
@@ -67,10 +67,11 @@ def _step(mover: Any, q: Floats, jacobian: Floats, weights: Floats, missing: Flo
             along = jacobian[0, k] * multiplier[0] + jacobian[1, k] * multiplier[1] + jacobian[2, k] * multiplier[2]
             v_out[k] = 0.0 if stopped[k] == 1 else weights[k] * along
             at = mover.values[k]
-            if at >= 0 and mover.stops[k] == 1 and stopped[k] == 0:
-                if (q[at] <= mover.lower[k] and v_out[k] < 0.0) or (q[at] >= mover.upper[k] and v_out[k] > 0.0):
-                    stopped[k] = 1
-                    fresh = True
+            watched = at >= 0 and mover.stops[k] == 1 and stopped[k] == 0
+            low = watched and q[at] <= mover.lower[k] and v_out[k] < 0.0
+            if low or (watched and q[at] >= mover.upper[k] and v_out[k] > 0.0):
+                stopped[k] = 1
+                fresh = True
         if not fresh:
             return
 

@@ -1,100 +1,37 @@
 """Whether capsules about a robot's links stay apart from obstacles and each other along a straight motion of its chart.
 
-A yes is rigorous: halves of the motion are judged at their middles, where every capsule has to keep more than it can
-lose within the half (collision/motion_bound.py has the bound and its proof). A no only says that capsules can't tell.
+A yes is rigorous: parts of the motion are judged at their middles, where every capsule has to keep more than it can
+lose within the part: the smaller of the sum of what the joints do (collision/motion_bound.py has its proof) and of
+speed at the middle and largest acceleration. A no only says that capsules can't tell.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
 from guidefield.kernels.chart import configuration
-from guidefield.kernels.distance import INDEX_MATRIX, TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.sampled_robot import JOINTS
-from guidefield.kernels.signatures import MATRIX, SCALAR, VECTOR, Floats, compiled, inlined
-from guidefield.kernels.tree_kinematics import (
-    CONTINUOUS,
-    FLOATING,
-    INDICES,
-    PLANAR,
-    PRISMATIC,
-    REVOLUTE,
-    Integers,
-    JointTable,
-    joint_placements,
+from guidefield.kernels.distance import TABLES, DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.signatures import SCALAR, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.swept_bounds import (
+    SWEPT,
+    SweptRobot,
+    capsule_accelerations,
+    capsule_ends,
+    capsule_speeds,
+    changing,
+    joint_shares,
+    largest_move,
+    spreads,
 )
+from guidefield.kernels.tree_kinematics import Integers, joint_placements
 
 _DEEPEST = 14
 """A motion is halved no more often than this."""
 
 _STACK = 64
-
-
-class SweptRobot(NamedTuple):
-    """A robot as capsules that its joints carry.
-
-    Attributes:
-        joints: The joints of its model.
-        origin: (nq,) configuration from which the chart's rotation vectors start.
-        capsules: (c, 7) ends and radius in the frame of their joint [m].
-        carriers: (c,) the joint of each; 0 stands still.
-        moved: (c, n) 1 where a joint moves a capsule.
-        own: (k, 2) capsules that must not touch each other.
-    """
-
-    joints: JointTable
-    origin: Floats
-    capsules: Floats
-    carriers: Integers
-    moved: Integers
-    own: Integers
-
-
-SWEPT = types.NamedTuple((JOINTS, VECTOR, MATRIX, INDICES, INDEX_MATRIX, INDEX_MATRIX), SweptRobot)
-
-
-@inlined
-def _spreads(robot: SweptRobot, dz: Floats, turns_out: Floats, slides_out: Floats) -> None:
-    """How far each joint turns [rad] and slides [m] along the whole motion, shape (n,)."""
-    for i in range(1, robot.joints.parents.shape[0]):
-        at, kind = robot.joints.idx_v[i], robot.joints.kinds[i]
-        turns_out[i], slides_out[i] = 0.0, 0.0
-        if kind in (REVOLUTE, CONTINUOUS):
-            turns_out[i] = abs(dz[at])
-        elif kind == PRISMATIC:
-            slides_out[i] = abs(dz[at])
-        elif kind == PLANAR:
-            slides_out[i] = math.sqrt(dz[at] ** 2 + dz[at + 1] ** 2)
-            turns_out[i] = abs(dz[at + 2])
-        else:
-            first = at
-            if kind == FLOATING:
-                slides_out[i] = math.sqrt(dz[at] ** 2 + dz[at + 1] ** 2 + dz[at + 2] ** 2)
-                first = at + 3
-            turns_out[i] = math.sqrt(dz[first] ** 2 + dz[first + 1] ** 2 + dz[first + 2] ** 2)
-
-
-@inlined
-def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
-    """Distance of a world point (3,) from a joint's axis, or from its centre where it has no one axis."""
-    T = world[joint]
-    dx, dy, dz = end[0] - T[0, 3], end[1] - T[1, 3], end[2] - T[2, 3]
-    square = dx * dx + dy * dy + dz * dz
-    kind = robot.joints.kinds[joint]
-    if kind in (REVOLUTE, CONTINUOUS, PLANAR):
-        x, y, z = robot.joints.axes[joint, 0], robot.joints.axes[joint, 1], robot.joints.axes[joint, 2]
-        if kind == PLANAR:
-            x, y, z = 0.0, 0.0, 1.0
-        along = 0.0
-        along += dx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
-        along += dy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
-        along += dz * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
-        square = max(square - along * along, 0.0)
-    return math.sqrt(square)
 
 
 @inlined
@@ -147,55 +84,25 @@ def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates
 
 
 @inlined
-def _capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
-    """Ends (c, 6) of the capsules' axes in the world."""
-    for c in range(robot.capsules.shape[0]):
-        T = world[robot.carriers[c]]
-        for e in range(2):
-            x, y, z = robot.capsules[c, 3 * e], robot.capsules[c, 3 * e + 1], robot.capsules[c, 3 * e + 2]
-            for r in range(3):
-                ends_out[c, 3 * e + r] = T[r, 0] * x + T[r, 1] * y + T[r, 2] * z + T[r, 3]
+def _item_apart(
+    robot: SweptRobot, tables: DistanceTables, item: int, ends: Floats, bound: float, margin: float,
+    self_margin: float, candidates: Integers, parts: Floats,
+) -> bool:  # fmt: skip
+    """Whether a capsule, or a pair of them, keeps more than its margin and a bound."""
+    count = robot.capsules.shape[0]
+    if item < count:
+        return _keeps(ends, item, robot.capsules[item, 6] + margin + bound, tables, candidates, parts)
+    a, b = robot.own[item - count, 0], robot.own[item - count, 1]
+    return _segment_distance(ends, a, b) > robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + bound
 
 
 @inlined
-def _shares(
-    robot: SweptRobot, world: Floats, ends: Floats, turns: Floats, slides: Floats, half: float, shares_out: Floats
-) -> None:
-    """How far each joint moves each capsule at most within `half` of the motion on either side, shape (c, n) [m]."""
-    for c in range(robot.capsules.shape[0]):
-        radius = robot.capsules[c, 6]
-        for j in range(1, robot.joints.parents.shape[0]):
-            share = 0.0
-            if robot.moved[c, j] == 1 and (turns[j] > 0.0 or slides[j] > 0.0):
-                lever = max(_lever(robot, j, world, ends[c, :3]), _lever(robot, j, world, ends[c, 3:6])) + radius
-                share = half * slides[j] + 2.0 * math.sin(0.5 * min(half * turns[j], math.pi)) * lever
-            shares_out[c, j] = share
-
-
-@inlined
-def _worst(
-    robot: SweptRobot, tables: DistanceTables, ends: Floats, shares: Floats, margin: float, self_margin: float,
-    candidates: Integers, stack: Floats,
-) -> float:  # fmt: skip
-    """The bound of the first capsule or pair that can't be told apart [m]; -1 if all are apart."""
-    n = robot.joints.parents.shape[0]
-    for c in range(robot.capsules.shape[0]):
-        if robot.carriers[c] == 0:
-            continue
-        bound = 0.0
-        for j in range(1, n):
-            bound += shares[c, j]
-        if not _keeps(ends, c, robot.capsules[c, 6] + margin + bound, tables, candidates, stack):
-            return bound
-    for k in range(robot.own.shape[0]):
-        a, b = robot.own[k, 0], robot.own[k, 1]
-        bound = 0.0
-        for j in range(1, n):
-            if robot.moved[a, j] != robot.moved[b, j]:
-                bound += shares[a, j] + shares[b, j]
-        if _segment_distance(ends, a, b) <= robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + bound:
-            return bound
-    return -1.0
+def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats) -> None:
+    """Place the capsules at chart coordinates."""
+    joints = robot.joints
+    configuration(joints, z, robot.origin, q)
+    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    capsule_ends(robot, world, ends)
 
 
 @compiled(types.boolean(SWEPT, TABLES, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR))
@@ -213,34 +120,50 @@ def motion_apart(
         self_margin: What they keep from each other at least [m].
         floor: A part of the motion that moves a capsule by no more than this is not halved any more [m].
     """
-    joints = robot.joints
-    n, count = joints.parents.shape[0], robot.capsules.shape[0]
+    n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
+    items = count + robot.own.shape[0]
     world, ends, shares = np.empty((n, 3, 4)), np.empty((count, 6)), np.zeros((count, n))
-    turns, slides, z = np.zeros(n), np.zeros(n), np.empty(z0.shape[0])
+    subspaces, twists = np.empty((z0.shape[0], 6)), np.empty((n, 6))
+    turns, slides, z, dz = np.zeros(n), np.zeros((n, 2)), z1.copy(), z1 - z0
+    accelerations, speeds = np.empty(count), np.empty(count)
     q = np.empty(robot.origin.shape[0])
     candidates = np.empty(tables.kinds.shape[0], np.int64)
     parts, waiting = np.empty((_STACK, 2)), np.empty((_STACK, 2))
-    _spreads(robot, z1 - z0, turns, slides)
+    depths, counts = np.zeros(_STACK, np.int64), np.zeros(_DEEPEST + 2, np.int64)
+    pending = np.empty((_DEEPEST + 2, items), np.int64)
     # the end first: most motions that are refused end in contact
+    _at(robot, z, q, world, ends)
+    for item in range(items):
+        judged = item >= count or robot.carriers[item] > 0
+        if judged and not _item_apart(robot, tables, item, ends, 0.0, margin, self_margin, candidates, parts):
+            return False
+    spreads(robot, z0, z1, turns, slides)
+    capsule_accelerations(robot, turns, slides, accelerations)
+    counts[0] = changing(robot, turns, slides, pending[0])
     waiting[0, 0], waiting[0, 1] = 0.0, 1.0
-    waiting[1, 0], waiting[1, 1] = 1.0, 1.0
-    top = 2
+    top = 1 if counts[0] > 0 else 0
     while top > 0:
         top -= 1
-        t0, t1 = waiting[top, 0], waiting[top, 1]
+        t0, t1, depth = waiting[top, 0], waiting[top, 1], depths[top]
         t, half = 0.5 * (t0 + t1), 0.5 * (t1 - t0)
         for k in range(z0.shape[0]):
-            z[k] = z0[k] + t * (z1[k] - z0[k])
-        configuration(joints, z, robot.origin, q)
-        joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
-        _capsule_ends(robot, world, ends)
-        _shares(robot, world, ends, turns, slides, half, shares)
-        bound = _worst(robot, tables, ends, shares, margin, self_margin, candidates, parts)
-        if bound < 0.0:
-            continue
-        if bound <= floor or half < 0.5**_DEEPEST:
-            return False
-        waiting[top, 0], waiting[top, 1] = t, t1
-        waiting[top + 1, 0], waiting[top + 1, 1] = t0, t
-        top += 2
+            z[k] = z0[k] + t * dz[k]
+        _at(robot, z, q, world, ends)
+        joint_shares(robot, world, ends, turns, slides, half, shares)
+        capsule_speeds(robot, world, z, q, dz, ends, subspaces, twists, speeds)
+        left = 0
+        for k in range(counts[depth]):
+            item = pending[depth, k]
+            bound = largest_move(robot, item, shares, speeds, accelerations, half)
+            if not _item_apart(robot, tables, item, ends, bound, margin, self_margin, candidates, parts):
+                if bound <= floor or depth == _DEEPEST:
+                    return False
+                pending[depth + 1, left] = item
+                left += 1
+        if left > 0:
+            # only what could not be told apart is looked at again; the second half waits for the first to be done
+            counts[depth + 1] = left
+            waiting[top, 0], waiting[top, 1], depths[top] = t, t1, depth + 1
+            waiting[top + 1, 0], waiting[top + 1, 1], depths[top + 1] = t0, t, depth + 1
+            top += 2
     return True

@@ -13,22 +13,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.kernels.signatures import Floats, inlined
-from guidefield.kernels.tree_kinematics import Integers, JointTable
+from guidefield.kernels.tree_kinematics import JointTable
 
 
 class TreeFactors(NamedTuple):
     """Factors of M for n joints with m tangents.
 
     Attributes:
-        subspaces: (m, 6) twist of each tangent.
-        held: (m,) 1 where a tangent doesn't take part.
+        subspaces: (m, 6) twist of each tangent; zero for one that takes no part.
         inertias: (n, 6, 6) articulated inertia of each joint.
         carried: (m, 6) what it does against each tangent.
         inverses: (n, 6, 6) inverse of what a joint's own tangents feel.
     """
 
     subspaces: Floats
-    held: Integers
     inertias: Floats
     carried: Floats
     inverses: Floats
@@ -37,9 +35,7 @@ class TreeFactors(NamedTuple):
 @inlined
 def empty_factors(n: int, m: int) -> Any:
     """Room for factors."""
-    return TreeFactors(
-        np.empty((m, 6)), np.zeros(m, np.int64), np.empty((n, 6, 6)), np.empty((m, 6)), np.empty((n, 6, 6))
-    )
+    return TreeFactors(np.empty((m, 6)), np.empty((n, 6, 6)), np.empty((m, 6)), np.empty((n, 6, 6)))
 
 
 @inlined
@@ -76,35 +72,32 @@ def _spread(inertia: Floats, out: Floats) -> None:
 
 
 @inlined
-def mean_diagonal(joints: JointTable, factors: Any, inertias: Floats, scratch: Floats) -> float:
-    """Mean of M's diagonal without the ridge, over the tangents that take part.
+def trace(joints: JointTable, subspaces: Floats, inertias: Floats, scratch: Floats) -> float:
+    """Sum of M's diagonal without the ridge.
 
     Args:
         joints: The joints.
-        factors: Subspaces, and what is held.
+        subspaces: (m, 6) twist of each tangent.
         inertias: (n, 10) of each joint's own points.
         scratch: (n, 10).
     """
     scratch[:, :] = inertias
-    trace, count = 0.0, 0
+    total = 0.0
     for i in range(joints.parents.shape[0] - 1, 0, -1):
         s, cx, cy, cz = scratch[i, 0], scratch[i, 1], scratch[i, 2], scratch[i, 3]
         xx, xy, xz, yy, yz, zz = (
             scratch[i, 4], scratch[i, 5], scratch[i, 6], scratch[i, 7], scratch[i, 8], scratch[i, 9],
         )  # fmt: skip
         for r in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
-            if factors.held[r] == 1:
-                continue
-            S = factors.subspaces[r]
+            S = subspaces[r]
             vx, vy, vz, wx, wy, wz = S[0], S[1], S[2], S[3], S[4], S[5]
-            trace += s * (vx * vx + vy * vy + vz * vz)
-            trace += 2.0 * (vx * (wy * cz - wz * cy) + vy * (wz * cx - wx * cz) + vz * (wx * cy - wy * cx))
-            trace += (yy + zz) * wx * wx + (xx + zz) * wy * wy + (xx + yy) * wz * wz
-            trace -= 2.0 * (xy * wx * wy + xz * wx * wz + yz * wy * wz)
-            count += 1
+            total += s * (vx * vx + vy * vy + vz * vz)
+            total += 2.0 * (vx * (wy * cz - wz * cy) + vy * (wz * cx - wx * cz) + vz * (wx * cy - wy * cx))
+            total += (yy + zz) * wx * wx + (xx + zz) * wy * wy + (xx + yy) * wz * wz
+            total -= 2.0 * (xy * wx * wy + xz * wx * wz + yz * wy * wz)
         for c in range(10):
             scratch[joints.parents[i], c] += scratch[i, c]
-    return trace / max(count, 1)
+    return total
 
 
 @inlined
@@ -115,7 +108,7 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
         joints: The joints.
         inertias: (n, 10) of each joint's own points: weight, first moments, second moments xx xy xz yy yz zz.
         ridge: Added to the diagonal, positive.
-        factors: Its subspaces and what is held are read, the rest is written.
+        factors: Its subspaces are read, the rest is written.
     """
     S, U = factors.subspaces, factors.carried
     n = joints.parents.shape[0]
@@ -134,8 +127,7 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
                 value = 0.0
                 for c in range(6):
                     value += S[first + k, c] * U[first + m, c]
-                apart = factors.held[first + k] == 1 or factors.held[first + m] == 1
-                D[k, m] = (ridge if k == m else 0.0) + (0.0 if apart else value)
+                D[k, m] = (ridge if k == m else 0.0) + value
         _inverted(D, size)
         B = factors.inertias[joints.parents[i]]
         for r in range(6):
@@ -143,8 +135,6 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
                 B[r, c] += A[r, c]
         for k in range(size):
             for m in range(size):
-                if factors.held[first + k] == 1 or factors.held[first + m] == 1:
-                    continue
                 share = D[k, m]
                 for r in range(6):
                     part = share * U[first + k, r]
@@ -161,7 +151,7 @@ def solve(joints: JointTable, factors: Any, right: Floats, forces: Floats, solut
         factors: Of M.
         right: g, shape (m,).
         forces: Scratch, shape (n, 6).
-        solution: y, shape (m,); 0 where held. May be `right` itself.
+        solution: y, shape (m,). May be `right` itself.
     """
     S, U, D = factors.subspaces, factors.carried, factors.inverses
     n = joints.parents.shape[0]
@@ -172,16 +162,15 @@ def solve(joints: JointTable, factors: Any, right: Floats, forces: Floats, solut
             value = right[first + k]
             for c in range(6):
                 value -= S[first + k, c] * forces[i, c]
-            solution[first + k] = 0.0 if factors.held[first + k] == 1 else value
+            solution[first + k] = value
         for c in range(6):
             forces[parent, c] += forces[i, c]
         for k in range(size):
             value = 0.0
             for m in range(size):
                 value += D[i, k, m] * solution[first + m]
-            if factors.held[first + k] == 0:
-                for c in range(6):
-                    forces[parent, c] += value * U[first + k, c]
+            for c in range(6):
+                forces[parent, c] += value * U[first + k, c]
     # from here on the rows of `forces` are the joints' accelerations
     forces[0, :] = 0.0
     for i in range(1, n):
@@ -189,17 +178,14 @@ def solve(joints: JointTable, factors: Any, right: Floats, forces: Floats, solut
         for c in range(6):
             forces[i, c] = forces[parent, c]
         for k in range(size):
-            if factors.held[first + k] == 0:
-                for c in range(6):
-                    solution[first + k] -= U[first + k, c] * forces[parent, c]
-        _accelerate(i, first, size, D, S, factors.held, forces, solution)
+            for c in range(6):
+                solution[first + k] -= U[first + k, c] * forces[parent, c]
+        _accelerate(i, first, size, D, S, forces, solution)
 
 
 @inlined
-def _accelerate(
-    i: int, first: int, size: int, D: Floats, S: Floats, held: Integers, forces: Floats, solution: Floats
-) -> None:
-    """y = D^-1 u of joint i in place of u; its acceleration is the parent's and S y."""
+def _accelerate(i: int, first: int, size: int, D: Floats, S: Floats, forces: Floats, solution: Floats) -> None:
+    """Y = D^-1 u of joint i in place of u; its acceleration is the parent's and S y."""
     y0, y1, y2, y3, y4, y5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for m in range(size):
         u = solution[first + m]
@@ -213,7 +199,6 @@ def _accelerate(
             y5 += D[i, 5, m] * u
     for k in range(size):
         y = y0 if k == 0 else y1 if k == 1 else y2 if k == 2 else y3 if k == 3 else y4 if k == 4 else y5
-        y = 0.0 if held[first + k] == 1 else y
         solution[first + k] = y
         for c in range(6):
             forces[i, c] += S[first + k, c] * y
