@@ -53,10 +53,15 @@ class RobotField:
 
     def __init__(self, group: PlanningGroup, scene: Scene, precision: Precision = Precision.DOUBLE) -> None:
         self.group = group
+        self._precision = precision
         self.tables: FieldTables = _TABLES[precision](group, scene)
         self.joints: JointTable = joint_table(group.model)
         self.charged: ChargedRobot = _charged_robot(group)
         self.evaluations = 0
+
+    def among(self, scene: Scene) -> RobotField:
+        """The same robot in another scene, in the same precision; counted on its own."""
+        return RobotField(self.group, scene, self._precision)
 
     def evaluate(self, q: np.ndarray) -> Energy:
         """U, its gradient, the metric and the wrenches at a configuration of the group, shape (nq,)."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from guidefield.errors import InvalidGroup, Status
+from guidefield.planner.aim import ANYWHERE
 from guidefield.planner.attempts import ATTEMPTS
-from guidefield.planner.constraints import OnPlane
+from guidefield.planner.constraints import on_plane
 from guidefield.planner.guide import ON_PLANE, cross
 from guidefield.planner.minimizer import descend
 from guidefield.planner.problem import Problem
@@ -23,13 +24,9 @@ SCENES = ("seed_a_gates", "seed_d_passage_3", "seed_a_gates_universal", "seed_d_
 NORMAL = np.array([0.6, 0.0, 0.8])
 
 
-def anywhere(point: np.ndarray) -> bool:
-    return True
-
-
 def settled(made: Problem, minimizer: Minimizer, normal: np.ndarray = NORMAL) -> Walker:
     walker = Walker(made, made.q_start, 2e-3, 0)
-    minimizer.settle(walker, walker.tip, normal, anywhere)
+    minimizer.settle(walker, walker.tip, normal, ANYWHERE)
     return walker
 
 
@@ -48,8 +45,7 @@ def test_where_it_ends_no_axis_leads_on(title: str) -> None:
     """Descending on from there, over all axes at once, brings next to nothing: its accuracy is half a degree."""
     made = seed_problem(title)
     walker = settled(made, Univariate(link_chain(made.group)))
-    constraint = OnPlane(made.kinematics, walker.tip, NORMAL)
-    lowest = descend(made, walker.q, constraint, walker.free).potential
+    lowest = descend(walker, on_plane(walker.tip, NORMAL), ANYWHERE).potential
     assert made.robot_field.potential(walker.q) <= 1.02 * lowest
 
 

@@ -218,8 +218,8 @@ POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
 STILL = messages.ObstacleTrajectory(times=[0.0], placements=[Placement()])
 FAULTS = [
     (messages.PointCloud(name="bad", points=POINTS, radius=0.1), "", "doesn't serve point clouds"),
-    (messages.Box(name="bad", size=(1, 1, 1), trajectory=STILL), ".trajectory", "at rest only"),
-    (messages.PointCloud(name="bad", points=POINTS, radius=0.1, trajectory=STILL), ".trajectory", "at rest only"),
+    (messages.HalfSpace(name="bad", normal=(0, 0, 1), trajectory=STILL), ".trajectory", "can't move"),
+    (messages.PointCloud(name="bad", points=POINTS, radius=0.1, trajectory=STILL), ".trajectory", "can't move"),
     (polygon((0, 0, 0), (1, 0, 0), (1, 1, 0.01), (0, 1, 0)), ".vertices", "off a plane"),
     (polygon((0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1.5, 0)), ".vertices", "isn't simple"),
     (polygon((0, 0, 0), (1, 0, 0), (2, 0, 0)), ".vertices", "a line"),

@@ -20,6 +20,7 @@ import pinocchio as pin
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import codec
+from guidefield.planner.aim import Aim
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.auto_planes import derive
 from guidefield.planner.guide import FIRST_STEP, Attempt, cross
@@ -28,7 +29,7 @@ from guidefield.planner.projected import Projected
 from guidefield.planner.steps import Walker
 from guidefield.planner.trace import Event, Step
 from guidefield.planner.univariate import Univariate
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.configuration import configuration_from_wire
 from guidefield.robot.kinematics import Kinematics
@@ -100,7 +101,8 @@ def problem_of(title: str) -> Problem:
     if isinstance(request.guide_planes, list):
         planes = tuple(guide_plane.build(message, index) for index, message in enumerate(request.guide_planes))
     return Problem(
-        group=group, scene=scene, world=World.build(group, scene), robot_field=RobotField(group, scene),
+        group=group, scene=scene, world=World.build(group, scene),
+        robot_field=RobotField(group, scene, Precision.SINGLE),
         kinematics=Kinematics(group), q_start=group.part_of(q), goal=LastPlaneGoal(), guide_planes=planes,
     )  # fmt: skip
 
@@ -210,13 +212,14 @@ def converged(scenes: Sequence[str]) -> None:
     for title in scenes:
         problem = problem_of(title)
         chain = link_chain(problem.group)
+        problem = dataclasses.replace(problem, robot_field=RobotField(problem.group, problem.scene))
         run = crossed(problem, problem.guide_planes, (Attempt(Univariate(chain), FIRST_STEP),))
         cells = []
         for plane, q in zip(problem.guide_planes, run.settled_from, strict=False):
             ends = []
             for minimizer in (Projected(tolerance=1e-8, most_steps=600), Univariate(chain, 1e-6, 60)):
                 walker = Walker(problem, q, 2e-3, 0)
-                minimizer.settle(walker, plane.centroid, plane.normal, plane.contains)
+                minimizer.settle(walker, plane.centroid, plane.normal, Aim(plane, 0.0).inside(0.0))
                 ends.append(problem.robot_field.potential(walker.q))
             total, below = total + 1, below + (ends[0] <= ends[1] * 1.0005)
             cells.append(f"{ends[0]:.3f} {ends[1]:.3f} ({100 * (ends[0] / ends[1] - 1):+.2f} %)")

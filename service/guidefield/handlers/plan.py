@@ -23,7 +23,7 @@ from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.quality import ClearanceProfile, clearance_profile
 from guidefield.planner.trace import Event, Silent
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.configuration import LIMIT_TOLERANCE, LimitFault, clamp, configuration_from_wire, limit_faults
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.inverse_kinematics import PoseTarget
@@ -76,7 +76,7 @@ def answer_plan(
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
     """
     begin = time.monotonic()
-    _require_served(request)
+    _require_served(request, scene)
     q_whole, warnings = _start(request, robot)
     group = select(robot, request.group, request.tip, q_whole, _placement(request.robot_placement))
     group = _limited(group, request)
@@ -86,12 +86,13 @@ def answer_plan(
         group=group,
         scene=scene,
         world=World.build(group, scene, request.allowed_collisions),
-        robot_field=RobotField(group, scene),
+        robot_field=RobotField(group, scene, Precision.SINGLE),
         kinematics=Kinematics(group),
         q_start=group.part_of(q_whole),
         goal=_goal(request, group, planes),
         guide_planes=planes,
         min_clearance=request.min_clearance,
+        allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
     )
@@ -107,7 +108,7 @@ def answer_plan(
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
     profile, begin = None, time.monotonic()
     if made.trajectory is not None:
-        profile = clearance_profile(made.trajectory, problem.world, problem.robot_field)
+        profile = clearance_profile(made.trajectory, problem)
     measured = time.monotonic() - begin
     reply = reply_to(request, problem, made, profile, run_id, received, load_seconds, measured, warnings)
     if recording is not None:
@@ -115,12 +116,14 @@ def answer_plan(
     return reply
 
 
-def _require_served(request: PlanRequest) -> None:
+def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not of this version, by name."""
     unserved = {
         "attached_objects": bool(request.attached_objects),
         "path_constraints": bool(request.path_constraints),
         "leave_start_contact": request.leave_start_contact,
+        "moving obstacles with goals other than the last guide plane": scene.moves
+        and not isinstance(request.goal, requests.GuidePlaneGoal),
         "jerk limits": any(limits.jerk is not None for limits in request.limits.values()),
     }
     for what, asked in unserved.items():

@@ -87,7 +87,7 @@ def _retracted(
         if worst <= 0.1 * settings.on_constraint:
             return True
         if correction == _CORRECTIONS:
-            return worst <= settings.on_constraint
+            return bool(worst <= settings.on_constraint)
         for k in range(room.v.shape[0]):
             value = 0.0
             for a in range(room.error.shape[0]):

@@ -253,7 +253,7 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
         for i in range(first, past, step):
             at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
             U += select(lane < past - i, load(weights, i), 0.0) * at[0]
-    return total(U)
+    return float(total(U))
 
 
 @compiled([void(JOINTS, ROBOT, t, MATRIX, VECTOR_OUT) for t in (TABLES, TABLES_32)])

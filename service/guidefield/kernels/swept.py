@@ -91,9 +91,10 @@ def _item_apart(
     """Whether a capsule, or a pair of them, keeps more than its margin and a bound."""
     count = robot.capsules.shape[0]
     if item < count:
-        return _keeps(ends, item, robot.capsules[item, 6] + margin + bound, tables, candidates, parts)
+        keep = robot.capsules[item, 6] + margin + bound
+        return bool(_keeps(ends, item, keep, tables, candidates, parts))
     a, b = robot.own[item - count, 0], robot.own[item - count, 1]
-    return _segment_distance(ends, a, b) > robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + bound
+    return bool(_segment_distance(ends, a, b) > robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + bound)
 
 
 @inlined

@@ -170,11 +170,13 @@ def largest_move(
     robot: SweptRobot, item: int, shares: Floats, speeds: Floats, accelerations: Floats, half: float
 ) -> float:
     """How far a capsule moves, or how much closer a pair comes, within `half` of the motion on either side [m]."""
-    n, count, bound = robot.joints.parents.shape[0], robot.capsules.shape[0], 0.0
+    n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
+    bound: float = 0.0
     if item < count:
         for j in range(1, n):
             bound += shares[item, j]
-        return min(bound, half * (speeds[item] + 0.5 * half * accelerations[item]))
+        by_speed: float = half * (speeds[item] + 0.5 * half * accelerations[item])
+        return min(bound, by_speed)
     a, b = robot.own[item - count, 0], robot.own[item - count, 1]
     for j in range(1, n):
         if robot.moved[a, j] != robot.moved[b, j]:

@@ -101,6 +101,32 @@ def trace(joints: JointTable, subspaces: Floats, inertias: Floats, scratch: Floa
 
 
 @inlined
+def _felt(A: Floats, S: Floats, first: int, size: int, ridge: float, U: Floats, D: Floats) -> None:
+    """U = A S of a joint's tangents, and D = S^T U + ridge 1, what they feel."""
+    for k in range(first, first + size):
+        for r in range(6):
+            value = 0.0
+            for c in range(6):
+                value += A[r, c] * S[k, c]
+            U[k, r] = value
+    for k in range(size):
+        for m in range(size):
+            value = ridge if k == m else 0.0
+            for c in range(6):
+                value += S[first + k, c] * U[first + m, c]
+            D[k, m] = value
+
+
+@inlined
+def _subtract(share: float, u: Floats, w: Floats, B: Floats) -> None:
+    """B - share u w^T in place of B."""
+    for r in range(6):
+        part = share * u[r]
+        for c in range(6):
+            B[r, c] -= part * w[c]
+
+
+@inlined
 def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) -> None:
     """Factor M.
 
@@ -110,36 +136,20 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
         ridge: Added to the diagonal, positive.
         factors: Its subspaces are read, the rest is written.
     """
-    S, U = factors.subspaces, factors.carried
     n = joints.parents.shape[0]
     for i in range(n):
         _spread(inertias[i], factors.inertias[i])
     for i in range(n - 1, 0, -1):
-        A, D, first, size = factors.inertias[i], factors.inverses[i], joints.idx_v[i], joints.nv[i]
-        for k in range(size):
-            for r in range(6):
-                value = 0.0
-                for c in range(6):
-                    value += A[r, c] * S[first + k, c]
-                U[first + k, r] = value
-        for k in range(size):
-            for m in range(size):
-                value = 0.0
-                for c in range(6):
-                    value += S[first + k, c] * U[first + m, c]
-                D[k, m] = (ridge if k == m else 0.0) + value
+        A, B, D = factors.inertias[i], factors.inertias[joints.parents[i]], factors.inverses[i]
+        first, size = joints.idx_v[i], joints.nv[i]
+        _felt(A, factors.subspaces, first, size, ridge, factors.carried, D)
         _inverted(D, size)
-        B = factors.inertias[joints.parents[i]]
         for r in range(6):
             for c in range(6):
                 B[r, c] += A[r, c]
         for k in range(size):
             for m in range(size):
-                share = D[k, m]
-                for r in range(6):
-                    part = share * U[first + k, r]
-                    for c in range(6):
-                        B[r, c] -= part * U[first + m, c]
+                _subtract(D[k, m], factors.carried[first + k], factors.carried[first + m], B)
 
 
 @inlined

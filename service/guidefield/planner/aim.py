@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,8 +12,16 @@ from guidefield.kernels.field_tables import frozen
 from guidefield.kernels.tip_guard import TipGuard, closest_point
 from guidefield.scene.guide_plane import SLACK, GuidePlane
 
-_NO_POLYGON = (np.zeros(3), np.eye(2, 3), np.eye(2), np.zeros(2), np.zeros((1, 2)))
-ANYWHERE = TipGuard(*map(frozen, _NO_POLYGON), 0.0, np.inf, -np.inf)
+ANYWHERE = TipGuard(
+    origin=frozen(np.zeros(3)),
+    axes=frozen(np.eye(2, 3)),
+    inward=frozen(np.eye(2)),
+    offsets=frozen(np.zeros(2)),
+    corners=frozen(np.zeros((1, 2))),
+    inset=0.0,
+    farthest=np.inf,
+    depth=-np.inf,
+)
 """A guard that lets the tip be anywhere."""
 
 
@@ -36,7 +45,7 @@ class Aim:
 
     def distance(self, point: np.ndarray) -> float:
         """Distance of a point (3,) to the inset polygon [m]."""
-        return float(np.linalg.norm(point - self.closest_point(point)))
+        return math.dist(point, self.closest_point(point))
 
     def within(self, farthest: float) -> TipGuard:
         """A guard: the tip may not be farther from the inset polygon than this [m]."""
@@ -49,6 +58,13 @@ class Aim:
     @cached_property
     def _table(self) -> TipGuard:
         flat, inset = self.plane.flat, min(self.inset, self.plane.inradius)
-        corners = (self.plane.inset_vertices(inset) - flat.origin) @ flat.axes.T
-        arrays = (flat.origin, flat.axes, self.plane.inward, self.plane.offsets, corners)
-        return TipGuard(*map(frozen, arrays), inset, np.inf, -np.inf)
+        return TipGuard(
+            origin=frozen(flat.origin),
+            axes=frozen(flat.axes),
+            inward=frozen(self.plane.inward),
+            offsets=frozen(self.plane.offsets),
+            corners=frozen((self.plane.inset_vertices(inset) - flat.origin) @ flat.axes.T),
+            inset=inset,
+            farthest=np.inf,
+            depth=-np.inf,
+        )

@@ -13,8 +13,8 @@ from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.wavefront import CAP
 from guidefield.messages import scene as messages
-from guidefield.planner.guide import arm_reach, tip_radius
 from guidefield.planner.problem import Problem
+from guidefield.planner.tip_reach import arm_reach, tip_radius
 from guidefield.planner.tip_way import TipWay, centroid, clearances, open_area, section, tip_way
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.flat import axes_across

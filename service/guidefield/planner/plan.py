@@ -13,13 +13,16 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certificate import Verdict, certify
+from guidefield.collision.timed_certificate import certify_timed
 from guidefield.errors import Status
 from guidefield.planner.connect import connect, shortcut
 from guidefield.planner.ends import check_start, goal_points, tip_points
 from guidefield.planner.finish import Finished, finish
-from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross, inset_of
+from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross
 from guidefield.planner.problem import Problem
 from guidefield.planner.stages import Stage, StageFailed, Stages
+from guidefield.planner.timed import cross_planes_timed
+from guidefield.planner.tip_reach import inset_of
 from guidefield.planner.trace import Note, StageLeft
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.inverse_kinematics import PoseTarget
@@ -98,6 +101,8 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
             stage.outcome = (
                 "the start is free" if goals is None else f"start free, {len(goals)} free configurations at the goal"
             )
+        if problem.scene.moves:
+            return _plan_in_time(problem, found, stages, attempts)
         if planner is not Planner.TREE:
             _cross_planes(problem, found, stages, planner, attempts)
         if goals is not None:
@@ -106,6 +111,29 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     except StageFailed as failure:
         return _partial(problem, found, failure, stages)
     return _finished(problem, finish(problem, found.path, found.crossings, stages), stages)
+
+
+def _plan_in_time(problem: Problem, found: _Found, stages: Stages, attempts: Sequence[Attempt]) -> Plan:
+    """Among obstacles that move: the guided planner in time, whose schedule is the trajectory's."""
+    try:
+        timed = cross_planes_timed(problem, stages, attempts)
+    except StageFailed as failure:
+        timed = failure.details.pop("path")
+        found.path, found.crossings = np.array(timed.points), timed.crossings
+        trajectory = timed.trajectory()
+        with stages.entered("certify", "the motion as far as it got, in time") as stage:
+            verdict = certify_timed(problem.timed_world, trajectory.bezier(), trajectory.piece_times())
+            stage.outcome = verdict.reason
+        return _failed(found, failure, verdict, stages)
+    trajectory = timed.trajectory()
+    with stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
+        verdict = certify_timed(
+            problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
+        )
+        problem.counters.collision_checks += verdict.evaluations
+        stage.outcome = verdict.reason
+    finished = Finished(trajectory, verdict, np.array(timed.points), timed.crossings)
+    return _finished(problem, finished, stages)
 
 
 def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
@@ -182,6 +210,10 @@ def _partial(problem: Problem, found: _Found, failure: StageFailed, stages: Stag
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = certify(problem.world, polyline(found.path))
         stage.outcome = verdict.reason
+    return _failed(found, failure, verdict, stages)
+
+
+def _failed(found: _Found, failure: StageFailed, verdict: Verdict, stages: Stages) -> Plan:
     return Plan(
         status=failure.status,
         message=failure.message,

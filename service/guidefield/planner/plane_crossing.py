@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.planner.guide import inset_of
 from guidefield.planner.problem import Problem
+from guidefield.planner.tip_reach import inset_of
 from guidefield.scene.guide_plane import GuidePlane
 
 ON_PLANE = 1e-7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ import numpy as np
 
 from guidefield.collision.convex_parts import UnservedError
 from guidefield.collision.lanes import Lanes
+from guidefield.collision.timed_certificate import TimedWorld
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.trace import Event, Observer, Silent
@@ -86,6 +88,7 @@ class Problem:
         guide_planes: Planes to cross, in order.
         derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
         min_clearance: Distance to keep from obstacles everywhere [m].
+        allowed_collisions: Pairs of names that may touch.
         seed: Of all randomness.
         budget: How long it may take.
         observer: Who watches.
@@ -102,6 +105,7 @@ class Problem:
     guide_planes: tuple[GuidePlane, ...] = ()
     derived_planes: int = 0
     min_clearance: float = 0.0
+    allowed_collisions: tuple[tuple[str, str], ...] = ()
     seed: int = 0
     budget: Budget = field(default_factory=Budget)
     observer: Observer = field(default_factory=Silent)
@@ -114,6 +118,28 @@ class Problem:
             return Lanes.build(self.world)
         except UnservedError:
             return None
+
+    def at(self, time: float) -> Problem:
+        """The same with every obstacle at rest where it is at a time [s]."""
+        if not self.scene.moves:
+            return self
+        scene = self.scene.at(time)
+        return dataclasses.replace(
+            self,
+            scene=scene,
+            world=World.build(self.group, scene, self.allowed_collisions),
+            robot_field=self.robot_field.among(scene),
+        )
+
+    @cached_property
+    def timed_world(self) -> TimedWorld:
+        """For the certificate of motions in time."""
+        resting = World.build(self.group, self.scene.resting, self._allowed_at_rest())
+        return TimedWorld.of(resting, self.world)
+
+    def _allowed_at_rest(self) -> tuple[tuple[str, str], ...]:
+        moving = {one.name for one in self.scene.obstacles if one.motion is not None}
+        return tuple(pair for pair in self.allowed_collisions if not moving.intersection(pair))
 
     def tell(self, event: Event) -> None:
         """Tell the observer."""

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.world import World
+from guidefield.planner.problem import Problem
 from guidefield.planner.trajectory import Trajectory
-from guidefield.potential import RobotField
 from guidefield.robot.kinematics import Kinematics
 
 SPACING = 0.05
@@ -70,12 +69,13 @@ class Figures:
     smoothness: float
 
 
-def clearance_profile(trajectory: Trajectory, world: World, field: RobotField) -> ClearanceProfile:
-    """Sample distances and potential evenly along a trajectory."""
+def clearance_profile(trajectory: Trajectory, problem: Problem) -> ClearanceProfile:
+    """Sample distances and potential evenly along a trajectory, among the obstacles as they then stand."""
     times, lengths = _even_times(trajectory)
     positions = trajectory.evaluate(times)[0]
-    qs = np.array([world.group.from_chart(z) for z in positions])
-    found = [world.clearance(q) for q in qs]
+    qs = np.array([problem.group.from_chart(z) for z in positions])
+    then = [problem.at(time) for time in times]
+    found = [at.world.clearance(q) for at, q in zip(then, qs, strict=True)]
     far = np.full((2, 3), np.nan)
     return ClearanceProfile(
         times=times,
@@ -86,7 +86,7 @@ def clearance_profile(trajectory: Trajectory, world: World, field: RobotField) -
         witness=np.array([far if c.witness is None else c.witness for c in found]),
         self_distance=np.array([c.self_distance for c in found]),
         self_pair=tuple(c.self_pair for c in found),
-        potential=np.array([field.potential(q) for q in qs]),
+        potential=np.array([at.robot_field.potential(q) for at, q in zip(then, qs, strict=True)]),
     )
 
 

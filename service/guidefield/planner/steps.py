@@ -52,6 +52,7 @@ class Walker:
         self.path = [q]
         self.margin = margin
         self.plane = plane
+        self._tip: np.ndarray | None = None
         self._refused: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
@@ -62,7 +63,9 @@ class Walker:
     @property
     def tip(self) -> np.ndarray:
         """Where its tip is now, shape (3,) [m]."""
-        return self.problem.kinematics.tip_position(self.q)
+        if self._tip is None:
+            self._tip = self.problem.kinematics.tip_position(self.q)
+        return self._tip
 
     def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
         """Whether the straight joint motion between two configurations is free over its whole length."""
@@ -109,6 +112,7 @@ class Walker:
     def take(self, q: np.ndarray, kind: str, message: str, potential: float | None = None) -> None:
         """Accept a configuration."""
         self.path.append(q)
+        self._tip = None
         self.problem.tell(Step(kind, q, message, potential, self.plane))
 
     def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Moved:
@@ -147,4 +151,5 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
     reached = np.empty_like(start)
     if not reach(mover_of(group), start, point, reached):
         return None
-    return reached[planned_values(group)]
+    planned: np.ndarray = reached[planned_values(group)]
+    return planned

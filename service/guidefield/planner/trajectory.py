@@ -85,6 +85,10 @@ class Trajectory:
         start, end = self.positions[:-1], self.positions[1:]
         return np.stack([start, start + self.velocities[:-1] * third, end - self.velocities[1:] * third, end], axis=1)
 
+    def piece_times(self) -> np.ndarray:
+        """When the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""
+        return np.repeat(self.times, 2) if len(self.times) == 1 else self.times.copy()
+
     def evaluate(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Position, velocity and acceleration at given times; before the start and after the end it is at rest.
 

@@ -20,7 +20,10 @@ from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import triangulation
 
 POINTS = 200
-"""About how many points a robot gets."""
+"""About how many points a robot gets at most."""
+
+POINTS_PER_SHAPE = 33
+"""About how many a robot of few shapes gets for each: the seed's links need eight rings of four."""
 
 SPREAD = 0.76
 """Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
@@ -62,7 +65,7 @@ def robot_charges(robot: RobotModel) -> RobotCharges:
     """Charged points, capsules and repelling pairs of a robot; computed once for each."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
     areas = [_area(vertices, triangles) for vertices, triangles in meshes]
-    spacing = SPREAD * float(np.sqrt(sum(areas) / POINTS))
+    spacing = SPREAD * float(np.sqrt(sum(areas) / min(POINTS, POINTS_PER_SHAPE * max(len(areas), 1))))
     shapes = tuple(_charged(vertices, triangles, spacing) for vertices, triangles in meshes)
     return RobotCharges(shapes, _repelling(robot, shapes))
 

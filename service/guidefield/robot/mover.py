@@ -38,8 +38,20 @@ def mover_of(group: PlanningGroup) -> Mover:
     supports = np.zeros(model.njoints, np.int64)
     supports[[index for index in model.supports[tip.parentJoint] if index]] = 1
     placement = np.c_[tip.placement.rotation, tip.placement.translation]
-    tables = (leaders, factors, (E**2).sum(axis=0), largest, values, group.lower, group.upper, stops, supports)
-    return Mover(joint_table(model), *map(frozen, tables), int(tip.parentJoint), frozen(placement))
+    return Mover(
+        joints=joint_table(model),
+        leaders=frozen(leaders),
+        factors=frozen(factors),
+        norms=frozen((E**2).sum(axis=0)),
+        largest=frozen(largest),
+        values=frozen(values),
+        lower=frozen(group.lower),
+        upper=frozen(group.upper),
+        stops=frozen(stops),
+        supports=frozen(supports),
+        tip_joint=int(tip.parentJoint),
+        tip=frozen(placement),
+    )
 
 
 @functools.lru_cache(maxsize=16)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,10 +13,12 @@ import pinocchio as pin
 
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
+from guidefield.geometry.charged import convex_quads
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.flat import axes_across, crossing_edges, flat_polygon, flatness_fault
 from guidefield.scene.mesh import MeshSurface, bvh, mesh_surface
+from guidefield.scene.motion import ObstacleMotion, posed
 
 HALF_SPACE_PATCH = 4.0
 """Side of the square that stands for a half-space in drawings [m]."""
@@ -44,7 +47,7 @@ class Charges:
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """An obstacle at rest.
+    """An obstacle at rest; one that moves, where it is at first.
 
     Attributes:
         name: Its name in the scene.
@@ -58,6 +61,7 @@ class Obstacle:
         charges: Its share of the field, for a charge of 1 per area.
         charge: Charge per area.
         warnings: What was odd about it but harmless.
+        motion: How it moves; None at rest.
     """
 
     name: str
@@ -71,6 +75,13 @@ class Obstacle:
     charges: Charges
     charge: float
     warnings: tuple[str, ...] = ()
+    motion: ObstacleMotion | None = None
+
+    def placement_at(self, time: float) -> Any:
+        """``T_world_shape`` at a time [s], a pinocchio.SE3."""
+        if self.motion is None:
+            return self.placement
+        return self.motion.at(time) * self.motion.placements[0].actInv(self.placement)
 
 
 def build(message: messages.Obstacle, index: int) -> Obstacle:
@@ -84,9 +95,11 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
         SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
     """
     try:
-        if message.trajectory is not None:
-            raise _UnusableError("it moves; this version serves obstacles at rest only", ".trajectory")
-        obstacle = BUILDERS[type(message)](message)
+        motion = None if message.trajectory is None else ObstacleMotion.of(message.trajectory)
+        still = message if motion is None else posed(message, motion.placements[0])
+        if still is None:
+            raise _UnusableError("an obstacle of its kind can't move", ".trajectory")
+        obstacle = dataclasses.replace(BUILDERS[type(still)](still), motion=motion)
     except _UnusableError as error:
         raise SceneInvalid(
             f"obstacle {message.name!r}: {error.fault}",
@@ -175,7 +188,18 @@ def _polygon(message: messages.Polygon) -> Obstacle:
         triangles = surfaces.triangulate_polygon(flat.vertices).triangles
     except ValueError as error:
         raise _UnusableError(str(error), ".vertices") from None
-    return _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
+    sheet = _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
+    if _bulges(flat.corners):
+        quads, rest = convex_quads(flat.vertices)
+        return dataclasses.replace(sheet, charges=Charges(triangles=rest, quads=quads))
+    return sheet
+
+
+def _bulges(corners: np.ndarray) -> bool:
+    """Whether an outline (k, 2), counter-clockwise, turns left at every corner."""
+    leaving = np.roll(corners, -1, axis=0) - corners
+    arriving = np.roll(leaving, 1, axis=0)
+    return bool(np.all(arriving[:, 0] * leaving[:, 1] > arriving[:, 1] * leaving[:, 0]))
 
 
 def _point_cloud(message: messages.PointCloud) -> Obstacle:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import msgspec
 import numpy as np
 
 from guidefield.geometry.charge_tree import at_angle
@@ -12,6 +14,7 @@ from guidefield.kernels.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 
 OPENING = 0.2
@@ -37,6 +40,30 @@ class Scene:
     guide_planes: tuple[GuidePlane, ...]
     tables: FieldTables
     warnings: tuple[str, ...]
+
+    @cached_property
+    def end(self) -> float:
+        """When the last obstacle comes to rest [s]; 0 if all are."""
+        return max((one.motion.end for one in self.obstacles if one.motion is not None), default=0.0)
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether any obstacle moves."""
+        return any(one.motion is not None for one in self.obstacles)
+
+    @cached_property
+    def resting(self) -> Scene:
+        """The scene without the obstacles that move."""
+        still = [one for one in self.message.obstacles if one.trajectory is None]
+        return self if not self.moves else build(msgspec.structs.replace(self.message, obstacles=still))
+
+    def at(self, time: float) -> Scene:
+        """The scene with every obstacle at rest where it is at a time [s]."""
+        return self if not self.moves else build(msgspec.structs.replace(self.message, obstacles=self._posed(time)))
+
+    def _posed(self, time: float) -> list[messages.Obstacle]:
+        pairs = zip(self.message.obstacles, self.obstacles, strict=True)
+        return [one if o.motion is None else posed(one, o.motion.at(time)) or one for one, o in pairs]
 
     def obstacle(self, name: str) -> Obstacle | None:
         """The obstacle of that name, or None."""

@@ -1,0 +1,121 @@
+"""How an obstacle moves: placements at times, on a screw from each to the next, at rest before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Placement
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleMotion:
+    """Placements of an obstacle's frame in time.
+
+    Attributes:
+        times: Shape (k,), increasing [s].
+        placements: ``T_world_obstacle`` at those times, pinocchio.SE3.
+        twists: Velocity of the frame in itself between one time and the next, shape (k - 1, 6), linear part first.
+    """
+
+    times: np.ndarray
+    placements: tuple[Any, ...]
+    twists: np.ndarray
+
+    @classmethod
+    def of(cls, message: messages.ObstacleTrajectory) -> ObstacleMotion:
+        """From its declaration."""
+        times = np.array(message.times, float)
+        placements = tuple(_se3(placement) for placement in message.placements)
+        steps = [pin.log6(a.actInv(b)).vector for a, b in pairwise(placements)]
+        twists = np.array(steps).reshape(-1, 6) / np.diff(times)[:, None]
+        times.setflags(write=False)
+        twists.setflags(write=False)
+        return cls(times, placements, twists)
+
+    @property
+    def end(self) -> float:
+        """When it comes to rest [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> Any:
+        """``T_world_obstacle`` at a time [s]: T_i exp(s log(T_i^-1 T_{i+1})) between two that are given."""
+        piece = int(np.searchsorted(self.times, time, side="right")) - 1
+        if piece < 0:
+            return self.placements[0].copy()
+        if piece >= len(self.twists):
+            return self.placements[-1].copy()
+        return self.placements[piece] * pin.exp6(pin.Motion((time - self.times[piece]) * self.twists[piece]))
+
+    def speed(self, start: float, end: float, centre: np.ndarray, radius: float) -> float:
+        """The largest speed between two times of any point of a ball that the obstacle's frame carries [m/s].
+
+        On a screw every point keeps its speed |v + omega x c|, and none of the ball is faster than that and
+        |omega| radius.
+
+        Args:
+            start: From when [s].
+            end: Until when [s].
+            centre: Centre of the ball in the obstacle's frame, shape (3,) [m].
+            radius: Its radius [m].
+        """
+        moving = (self.times[1:] > start) & (self.times[:-1] < end)
+        fastest = 0.0
+        for twist in self.twists[moving]:
+            linear = float(np.linalg.norm(twist[:3] + np.cross(twist[3:], centre)))
+            fastest = max(fastest, linear + radius * float(np.linalg.norm(twist[3:])))
+        return fastest
+
+
+def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle | None:
+    """An obstacle at rest where its trajectory has it at some time; None if one of its kind can't move.
+
+    A placement takes the place of the obstacle's own, and moves the corners of a polygon as they are declared.
+    """
+    pose = POSED.get(type(message))
+    return None if pose is None else pose(message, placement)
+
+
+def _placed(message: Any, placement: Any) -> messages.Obstacle:
+    return _replaced(
+        message,
+        position=tuple(placement.translation.tolist()),
+        quaternion_xyzw=tuple(pin.Quaternion(placement.rotation).normalized().coeffs().tolist()),
+    )
+
+
+def _centred(message: Any, placement: Any) -> messages.Obstacle:
+    return _replaced(message, position=tuple(placement.translation.tolist()))
+
+
+def _cornered(message: Any, placement: Any) -> messages.Obstacle:
+    corners = [tuple(placement.act(np.array(corner, float)).tolist()) for corner in message.vertices]
+    return _replaced(message, vertices=corners)
+
+
+POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
+    messages.Box: _placed,
+    messages.Cylinder: _placed,
+    messages.Capsule: _placed,
+    messages.Mesh: _placed,
+    messages.Sphere: _centred,
+    messages.Polygon: _cornered,
+}
+"""How the message of a kind is posed; others don't move."""
+
+
+def _replaced(message: Any, **fields: Any) -> messages.Obstacle:
+    moved: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
+    return moved
+
+
+def _se3(placement: Placement) -> Any:
+    x, y, z, w = placement.quaternion_xyzw
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(placement.position, float))

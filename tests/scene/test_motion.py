@@ -1,0 +1,81 @@
+"""Obstacles that move: on screws, posed as they are declared, and never faster than is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Placement
+from guidefield.scene.motion import ObstacleMotion
+from guidefield.scene.scene import build
+
+HALF = float(np.sqrt(0.5))
+SWING = messages.ObstacleTrajectory(
+    times=[1.0, 2.0, 4.0],
+    placements=[
+        Placement(position=(1.0, 0.0, 0.0)),
+        Placement(position=(0.0, 1.0, 0.0), quaternion_xyzw=(0.0, 0.0, HALF, HALF)),
+        Placement(position=(0.0, 1.0, 2.0), quaternion_xyzw=(0.0, 0.0, HALF, HALF)),
+    ],
+)
+KINDS = [
+    messages.Box(name="o", size=(0.2, 0.3, 0.4), trajectory=SWING),
+    messages.Cylinder(name="o", radius=0.1, length=0.4, trajectory=SWING),
+    messages.Capsule(name="o", radius=0.1, length=0.4, trajectory=SWING),
+    messages.Sphere(name="o", radius=0.1, trajectory=SWING),
+    messages.Polygon(name="o", vertices=[(0.1, 0, 0), (0.3, 0, 0), (0.2, 0.4, 0)], trajectory=SWING),
+    messages.Mesh(
+        name="o",
+        vertices=[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+        triangles=[(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
+        trajectory=SWING,
+    ),
+]
+
+
+def test_it_rests_before_and_after_and_turns_about_one_axis_between() -> None:
+    motion = ObstacleMotion.of(SWING)
+    np.testing.assert_allclose(motion.at(0.0).translation, [1, 0, 0])
+    np.testing.assert_allclose(motion.at(9.0).translation, [0, 1, 2])
+    for time in (1.0, 1.3, 1.9):  # a quarter turn about the z axis
+        angle = 0.5 * np.pi * (time - 1.0)
+        np.testing.assert_allclose(motion.at(time).translation, [np.cos(angle), np.sin(angle), 0.0], atol=1e-12)
+    np.testing.assert_allclose(motion.at(3.0).translation, [0, 1, 1], atol=1e-12)
+    assert motion.end == 4.0
+
+
+@given(st.floats(0.0, 5.0), st.floats(1e-4, 0.5), st.integers(0, 2**31))
+@settings(max_examples=50)
+def test_no_point_is_faster_than_the_speed_that_is_said(start: float, span: float, seed: int) -> None:
+    motion, rng = ObstacleMotion.of(SWING), np.random.default_rng(seed)
+    centre, radius = rng.normal(size=3), 0.3
+    offset = rng.normal(size=3)
+    point = centre + radius * offset / np.linalg.norm(offset)
+    moved = np.linalg.norm(motion.at(start + span).act(point) - motion.at(start).act(point))
+    assert moved <= motion.speed(start, start + span, centre, radius) * span + 1e-9
+
+
+@pytest.mark.parametrize("message", KINDS, ids=lambda m: type(m).__name__)
+def test_a_scene_at_a_time_has_its_obstacles_there(message: messages.Obstacle) -> None:
+    scene = build(messages.Scene(name="s", obstacles=[message]))
+    (first,) = scene.obstacles
+    assert scene.moves
+    assert scene.end == 4.0
+    assert scene.resting.obstacles == ()
+    for time in (0.0, 1.7, 3.0, 8.0):
+        (posed,) = scene.at(time).obstacles
+        carried = first.placement_at(time) * first.placement.inverse()
+        if not isinstance(message, messages.Sphere):  # a ball doesn't turn
+            np.testing.assert_allclose(posed.vertices, [carried.act(v) for v in first.vertices], atol=1e-9)
+        centre = first.vertices.mean(axis=0)
+        np.testing.assert_allclose(posed.vertices.mean(axis=0), carried.act(centre), atol=1e-9)
+
+
+def test_a_scene_at_rest_is_itself_at_any_time() -> None:
+    scene = build(messages.Scene(name="s", obstacles=[messages.Sphere(name="o", radius=0.1)]))
+    assert not scene.moves
+    assert scene.at(3.0) is scene.resting is scene
+    assert isinstance(scene.obstacles[0].placement_at(3.0), pin.SE3)
