@@ -169,6 +169,32 @@ def test_free_until_counts_motions() -> None:
     assert lanes.free_until(np.array([free, free]), 32.0) == 1
 
 
+def test_a_shortened_path_is_free_where_it_was_and_no_longer() -> None:
+    world, lanes = world_of("panda", "zoo")
+    zs = draw(world.group, 400, 10)
+    zs = zs[~lanes.touching(zs)]
+    ways = [zs[0]]
+    for z in zs[1:]:  # a roundabout way of free motions
+        if lanes.free_until(np.array([ways[-1], z]), 32.0):
+            ways.append(z)
+    path = np.array(ways[:9])
+    assert len(path) == 9
+    short = lanes.shortened(path, 32.0)
+    np.testing.assert_array_equal(short[[0, -1]], path[[0, -1]])
+    assert lanes.free_until(short, 32.0) == len(short) - 1
+    before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (path, short))
+    assert after < 0.9 * before
+    np.testing.assert_array_equal(short, lanes.shortened(path, 32.0))
+
+
+def test_a_straight_path_loses_its_inner_points() -> None:
+    _, lanes = world_of("panda", "bookshelf")
+    free = draw(lanes.world.group, 200, 11)
+    z = free[~lanes.touching(free)][0]
+    line = z + np.linspace(0.0, 0.02, 7)[:, None]
+    np.testing.assert_array_equal(lanes.shortened(line, 32.0), line[[0, -1]])
+
+
 def test_allowed_contacts_are_allowed() -> None:
     planned = group("panda")
     box = messages.Box(name="cage", size=(3.0, 3.0, 3.0))

@@ -16,11 +16,15 @@ from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
+from guidefield.kernels.lane_shortcut import shortcut, without_detours
 from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, Scratch
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.kernels.separation import WORK
 from guidefield.robot.coverage import coverage
+
+TRIES = 60
+"""Straight ways between places on a path that are looked at, unless told otherwise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,3 +111,21 @@ class Lanes:
             clearance: What to keep from obstacles [m].
         """
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
+
+    def shortened(self, path: np.ndarray, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> np.ndarray:
+        """A path with the same ends that is no longer; free by samples where it was.
+
+        Args:
+            path: Chart points, shape (n, nv).
+            resolution: Samples per length in the chart [1/rad or 1/m].
+            clearance: What to keep from obstacles [m].
+            tries: Straight ways between places on it that are looked at.
+        """
+        rows = np.empty((len(path) + tries + 2, path.shape[1]), np.float32)
+        rows[: len(path)] = path
+        count = without_detours(self.words, rows, len(path), clearance, resolution)
+        count = shortcut(self.words, rows, count, clearance, resolution, 0, tries)
+        count = without_detours(self.words, rows, count, clearance, resolution)
+        short = rows[:count].astype(float)
+        short[0], short[-1] = path[0], path[-1]  # lanes hold float32: the ends are as they were given
+        return short

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -32,45 +34,22 @@ class World:
     can move relative to each other, then every body on a moving link with every obstacle; a body that stands still in
     the world, such as a base on the floor, is not tested against obstacles. Allowed collisions are left out.
 
-    Pinocchio's data are scratch space: a world answers one question at a time, and is not for two threads.
+    Pinocchio's data are scratch space: a world answers one question at a time, and is not for two threads. What lanes
+    don't need is made when it is asked for.
 
     Attributes:
         group: The robot's planned joints.
         scene: The scene.
-        model: The group's Pinocchio model.
-        geometry: Pinocchio geometry model of all bodies, with the pairs.
-        data: Scratch of `model`.
-        hulls: The same with convex hulls in the place of meshes; `geometry` itself where there are none.
-        geometry_data: Scratch of `geometry`, for contact itself.
-        margin_data, hull_margin_data: Scratch of `geometry` and of `hulls`, for contact within margins.
-        broad_phase, hull_broad_phase: What finds close bodies first, for contact, and for hulls within margins.
-        bodies: Balls and boxes about the bodies.
-        motion_bound: How much closer pairs can come when the robot moves.
         body_names: Link or obstacle by body.
         pairs: Bodies of each pair, shape (n, 2), the lower index first.
         n_self: How many pairs are the robot's own.
-        is_obstacle_pair: Shape (n,).
-        signed: Whether both bodies of a pair are convex, so that distances are signed, shape (n,).
     """
 
     group: PlanningGroup
     scene: Scene
-    model: Any
-    geometry: Any
-    hulls: Any
-    data: Any
-    geometry_data: Any
-    margin_data: Any
-    hull_margin_data: Any
-    broad_phase: Any
-    hull_broad_phase: Any
-    bodies: Bodies
-    motion_bound: MotionBound
     body_names: tuple[str, ...]
     pairs: np.ndarray
     n_self: int
-    is_obstacle_pair: np.ndarray
-    signed: np.ndarray
 
     @classmethod
     def build(cls, group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]] = ()) -> World:
@@ -85,47 +64,93 @@ class World:
             UnknownObject: if an allowed name is neither a link nor an obstacle; lists those there are.
         """
         allowed = _allowed(group, scene, allowed_collisions)
-        geometry = group.geometry.copy()
-        names = [group.robot.link_of_geometry(index) for index in range(geometry.ngeoms)]
-        own, mixed = _pairs(group, scene, names, allowed)
-        for obstacle in scene.obstacles:
+        names = _link_names(group)
+        own, mixed = _own_pairs(group), _mixed_pairs(group, len(scene.obstacles))
+        bodies = (*names, *(obstacle.name for obstacle in scene.obstacles))
+        if allowed:
+            own, mixed = (_without(pairs, bodies, allowed) for pairs in (own, mixed))
+        pairs = np.concatenate([own, mixed])
+        pairs.setflags(write=False)
+        return cls(group, scene, bodies, pairs, len(own))
+
+    @property
+    def model(self) -> Any:
+        """The group's Pinocchio model."""
+        return self.group.model
+
+    @cached_property
+    def is_obstacle_pair(self) -> np.ndarray:
+        """Which pairs are of a robot's body and an obstacle, shape (n,)."""
+        return _frozen(np.arange(len(self.pairs)) >= self.n_self)
+
+    @cached_property
+    def geometry(self) -> Any:
+        """Pinocchio geometry model of all bodies, with the pairs."""
+        geometry = self.group.geometry.copy()
+        for obstacle in self.scene.obstacles:
             name = f"obstacle/{obstacle.name}"
             geometry.addGeometryObject(pin.GeometryObject(name, 0, obstacle.placement, obstacle.shape))
-            names.append(obstacle.name)
         geometry.removeAllCollisionPairs()
-        for first, second in own + mixed:
+        for first, second in self.pairs.tolist():
             geometry.addCollisionPair(pin.CollisionPair(first, second))
         for body in geometry.geometryObjects:
             body.geometry = thickened(body.geometry)
-        pairs = np.array(own + mixed, int).reshape(-1, 2)
-        is_obstacle_pair = np.arange(len(pairs)) >= len(own)
-        surfaces = np.array([isinstance(shape.geometry, coal.BVHModelBase) for shape in geometry.geometryObjects], bool)
-        signed = ~surfaces[pairs].any(axis=1)
-        for array in (pairs, is_obstacle_pair, signed):
-            array.setflags(write=False)
-        measured = bodies(group, scene.obstacles)
-        hulls = with_hulls(geometry, group, scene) if surfaces.any() else geometry
-        geometry_data, hull_margin_data = scratch_space(geometry), scratch_space(hulls)
-        return cls(
-            group=group,
-            scene=scene,
-            model=group.model,
-            geometry=geometry,
-            hulls=hulls,
-            data=group.model.createData(),
-            geometry_data=geometry_data,
-            margin_data=scratch_space(geometry),
-            hull_margin_data=hull_margin_data,
-            broad_phase=broad_phase(group.model, geometry, geometry_data),
-            hull_broad_phase=broad_phase(group.model, hulls, hull_margin_data),
-            bodies=measured,
-            motion_bound=motion_bound(group, measured, pairs, len(own)),
-            body_names=tuple(names),
-            pairs=pairs,
-            n_self=len(own),
-            is_obstacle_pair=is_obstacle_pair,
-            signed=signed,
-        )
+        return geometry
+
+    @cached_property
+    def _are_surfaces(self) -> np.ndarray:
+        """Which bodies Coal judges as surfaces."""
+        return np.array([isinstance(body.geometry, coal.BVHModelBase) for body in self.geometry.geometryObjects], bool)
+
+    @cached_property
+    def signed(self) -> np.ndarray:
+        """Whether both bodies of a pair are convex, so that distances are signed, shape (n,)."""
+        return _frozen(~self._are_surfaces[self.pairs].any(axis=1))
+
+    @cached_property
+    def hulls(self) -> Any:
+        """The same model with the hull of each mesh that has a volume in its place."""
+        return with_hulls(self.geometry, self.group, self.scene) if self._are_surfaces.any() else self.geometry
+
+    @cached_property
+    def data(self) -> Any:
+        """Scratch of `model`."""
+        return self.group.model.createData()
+
+    @cached_property
+    def geometry_data(self) -> Any:
+        """Scratch of `geometry`, for contact itself."""
+        return scratch_space(self.geometry)
+
+    @cached_property
+    def margin_data(self) -> Any:
+        """Scratch of `geometry`, for contact within margins."""
+        return scratch_space(self.geometry)
+
+    @cached_property
+    def hull_margin_data(self) -> Any:
+        """Scratch of `hulls`, for contact within margins."""
+        return scratch_space(self.hulls)
+
+    @cached_property
+    def broad_phase(self) -> Any:
+        """What finds bodies that touch."""
+        return broad_phase(self.model, self.geometry, self.geometry_data)
+
+    @cached_property
+    def hull_broad_phase(self) -> Any:
+        """What finds hulls within margins."""
+        return broad_phase(self.model, self.hulls, self.hull_margin_data)
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Balls and boxes about the bodies."""
+        return bodies(self.group, self.scene.obstacles)
+
+    @cached_property
+    def motion_bound(self) -> MotionBound:
+        """How much closer pairs can come when the robot moves."""
+        return motion_bound(self.group, self.bodies, self.pairs, self.n_self)
 
     def pair_names(self, pair: int) -> PairNames:
         """Names of a pair's bodies: a link, and a link or an obstacle."""
@@ -170,21 +195,39 @@ def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tu
     return allowed
 
 
-def _pairs(
-    group: PlanningGroup, scene: Scene, links: list[str], allowed: set[frozenset[str]]
-) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Pairs of robot bodies, and pairs of a robot body with an obstacle."""
+@functools.lru_cache(maxsize=64)
+def _link_names(group: PlanningGroup) -> tuple[str, ...]:
+    """The link of each of the robot's bodies."""
+    return tuple(group.robot.link_of_geometry(index) for index in range(group.geometry.ngeoms))
+
+
+@functools.lru_cache(maxsize=64)
+def _own_pairs(group: PlanningGroup) -> np.ndarray:
+    """Pairs of robot bodies that count and move relative to each other, shape (p, 2), the lower index first."""
     joints = [shape.parentJoint for shape in group.geometry.geometryObjects]
     own = [
         (min(pair.first, pair.second), max(pair.first, pair.second))
         for pair in group.geometry.collisionPairs
         if joints[pair.first] != joints[pair.second]
-        and frozenset((links[pair.first], links[pair.second])) not in allowed
     ]
-    mixed = [
-        (body, len(links) + index)
-        for body, joint in enumerate(joints)
-        for index, obstacle in enumerate(scene.obstacles)
-        if joint != 0 and frozenset((links[body], obstacle.name)) not in allowed
-    ]
-    return own, mixed
+    return _frozen(np.array(own, int).reshape(-1, 2))
+
+
+@functools.lru_cache(maxsize=64)
+def _mixed_pairs(group: PlanningGroup, obstacles: int) -> np.ndarray:
+    """Pairs of a robot body that moves with one of so many obstacles, shape (p, 2)."""
+    moving = np.flatnonzero([shape.parentJoint != 0 for shape in group.geometry.geometryObjects])
+    first = np.repeat(moving, obstacles)
+    return _frozen(np.column_stack([first, group.geometry.ngeoms + np.tile(np.arange(obstacles), len(moving))]))
+
+
+def _without(pairs: np.ndarray, names: tuple[str, ...], allowed: set[frozenset[str]]) -> np.ndarray:
+    """Pairs of bodies but those whose names are allowed to touch."""
+    kept = [frozenset((names[first], names[second])) not in allowed for first, second in pairs.tolist()]
+    left: np.ndarray = pairs[np.array(kept, bool)]
+    return left
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array

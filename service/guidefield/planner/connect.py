@@ -53,9 +53,15 @@ def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.ra
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free.
         rng: Randomness of the tree and the shortcuts.
+
+    Returns:
+        What the tree found is shortened.
     """
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     for goal in near[np.argsort(np.linalg.norm(near - z_start, axis=1))]:
+        way = np.array([z_start, goal])
+        if problem.lanes is not None and not problem.lanes.free_until(way, LANE_RESOLUTION, problem.min_clearance):
+            continue
         if _certified(problem, z_start, goal).free:
             return Connection(Status.SUCCESS, "the straight motion is free", np.array([z_start, goal]))
     proposer = SampledTree(problem) if problem.lanes is None else LaneTree(problem, problem.lanes)
@@ -69,7 +75,8 @@ def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.ra
             for z in found[1:]:
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
             iterations = problem.counters.iterations - before
-            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", found)
+            short = proposer.shortened(found, rng)
+            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", short)
         resolution *= proposer.finer
     spent = problem.budget.spent()
     if spent is not None:
@@ -126,6 +133,10 @@ class Proposer(Protocol):
         """Chart points (n, nv) from one of some starts (k, nv) to one of some goals (m, nv); None if none was found."""
         ...
 
+    def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """A certified path (n, nv) made shorter, certified too."""
+        ...
+
 
 class LaneTree:
     """Trees on the lane kernels."""
@@ -144,7 +155,11 @@ class LaneTree:
         found = lane_tree.grow(self._lanes, starts, goals, resolution, problem.min_clearance, rng, problem.budget)
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
-        return found.path
+        return None if found.path is None else self._lanes.shortened(found.path, resolution, problem.min_clearance)
+
+    def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002 - lanes need none
+        """See `Proposer`: what was proposed is as short as lanes make it."""
+        return path
 
 
 class SampledTree:
@@ -164,6 +179,10 @@ class SampledTree:
         found, iterations = tree.grow(problem.group, starts, goals, free, rng, problem.budget)
         problem.counters.iterations += iterations
         return None if found is None else np.array(found)
+
+    def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """See `Proposer`."""
+        return shortcut(self._problem, path, rng)
 
 
 class _Sampled:

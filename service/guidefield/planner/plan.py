@@ -15,7 +15,7 @@ import pinocchio as pin
 from guidefield.collision.certificate import Verdict, certify
 from guidefield.collision.timed_certificate import certify_timed
 from guidefield.errors import Status
-from guidefield.planner.connect import connect, shortcut
+from guidefield.planner.connect import connect
 from guidefield.planner.ends import check_start, goal_points, tip_points
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross
@@ -193,7 +193,7 @@ def _connect(problem: Problem, found: _Found, goals: np.ndarray, stage: Stage) -
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
         raise StageFailed(connection.status, connection.message, stage="connect")
-    found.extend(shortcut(problem, connection.path, rng))
+    found.extend(connection.path)
 
 
 def _in_part_of_the_time(problem: Problem) -> Problem:

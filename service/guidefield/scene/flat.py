@@ -149,3 +149,10 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     first, second = b - a, c - a
     turned: np.ndarray = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     return turned
+
+
+def bulges(corners: np.ndarray) -> bool:
+    """Whether an outline (k, 2), counter-clockwise, turns left at every corner."""
+    leaving = np.roll(corners, -1, axis=0) - corners
+    arriving = np.roll(leaving, 1, axis=0)
+    return bool(np.all(arriving[:, 0] * leaving[:, 1] > arriving[:, 1] * leaving[:, 0]))

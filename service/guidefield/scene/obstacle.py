@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -16,7 +19,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.scene.flat import axes_across, crossing_edges, flat_polygon, flatness_fault
+from guidefield.scene.flat import axes_across, bulges, crossing_edges, flat_polygon, flatness_fault
 from guidefield.scene.mesh import MeshSurface, bvh, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
 
@@ -56,10 +59,9 @@ class Obstacle:
         placement: ``T_world_shape``, a pinocchio.SE3.
         solid: Whether it has an inside; else it is a thin surface.
         convex: Whether Coal judges it as one convex body: distances are signed then.
-        vertices: Vertices of a triangulation, shape (v, 3) [m, world], for drawing; of a half-space, of a patch of it.
-        triangles: Shape (t, 3), counter-clockwise from outside.
-        charges: Its share of the field, for a charge of 1 per area.
         charge: Charge per area.
+        surface: Makes a triangulation in its own frame: vertices (v, 3) [m] and triangles (t, 3).
+        charged: Makes its share of the field.
         warnings: What was odd about it but harmless.
         motion: How it moves; None at rest.
     """
@@ -70,10 +72,9 @@ class Obstacle:
     placement: Any
     solid: bool
     convex: bool
-    vertices: np.ndarray
-    triangles: np.ndarray
-    charges: Charges
     charge: float
+    surface: Callable[[], tuple[np.ndarray, np.ndarray]]
+    charged: Callable[[], Charges]
     warnings: tuple[str, ...] = ()
     motion: ObstacleMotion | None = None
 
@@ -83,9 +84,35 @@ class Obstacle:
             return self.placement
         return self.motion.at(time) * self.motion.placements[0].actInv(self.placement)
 
+    @cached_property
+    def _triangulation(self) -> tuple[np.ndarray, np.ndarray]:
+        vertices, triangles = self.surface()
+        made = _moved(self.placement, vertices), np.array(triangles)
+        for array in made:
+            array.setflags(write=False)
+        return made
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Vertices of a triangulation, shape (v, 3) [m, world], for drawing; of a half-space, of a patch of it."""
+        return self._triangulation[0]
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """Its triangles, shape (t, 3), counter-clockwise from outside."""
+        return self._triangulation[1]
+
+    @cached_property
+    def charges(self) -> Charges:
+        """Its share of the field, for a charge of 1 per area."""
+        made = self.charged()
+        for array in vars(made).values():
+            array.setflags(write=False)
+        return made
+
 
 def build(message: messages.Obstacle, index: int) -> Obstacle:
-    """Build an obstacle from its message.
+    """Build an obstacle from its message; from the same declaration it is the same object.
 
     Args:
         message: Its declaration.
@@ -94,6 +121,10 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
     Raises:
         SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
     """
+    key = hashlib.sha256(msgspec.msgpack.encode(message, enc_hook=np.generic.tolist)).digest()
+    known = _KNOWN.get(key)
+    if known is not None:
+        return known
     try:
         motion = None if message.trajectory is None else ObstacleMotion.of(message.trajectory)
         still = message if motion is None else posed(message, motion.placements[0])
@@ -106,9 +137,16 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
             obstacle=message.name,
             path=f"$.obstacles[{index}]{error.field}",
         ) from None
-    for array in (obstacle.vertices, obstacle.triangles, *vars(obstacle.charges).values()):
-        array.setflags(write=False)
+    while len(_KNOWN) >= _MOST_KNOWN:
+        _KNOWN.pop(next(iter(_KNOWN)), None)
+    _KNOWN[key] = obstacle
     return obstacle
+
+
+_KNOWN: dict[bytes, Obstacle] = {}
+"""Obstacles by what was declared: one that is in the next scene again is not built again."""
+
+_MOST_KNOWN = 512
 
 
 class _UnusableError(Exception):
@@ -122,51 +160,56 @@ class _UnusableError(Exception):
 
 def _box(message: messages.Box) -> Obstacle:
     placement = _placement(message)
-    row = [*placement.translation, *placement.rotation.T.ravel(), *message.size]
-    return _convex(
-        message, coal.Box(*message.size), placement, surfaces.box(message.size), Charges(boxes=np.array([row]))
-    )
+
+    def charged() -> Charges:
+        return Charges(boxes=np.array([[*placement.translation, *placement.rotation.T.ravel(), *message.size]]))
+
+    return _convex(message, coal.Box(*message.size), placement, lambda: surfaces.box(message.size), charged)
 
 
 def _cylinder(message: messages.Cylinder) -> Obstacle:
-    placement = _placement(message)
-    quads = _moved(placement, surfaces.prism_quads(message.radius, message.length).reshape(-1, 3)).reshape(-1, 4, 3)
-    shape = coal.Cylinder(message.radius, message.length)
-    prism = surfaces.cylinder(message.radius, message.length)
-    return _convex(message, shape, placement, prism, Charges(quads=quads))
+    placement, size = _placement(message), (message.radius, message.length)
+
+    def charged() -> Charges:
+        quads = _moved(placement, surfaces.prism_quads(*size).reshape(-1, 3))
+        return Charges(quads=quads.reshape(-1, 4, 3))
+
+    return _convex(message, coal.Cylinder(*size), placement, lambda: surfaces.cylinder(*size), charged)
 
 
 def _sphere(message: messages.Sphere) -> Obstacle:
     placement = pin.SE3(np.eye(3), np.array(message.position))
-    charges = Charges(spheres=np.array([[*message.position, message.radius]]))
-    return _convex(message, coal.Sphere(message.radius), placement, surfaces.sphere(message.radius), charges)
+
+    def charged() -> Charges:
+        return Charges(spheres=np.array([[*message.position, message.radius]]))
+
+    return _convex(message, coal.Sphere(message.radius), placement, lambda: surfaces.sphere(message.radius), charged)
 
 
 def _capsule(message: messages.Capsule) -> Obstacle:
-    placement = _placement(message)
-    half_axis = placement.rotation[:, 2] * (0.5 * message.length)
-    ends = [*(placement.translation - half_axis), *(placement.translation + half_axis)]
-    return _convex(
-        message,
-        coal.Capsule(message.radius, message.length),
-        placement,
-        surfaces.capsule(message.radius, message.length),
-        Charges(capsules=np.array([[*ends, message.radius]])),
-    )
+    placement, size = _placement(message), (message.radius, message.length)
+
+    def charged() -> Charges:
+        half_axis = placement.rotation[:, 2] * (0.5 * message.length)
+        ends = [*(placement.translation - half_axis), *(placement.translation + half_axis)]
+        return Charges(capsules=np.array([[*ends, message.radius]]))
+
+    return _convex(message, coal.Capsule(*size), placement, lambda: surfaces.capsule(*size), charged)
 
 
 def _half_space(message: messages.HalfSpace) -> Obstacle:
     length = float(np.linalg.norm(message.normal))
     normal, offset = np.array(message.normal) / length, message.offset / length
-    patch = axes_across(normal) * (0.5 * HALF_SPACE_PATCH)
-    corners = offset * normal + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ patch
-    return _convex(
-        message,
-        coal.Halfspace(normal, offset),
-        pin.SE3.Identity(),
-        (corners, np.array([[0, 1, 2], [0, 2, 3]])),
-        Charges(planes=np.array([[*normal, offset]])),
-    )
+
+    def patch() -> tuple[np.ndarray, np.ndarray]:
+        sides = axes_across(normal) * (0.5 * HALF_SPACE_PATCH)
+        corners = offset * normal + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ sides
+        return corners, np.array([[0, 1, 2], [0, 2, 3]])
+
+    def charged() -> Charges:
+        return Charges(planes=np.array([[*normal, offset]]))
+
+    return _convex(message, coal.Halfspace(normal, offset), pin.SE3.Identity(), patch, charged)
 
 
 def _mesh(message: messages.Mesh) -> Obstacle:
@@ -189,17 +232,10 @@ def _polygon(message: messages.Polygon) -> Obstacle:
     except ValueError as error:
         raise _UnusableError(str(error), ".vertices") from None
     sheet = _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
-    if _bulges(flat.corners):
+    if bulges(flat.corners):
         quads, rest = convex_quads(flat.vertices)
-        return dataclasses.replace(sheet, charges=Charges(triangles=rest, quads=quads))
+        return dataclasses.replace(sheet, charged=lambda: Charges(triangles=rest, quads=quads))
     return sheet
-
-
-def _bulges(corners: np.ndarray) -> bool:
-    """Whether an outline (k, 2), counter-clockwise, turns left at every corner."""
-    leaving = np.roll(corners, -1, axis=0) - corners
-    arriving = np.roll(leaving, 1, axis=0)
-    return bool(np.all(arriving[:, 0] * leaving[:, 1] > arriving[:, 1] * leaving[:, 0]))
 
 
 def _point_cloud(message: messages.PointCloud) -> Obstacle:
@@ -221,26 +257,17 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
 
 
 def _convex(
-    message: messages.Obstacle, shape: Any, placement: Any, surface: tuple[np.ndarray, np.ndarray], charges: Charges
+    message: messages.Obstacle,
+    shape: Any,
+    placement: Any,
+    surface: Callable[[], tuple[np.ndarray, np.ndarray]],
+    charged: Callable[[], Charges],
 ) -> Obstacle:
-    vertices, triangles = surface
     shape.computeLocalAABB()
-    return Obstacle(
-        name=message.name,
-        message=message,
-        shape=shape,
-        placement=placement,
-        solid=True,
-        convex=True,
-        vertices=_moved(placement, vertices),
-        triangles=np.array(triangles),
-        charges=charges,
-        charge=message.charge,
-    )
+    return Obstacle(message.name, message, shape, placement, True, True, message.charge, surface, charged)
 
 
 def _surface(message: messages.Mesh | messages.Polygon, surface: MeshSurface, placement: Any) -> Obstacle:
-    vertices = _moved(placement, surface.vertices)
     return Obstacle(
         name=message.name,
         message=message,
@@ -248,10 +275,9 @@ def _surface(message: messages.Mesh | messages.Polygon, surface: MeshSurface, pl
         placement=placement,
         solid=surface.solid,
         convex=surface.hull is not None,
-        vertices=vertices,
-        triangles=np.array(surface.triangles),
-        charges=Charges(triangles=vertices[surface.triangles]),
         charge=message.charge,
+        surface=lambda: (surface.vertices, surface.triangles),
+        charged=lambda: Charges(triangles=_moved(placement, surface.vertices)[surface.triangles]),
         warnings=tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings),
     )
 

@@ -30,7 +30,6 @@ class Scene:
         name: Its name.
         obstacles: In the message's order.
         guide_planes: In the order in which they lead through the scene.
-        tables: The field of all obstacles together.
         warnings: What was odd about obstacles but harmless; each names its obstacle.
     """
 
@@ -38,7 +37,6 @@ class Scene:
     name: str
     obstacles: tuple[Obstacle, ...]
     guide_planes: tuple[GuidePlane, ...]
-    tables: FieldTables
     warnings: tuple[str, ...]
 
     @cached_property
@@ -65,6 +63,11 @@ class Scene:
         pairs = zip(self.message.obstacles, self.obstacles, strict=True)
         return [one if o.motion is None else posed(one, o.motion.at(time)) or one for one, o in pairs]
 
+    @cached_property
+    def tables(self) -> FieldTables:
+        """The field of all obstacles together."""
+        return _tables(self.obstacles)
+
     def obstacle(self, name: str) -> Obstacle | None:
         """The obstacle of that name, or None."""
         return next((obstacle for obstacle in self.obstacles if obstacle.name == name), None)
@@ -87,7 +90,6 @@ def build(message: messages.Scene) -> Scene:
         name=message.name,
         obstacles=obstacles,
         guide_planes=guide_planes,
-        tables=_tables(obstacles),
         warnings=tuple(warning for one in obstacles for warning in one.warnings),
     )
 
