@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, Status
+from guidefield.handlers.attached import holding
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, given_planes, with_derived_planes
 from guidefield.messages import requests
@@ -77,6 +78,7 @@ def answer_plan(
     """
     begin = time.monotonic()
     _require_served(request, scene)
+    robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = _start(request, robot)
     group = select(robot, request.group, request.tip, q_whole, _placement(request.robot_placement))
     group = _limited(group, request)
@@ -119,7 +121,6 @@ def answer_plan(
 def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not of this version, by name."""
     unserved = {
-        "attached_objects": bool(request.attached_objects),
         "path_constraints": bool(request.path_constraints),
         "leave_start_contact": request.leave_start_contact,
         "moving obstacles with goals other than the last guide plane": scene.moves

@@ -1,0 +1,111 @@
+"""Plans with a held object: it is kept free all along, as Coal sees it on a robot that doesn't know of it."""
+
+import time
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec
+from guidefield.messages.replies import PlanReply
+from guidefield.scene import library
+from guidefield.scene.scene import build
+from tests.robots import robot
+
+READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
+SIZE, OFFSET = (0.02, 0.02, 0.25), 0.22
+ROD = {
+    "obstacle": {"type": "box", "name": "rod", "size": SIZE, "position": (0, 0, 0), "quaternion_xyzw": (0, 0, 0, 1)},
+    "link": "panda_hand",
+    "placement": {"position": (0, 0, OFFSET)},
+    "touch_links": ["panda_leftfinger", "panda_rightfinger"],
+}
+
+
+def ask(scene: str = "bookshelf", **request) -> PlanReply:
+    message = codec.decode_request({"robot": "panda", "scene": scene, "start": READY, "guide_planes": [], **request})
+    return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="r", received=time.monotonic())
+
+
+def rod_distance(q: list[float], scene: str) -> float:
+    """Smallest distance of the rod to the scene's obstacles, the hand placed by the bare robot."""
+    model = robot("panda").model
+    data = model.createData()
+    whole = robot("panda").rest.copy()
+    whole[:7] = q
+    pin.framesForwardKinematics(model, data, whole)
+    hand = data.oMf[model.getFrameId("panda_hand", pin.FrameType.BODY)] * pin.SE3(np.eye(3), np.array([0, 0, OFFSET]))
+    here, rod = coal.Transform3s(hand.rotation, hand.translation), coal.Box(*SIZE)
+    distances = []
+    for obstacle in build(library.read(scene)).obstacles:
+        there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
+        result = coal.DistanceResult()
+        distances.append(coal.distance(rod, here, obstacle.shape, there, coal.DistanceRequest(), result))
+    return min(distances)
+
+
+def test_what_is_held_is_kept_free_and_counts_in_the_clearance() -> None:
+    goal = {"type": "joints", "positions": {**READY, "panda_joint1": 0.5, "panda_joint4": -1.9}}
+    held = ask(goal=goal, attached_objects=[ROD])
+    assert held.status.name == "SUCCESS", held.status.message
+    assert held.trajectory is not None
+    assert held.clearance is not None
+    distances = [rod_distance(q, "bookshelf") for q in held.trajectory.positions]
+    assert min(distances) > 0.0
+    assert held.clearance.minimum <= min(distances) + 2e-3
+    bare = ask(goal=goal)
+    assert bare.clearance is not None
+    assert bare.clearance.minimum > held.clearance.minimum
+
+
+def test_what_is_held_may_touch_what_is_allowed() -> None:
+    model = robot("panda").model
+    data = model.createData()
+    q = robot("panda").rest.copy()
+    q[:7] = list(READY.values())
+    pin.framesForwardKinematics(model, data, q)
+    tip = data.oMf[model.getFrameId("panda_hand", pin.FrameType.BODY)].act(np.array([0, 0, OFFSET + 0.12]))
+    scene = build(
+        codec.decode_request(
+            {
+                "robot": "panda",
+                "goal": {"type": "joints", "positions": READY},
+                "scene": {
+                    "name": "s",
+                    "obstacles": [{"type": "sphere", "name": "ball", "radius": 0.02, "position": tip.tolist()}],
+                },
+            }
+        ).scene
+    )
+
+    def asked(**request) -> PlanReply:
+        message = codec.decode_request(
+            {
+                "robot": "panda",
+                "scene": "unread",
+                "start": READY,
+                "goal": {"type": "joints", "positions": {**READY, "panda_joint1": 0.4}},
+                "attached_objects": [ROD],
+                **request,
+            }
+        )
+        return answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic())
+
+    refused = asked()
+    assert refused.status.name == "START_STATE_IN_COLLISION"
+    assert refused.status.details["pair"] == ["rod", "ball"]
+    assert asked(allowed_collisions=[["rod", "ball"]]).status.name == "SUCCESS"
+
+
+def test_what_can_not_be_held_is_refused_by_name() -> None:
+    goal = {"type": "joints", "positions": READY}
+    floor = {"obstacle": {"type": "half_space", "name": "f", "normal": (0, 0, 1), "offset": 0.0}, "link": "panda_hand"}
+    with pytest.raises(MalformedRequest, match=r"attached_objects\[0\]"):
+        ask(goal=goal, attached_objects=[floor])
+    name = build(library.read("bookshelf")).obstacles[0].name
+    taken = {**ROD, "obstacle": {**ROD["obstacle"], "name": name}}
+    with pytest.raises(UnknownObject, match=name):
+        ask(goal=goal, attached_objects=[taken])
