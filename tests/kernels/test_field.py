@@ -30,7 +30,8 @@ def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
             field(point, planes=PLANES),
         ]
         together = field(point, TRIANGLES, spheres=SPHERES, capsules=CAPSULES, planes=PLANES)
-        assert potential[i] == together.potential == pytest.approx(sum(at.potential for at in kinds), rel=1e-12)
+        assert potential[i] == pytest.approx(together.potential, rel=1e-14)
+        assert together.potential == pytest.approx(sum(at.potential for at in kinds), rel=1e-12)
         scale = sum(float(np.linalg.norm(at.gradient)) for at in kinds)
         assert gradient[i] == pytest.approx(sum(at.gradient for at in kinds), rel=0.0, abs=1e-12 * scale)
         assert together.curvature == pytest.approx(sum(at.curvature for at in kinds), rel=1e-12)
@@ -61,8 +62,9 @@ def test_the_number_of_points_does_not_matter() -> None:
     together = field_at_points(tables, points)
     for i in (0, 7, 8, 16, 36):
         alone = field_at_points(tables, points[i : i + 1])
-        assert alone.potential[0] == together.potential[i]
-        assert (alone.gradient[0] == together.gradient[i]).all()
+        # Which form a face is evaluated in depends on all points of a vector.
+        assert alone.potential[0] == pytest.approx(together.potential[i], rel=1e-14)
+        assert alone.gradient[0] == pytest.approx(together.gradient[i], rel=1e-12)
 
 
 BOXES = [[0.3, -0.2, 0.5, 1, 0, 0, 0, 0.6, 0.8, 0, -0.8, 0.6, 0.3, 0.7, 0.2, 1.3]]

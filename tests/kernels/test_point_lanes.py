@@ -15,10 +15,10 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charged import field_tables
 from guidefield.kernels.field import field_at_points
 from guidefield.kernels.point_lanes import (
+    every,
     inverse_root,
     is_double,
     lanes_of,
-    least,
     load,
     magnitude,
     root,
@@ -39,7 +39,7 @@ def everything(x: Any, y: Any, out: Any) -> Any:
         c += select(a <= 0.25, 0.125, b)
         c *= 3
         store(out, i, c - inverse_root(b) * (2.0 if is_double(a) else 1.0))
-    return total(load(out, 0)), least(load(out, 0))
+    return total(load(out, 0)), every(load(x, 0) > 0.0), every(load(x, 0) < load(y, 0))
 
 
 @PRECISIONS

@@ -8,10 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.field_tables import NODE_COLUMNS
+from guidefield.kernels.field_tables import CHARGE_PER_AREA, NODE_COLUMNS
 
 LEAF = 48
-"""Most faces of a block."""
+"""Most faces of a block in a tree, where expansions stand for those that are far."""
+
+BLOCK = 128
+"""Most faces of a block elsewhere: the more, the more share a corner, as long as they fit into the fastest cache."""
 
 LEAST_FACES = 1000
 """Surfaces of fewer faces are only cut in blocks: a tree doesn't pay."""
@@ -50,7 +53,7 @@ def clusters(centroids: Floats, owners: Integers, least_faces: float) -> list[Cl
 
 def _split(nodes: list[Cluster], faces: Integers, centroids: Floats, expandable: bool) -> None:
     at = len(nodes)
-    if len(faces) <= LEAF:
+    if len(faces) <= (LEAF if expandable else BLOCK):
         nodes.append(Cluster(faces, at + 1, True, expandable))
         return
     inner = expandable
@@ -66,27 +69,27 @@ def _split(nodes: list[Cluster], faces: Integers, centroids: Floats, expandable:
         nodes[at] = Cluster(faces, len(nodes), False, True)
 
 
-def expansion(corners: Floats, charge: Floats) -> tuple[Floats, float, float]:
+def expansion(corners: Floats, charge: float) -> tuple[Floats, float, float]:
     """A node's row: centre of charge, charge, second moments, area vector; its radius [m]; tr Q / (q radius^2).
 
     Args:
         corners: Of the triangles below, shape (n, 3, 3) [m].
-        charge: Per area of each, shape (n,).
+        charge: Per area of all of them.
     """
     across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(across, axis=1)
-    weights = areas * charge if (charge > 0.0).any() else areas
-    q = float((areas * charge).sum())
-    centre = (weights[:, None] * corners.mean(axis=1)).sum(axis=0) / weights.sum()
+    q = float(areas.sum()) * charge
+    centre = (areas[:, None] * corners.mean(axis=1)).sum(axis=0) / areas.sum()
     v = corners - centre
     total = v.sum(axis=1)
-    moments = np.einsum("n,nki,nkj->ij", areas * charge / 12.0, v, v)
-    moments += np.einsum("n,ni,nj->ij", areas * charge / 12.0, total, total)
+    moments = np.einsum("n,nki,nkj->ij", areas * (charge / 12.0), v, v)
+    moments += np.einsum("n,ni,nj->ij", areas * (charge / 12.0), total, total)
     radius = float(np.linalg.norm(v, axis=2).max())
     row = np.zeros(NODE_COLUMNS)
     row[:3], row[3] = centre, q
     row[4:10] = moments[np.triu_indices(3)]
     row[10:13] = across.sum(axis=0)
+    row[CHARGE_PER_AREA] = charge
     spread = float(np.trace(moments)) / (q * radius**2) if q > 0.0 else 1.0
     return row, radius, spread
 

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from guidefield.geometry.charge_tree import LEAST_FACES, Opening, clusters, expansion, never
 from guidefield.geometry.surfaces import Integers
-from guidefield.kernels.faces import HALF_ROWS
-from guidefield.kernels.field_tables import NODE_COLUMNS, QUAD_COLUMNS, TRIANGLE_COLUMNS, FieldTables, frozen
+from guidefield.kernels.box import FAR
+from guidefield.kernels.faces import HALF_ROWS, ORDINARY
+from guidefield.kernels.field_tables import (
+    CHARGE_PER_AREA,
+    LINK_COLUMNS,
+    NODE_COLUMNS,
+    QUAD_COLUMNS,
+    TRIANGLE_COLUMNS,
+    FieldTables,
+    frozen,
+)
 from guidefield.kernels.signatures import Floats
+from guidefield.kernels.solid_angle import FLAT
 
 __all__ = ["FieldTables", "convex_quads", "field_tables"]
 
@@ -108,29 +120,39 @@ def _faces(
     solid = _areas(corners) > 0.0
     corners, charge, owners = corners[solid], charge[solid], owners[solid]
     one, other, four_charge = one[whole], other[whole], four_charge[whole]
-    normal, half, ordered = _halves(corners)
-    triangles = np.concatenate([normal, charge[:, None], half], axis=1)
-    normal1, half1, ordered1 = _halves(one)
-    _, half2, ordered2 = _halves(other)
-    quads = np.concatenate([normal1, four_charge[:, None], half1, half2], axis=1)
-    pairs = np.concatenate([ordered1, ordered2], axis=1)
+    normal, half, ordered, ordinary = _halves(corners)
+    normal1, half1, ordered1, ordinary1 = _halves(one)
+    _, half2, ordered2, ordinary2 = _halves(other)
+    faces = _Faces(
+        triangles=np.concatenate([ordered[:, 0], normal, half], axis=1),
+        triangle_corners=ordered,
+        quads=np.concatenate([ordered1[:, 0], normal1, half1, half2], axis=1),
+        quad_corners=np.concatenate([ordered1, ordered2], axis=1),
+        charge=np.concatenate([charge, four_charge]),
+        sliver=~np.concatenate([ordinary, ordinary1 & ordinary2]),
+    )
+    return _blocks(faces, np.concatenate([owners, np.full(len(one), next_owner)]), opening)
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Rows of kernels/faces.py and corners; charge and whether it is a sliver of every triangle, then of every quad."""
+
+    triangles: Floats
+    triangle_corners: Floats
+    quads: Floats
+    quad_corners: Floats
+    charge: Floats
+    sliver: np.ndarray
+
+
+def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.ndarray]:
+    """The faces in the order of the leaves of their trees: those of a tree charged alike, slivers last in a leaf."""
+    ordered, pairs, count = faces.triangle_corners, faces.quad_corners, len(faces.triangles)
     centroids = np.concatenate([ordered.mean(axis=1), pairs.mean(axis=1)])
-    owners = np.concatenate([owners, np.full(len(quads), next_owner)])
-    return _blocks(ordered, triangles, pairs, quads, centroids, owners, opening)
-
-
-def _blocks(
-    ordered: Floats,
-    triangles: Floats,
-    pairs: Floats,
-    quads: Floats,
-    centroids: Floats,
-    owners: Integers,
-    opening: Opening,
-) -> dict[str, np.ndarray]:
-    """The faces in the order of the leaves of their trees."""
-    nodes = clusters(centroids, owners, np.inf if opening is never else LEAST_FACES)
-    rows, links = np.zeros((len(nodes), NODE_COLUMNS)), np.zeros((len(nodes), 7), np.int64)
+    alike = np.unique(np.column_stack([owners, faces.charge]), axis=0, return_inverse=True)[1].reshape(-1)
+    nodes = clusters(centroids, alike, np.inf if opening is never else LEAST_FACES)
+    rows, links = np.zeros((len(nodes), NODE_COLUMNS)), np.zeros((len(nodes), LINK_COLUMNS), np.int64)
     radii, spreads = np.full(len(nodes), np.inf), np.ones(len(nodes))
     vertices: list[Floats] = [np.empty((0, 3))]
     order: tuple[list[Integers], list[Integers]] = ([np.empty(0, np.int64)], [np.empty(0, np.int64)])
@@ -138,10 +160,11 @@ def _blocks(
     vertex, counts = 0, [0, 0]
     for m, node in enumerate(nodes):
         links[m, 0] = node.skip
-        kinds = node.faces[node.faces < len(triangles)], node.faces[node.faces >= len(triangles)] - len(triangles)
+        rows[m, CHARGE_PER_AREA] = charge = float(faces.charge[node.faces[0]])
+        here = node.faces[np.argsort(faces.sliver[node.faces], kind="stable")]
+        kinds = here[here < count], here[here >= count] - count
         if node.expandable:
             below = np.concatenate([ordered[kinds[0]], pairs[kinds[1], :3], pairs[kinds[1], 3:]])
-            charge = np.concatenate([triangles[kinds[0], 3], quads[kinds[1], 3], quads[kinds[1], 3]])
             rows[m], radii[m], spreads[m] = expansion(below, charge)
         if not node.leaf:
             continue
@@ -155,22 +178,23 @@ def _blocks(
         for k, part in enumerate((index[:cut].reshape(-1, 3), index[cut:].reshape(-1, 6))):
             corners[k].append(part)
             order[k].append(kinds[k])
-            links[m, 3 + 2 * k : 5 + 2 * k] = counts[k], counts[k] + len(part)
+            whole = len(part) - int(faces.sliver[kinds[k] + k * count].sum())
+            links[m, 3 + 3 * k : 6 + 3 * k] = counts[k], counts[k] + whole, counts[k] + len(part)
             counts[k] += len(part)
     return {
         "vertices": np.concatenate(vertices),
         "triangle_corners": np.concatenate(corners[0]),
-        "triangles": triangles[np.concatenate(order[0])].reshape(-1, TRIANGLE_COLUMNS),
+        "triangles": faces.triangles[np.concatenate(order[0])].reshape(-1, TRIANGLE_COLUMNS),
         "quad_corners": np.concatenate(corners[1]),
-        "quads": quads[np.concatenate(order[1])].reshape(-1, QUAD_COLUMNS),
+        "quads": faces.quads[np.concatenate(order[1])].reshape(-1, QUAD_COLUMNS),
         "nodes": rows,
         "links": links,
         "reach": opening(radii, spreads),
     }
 
 
-def _halves(corners: Floats) -> tuple[Floats, Floats, Floats]:
-    """Unit normals, rows of kernels/faces.py and corners, longest edge first, of triangles (n, 3, 3).
+def _halves(corners: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
+    """Of triangles (n, 3, 3): unit normals, halves of kernels/faces.py, corners, longest edge first, who is ordinary.
 
     In extended precision where the machine has it, and normal and area from the two shortest edges: from the others
     a sliver would lose its length over its width in digits.
@@ -185,9 +209,11 @@ def _halves(corners: Floats) -> tuple[Floats, Floats, Floats]:
     tau = (arm * t).sum(axis=1)
     squares = np.stack([_squares(v[:, (i + 2) % 3] - v[:, (i + 1) % 3]) for i in range(3)], axis=1)
     rows = np.zeros((len(v), HALF_ROWS))
-    rows[:, :3], rows[:, 3], rows[:, 4] = t, length, tau
-    rows[:, 5:8], rows[:, 8], rows[:, 9:12] = arm - tau[:, None] * t, twice_area, 0.5 * squares
-    return (across / twice_area[:, None]).astype(np.float64), rows, v.astype(np.float64)
+    a = 2.0 * twice_area
+    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3:6] = a, a * a, a * FLAT, squares
+    rows[:, 6:9], rows[:, 9], rows[:, 10], rows[:, 11:14] = t, length, tau, arm - tau[:, None] * t
+    ordinary = twice_area >= ORDINARY * length * length
+    return (across / twice_area[:, None]).astype(np.float64), rows, v.astype(np.float64), ordinary
 
 
 def _longest_edge_first(v: np.ndarray) -> np.ndarray:
@@ -208,7 +234,8 @@ def _box_rows(boxes: Floats) -> Floats:
     order = np.argsort(-boxes[:, 12:15], axis=1, kind="stable")
     axes = np.take_along_axis(boxes[:, 3:12].reshape(-1, 3, 3), order[:, :, None], axis=1).reshape(-1, 9)
     halves = 0.5 * np.take_along_axis(boxes[:, 12:15], order, axis=1)
-    return np.concatenate([boxes[:, :3], axes, halves, boxes[:, 15:]], axis=1)
+    far = FAR**2 * (halves * halves).sum(axis=1, keepdims=True)
+    return np.concatenate([boxes[:, :3], axes, halves, boxes[:, 15:], far], axis=1)
 
 
 def _squares(vectors: np.ndarray) -> np.ndarray:

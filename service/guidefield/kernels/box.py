@@ -1,28 +1,37 @@
-"""Charged boxes at points: six rectangles that share eight distances, one arctangent each; lanes of points."""
+"""Charged boxes at points: six rectangles that share eight distances, one arctangent each; lanes of points.
+
+Where all lanes are `FAR` all faces are flat to them and nothing can cancel, so that the shorter forms serve.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from guidefield.kernels.point_lanes import inverse_root, select, smallest_gap
+from guidefield.kernels.point_lanes import every, inverse_root, select, smallest_gap
 from guidefield.kernels.primitives import winding_behind
 from guidefield.kernels.signatures import inlined
-from guidefield.kernels.solid_angle import pair_field, positive
+from guidefield.kernels.solid_angle import flat_pair, pair_field
+
+FAR = 1.8
+"""Distance from the centre, over half the diagonal, from which no face has half a solid angle of pi/8."""
 
 
 @inlined
-def _edges(na: Any, fa: Any, r1: Any, l1n: Any, l1f: Any, r2: Any, l2n: Any, l2f: Any) -> tuple[Any, Any]:
+def _edges(far: bool, na: Any, fa: Any, r1: Any, l1n: Any, l1f: Any, r2: Any, l2n: Any, l2f: Any) -> tuple[Any, Any]:
     """Products l l' + a.a' of two parallel edges, a and a' vectors to their ends, good beside the edges too."""
     m = na * fa
-    between = m < 0.0
     g1 = l1n * l1f
     g2 = l2n * l2f
-    d1 = g1 - m
-    d2 = g2 - m
-    over = 1.0 / (d1 * d2)
-    squares = na * na + fa * fa
-    k1 = r1 + select(between, r1 * (squares + r1) * (over * d2), g1 + m)
-    k2 = r2 + select(between, r2 * (squares + r2) * (over * d1), g2 + m)
+    if far:
+        k1, k2 = g1 + (m + r1), g2 + (m + r2)
+    else:
+        between = m < 0.0
+        d1 = g1 - m
+        d2 = g2 - m
+        over = 1.0 / (d1 * d2)
+        squares = na * na + fa * fa
+        k1 = r1 + select(between, r1 * (squares + r1) * (over * d2), g1 + m)
+        k2 = r2 + select(between, r2 * (squares + r2) * (over * d1), g2 + m)
     return k1, k2
 
 
@@ -34,7 +43,7 @@ def _half(lC: Any, lY: Any, lZ: Any, k: Any, e: Any) -> Any:
 
 @inlined
 def _face(
-    height: Any, u: Any, v: Any, a: Any, b: Any, lengths: Any, kn: Any, kf: Any, c: Any,
+    far: bool, height: Any, u: Any, v: Any, a: Any, b: Any, lengths: Any, kn: Any, kf: Any, c: Any,
 ) -> tuple[Any, Any, tuple[Any, Any, Any, Any]]:  # fmt: skip
     """Phi, curvature and the sums c with a face's share added.
 
@@ -44,12 +53,15 @@ def _face(
     un, uf = u
     vn, vf = v
     nn, fn, nf, ff = lengths
-    area = 4.0 * a * b
-    h = positive(height)
-    D1 = _half(nn, fn, nf, kn, 2.0 * b * vn)
-    D2 = _half(ff, nf, fn, kf, -2.0 * b * vf)
-    phi, curvature, slope1, slope2 = pair_field(h, D1, D2, area, area)
+    twice = b + b
+    area = (a + a) * twice
+    D1 = _half(nn, fn, nf, kn, twice * vn)
+    D2 = _half(ff, nf, fn, kf, -twice * vf)
     hh = height * height
+    if far:
+        phi, curvature, slope1, slope2 = flat_pair(hh, D1, D2, area, area)
+    else:
+        phi, curvature, slope1, slope2 = pair_field(height, D1, D2, area, area)
     pu = hh + un * uf
     pv = vn * vf
     q1 = nn * (fn + nf) + fn * nf
@@ -69,13 +81,15 @@ def box_at(x: Any, y: Any, z: Any, box: Any) -> tuple[Any, Any, Any, Any, Any, A
         x: Points [m], with y and z.
         y: See x.
         z: See x.
-        box: Row of a table: centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3) [m].
+        box: Row of a table: centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3) [m];
+            at 16 the square of the distance from its centre that is `FAR` [m^2].
     """
     dx, dy, dz = x - box[0], y - box[1], z - box[2]
     p1 = dx * box[3] + dy * box[4] + dz * box[5]
     p2 = dx * box[6] + dy * box[7] + dz * box[8]
     p3 = dx * box[9] + dy * box[10] + dz * box[11]
     a1, a2, a3 = box[12], box[13], box[14]
+    far = every(p1 * p1 + p2 * p2 + p3 * p3 > box[16])
     n1, n2, n3 = p1 - a1, p2 - a2, p3 - a3
     f1, f2, f3 = p1 + a1, p2 + a2, p3 + a3
     N1, N2, N3 = n1 * n1, n2 * n2, n3 * n3
@@ -107,30 +121,34 @@ def box_at(x: Any, y: Any, z: Any, box: Any) -> tuple[Any, Any, Any, Any, Any, A
     s = G1 + FF
     ifff = inverse_root(s)
     lfff = s * ifff
-    knn, knf = _edges(n1, f1, NN, lnnn, lfnn, NF, lnnf, lfnf)
-    kfn, kff = _edges(n1, f1, FN, lnfn, lffn, FF, lnff, lfff)
+    knn, knf = _edges(far, n1, f1, NN, lnnn, lfnn, NF, lnnf, lfnf)
+    kfn, kff = _edges(far, n1, f1, FN, lnfn, lffn, FF, lnff, lfff)
     o = 0.0 * x
     # faces across axis 3: (1, 2) near and far
     u1, u2, u3 = (n1, f1), (n2, f2), (n3, f3)
-    phi, k3n, (cnnn, cfnn, cnfn, cffn) = _face(n3, u1, u2, a1, a2, (lnnn, lfnn, lnfn, lffn), knn, kfn, (o, o, o, o))
-    add, k3f, (cnnf, cfnf, cnff, cfff) = _face(f3, u1, u2, a1, a2, (lnnf, lfnf, lnff, lfff), knf, kff, (o, o, o, o))
+    phi, k3n, (cnnn, cfnn, cnfn, cffn) = _face(
+        far, n3, u1, u2, a1, a2, (lnnn, lfnn, lnfn, lffn), knn, kfn, (o, o, o, o)
+    )
+    add, k3f, (cnnf, cfnf, cnff, cfff) = _face(
+        far, f3, u1, u2, a1, a2, (lnnf, lfnf, lnff, lfff), knf, kff, (o, o, o, o)
+    )
     phi = phi + add
     add, k2n, (cnnn, cfnn, cnnf, cfnf) = _face(
-        n2, u1, u3, a1, a3, (lnnn, lfnn, lnnf, lfnf), knn, knf, (cnnn, cfnn, cnnf, cfnf)
+        far, n2, u1, u3, a1, a3, (lnnn, lfnn, lnnf, lfnf), knn, knf, (cnnn, cfnn, cnnf, cfnf)
     )
     phi = phi + add
     add, k2f, (cnfn, cffn, cnff, cfff) = _face(
-        f2, u1, u3, a1, a3, (lnfn, lffn, lnff, lfff), kfn, kff, (cnfn, cffn, cnff, cfff)
+        far, f2, u1, u3, a1, a3, (lnfn, lffn, lnff, lfff), kfn, kff, (cnfn, cffn, cnff, cfff)
     )
     phi = phi + add
-    knn, knf = _edges(n2, f2, N1 + N3, lnnn, lnfn, N1 + F3, lnnf, lnff)
-    kfn, kff = _edges(n2, f2, F1 + N3, lfnn, lffn, F1 + F3, lfnf, lfff)
+    knn, knf = _edges(far, n2, f2, N1 + N3, lnnn, lnfn, N1 + F3, lnnf, lnff)
+    kfn, kff = _edges(far, n2, f2, F1 + N3, lfnn, lffn, F1 + F3, lfnf, lfff)
     add, k1n, (cnnn, cnfn, cnnf, cnff) = _face(
-        n1, u2, u3, a2, a3, (lnnn, lnfn, lnnf, lnff), knn, knf, (cnnn, cnfn, cnnf, cnff)
+        far, n1, u2, u3, a2, a3, (lnnn, lnfn, lnnf, lnff), knn, knf, (cnnn, cnfn, cnnf, cnff)
     )
     phi = phi + add
     add, k1f, (cfnn, cffn, cfnf, cfff) = _face(
-        f1, u2, u3, a2, a3, (lfnn, lffn, lfnf, lfff), kfn, kff, (cfnn, cffn, cfnf, cfff)
+        far, f1, u2, u3, a2, a3, (lfnn, lffn, lfnf, lfff), kfn, kff, (cfnn, cffn, cfnf, cfff)
     )
     phi = phi + add
     cnnn, cnnf, cnfn, cnff = cnnn * innn, cnnf * innf, cnfn * infn, cnff * inff

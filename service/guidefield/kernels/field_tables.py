@@ -7,10 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.faces import HALF_ROWS
+from guidefield.kernels.faces import HALF_ROWS, PLANE_ROWS
 from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, VECTOR
 
-BOX_COLUMNS, TRIANGLE_COLUMNS, QUAD_COLUMNS, NODE_COLUMNS = 16, 4 + HALF_ROWS, 4 + 2 * HALF_ROWS, 13
+BOX_COLUMNS, NODE_COLUMNS, LINK_COLUMNS = 17, 14, 9
+TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS
+
+CHARGE_PER_AREA = 13
+"""Where a node's row has it."""
 
 
 class FieldTables(NamedTuple):
@@ -21,14 +25,17 @@ class FieldTables(NamedTuple):
 
     Attributes:
         origin: What to subtract from points, shape (3,), always in double precision; tables are relative to it.
-        boxes: Centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3), charge; (b, 16).
+        boxes: Centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3), charge, and what
+            square of a distance is far; shape (b, 17).
         vertices: Corners of blocks, shape (v, 3).
         triangle_corners: Indices into a block's vertices, shape (t, 3).
-        triangles: As kernels/faces.py reads them, shape (t, 18).
+        triangles: As kernels/faces.py reads them, shape (t, 20).
         quad_corners: Two triangles each, indices into a block's vertices, shape (q, 6).
-        quads: As kernels/faces.py reads them, shape (q, 32).
-        nodes: Centre of charge (3), charge, its second moments xx xy xz yy yz zz, area vector (3); shape (m, 13).
-        links: The node after all below a node; first and past vertex, triangle and quad of a leaf's block; (m, 7).
+        quads: As kernels/faces.py reads them, shape (q, 34).
+        nodes: Centre of charge (3), charge, its second moments xx xy xz yy yz zz, area vector (3), charge per area of
+            all faces below; shape (m, 14).
+        links: The node after all below a node; of a leaf's block first and past vertex; first triangle, first sliver
+            and past; first quad, first with a sliver and past; shape (m, 9).
         reach: Distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,).
         spheres: Centre (3), radius, charge; shape (s, 5).
         capsules: Ends of the axis (2 x 3), radius, charge; shape (c, 8).
@@ -89,8 +96,8 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
         origin=frozen(tables.origin + shift),
         boxes=moved(tables.boxes, 0),
         vertices=moved(tables.vertices, 0),
-        triangles=moved(tables.triangles),
-        quads=moved(tables.quads),
+        triangles=moved(tables.triangles, 0),
+        quads=moved(tables.quads, 0),
         nodes=moved(tables.nodes, 0),
         reach=frozen(tables.reach.astype(np.float32)),
         spheres=moved(tables.spheres, 0),

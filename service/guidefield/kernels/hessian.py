@@ -1,6 +1,6 @@
 """Second derivatives of the potential of charged triangles, algebraic once the potential is known.
 
-With F = 2 D of kernels/faces.py, y = 4 A h, N = F^2 + y^2, a_i the vectors to the corners, l_i their lengths,
+With F of kernels/faces.py, y = 4 A h, N = F^2 + y^2, a_i the vectors to the corners, l_i their lengths,
 e_i = a_i/l_i, S = sum l_i, E = sum e_i, F_i = (l_i + S)(S - l_i) - L_i^2 and sigma the sign of the height
 
     Hess F = (sum F_i/l_i) 1 - sum (2 l_i + F_i/l_i) e_i e_i^T + 2 S E E^T
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.faces import robust_denominator
-from guidefield.kernels.field_tables import TABLES, FieldTables
+from guidefield.kernels.faces import PLANE_ROWS, sliver_part
+from guidefield.kernels.field_tables import CHARGE_PER_AREA, TABLES, FieldTables
 from guidefield.kernels.signatures import MATRIX, Floats, Vector3, compiled, inlined
 from guidefield.kernels.solid_angle import arctangent_tail
 
@@ -67,16 +67,16 @@ def _slopes(A: float, F: float, h: float) -> tuple[float, float, float, float]:
 
 
 @inlined
-def _add_hessian(a1: Vector3, a2: Vector3, a3: Vector3, row: Any, out: Floats) -> None:
+def _add_hessian(a1: Vector3, a2: Vector3, a3: Vector3, charge: float, row: Any, out: Floats) -> None:
     """Add one triangle's; its row is that of kernels/faces.py."""
     corners = (a1, a2, a3)
     l1 = math.sqrt(a1[0] ** 2 + a1[1] ** 2 + a1[2] ** 2)
     l2 = math.sqrt(a2[0] ** 2 + a2[1] ** 2 + a2[2] ** 2)
     l3 = math.sqrt(a3[0] ** 2 + a3[1] ** 2 + a3[2] ** 2)
-    half = row[4:]
-    F = 2.0 * robust_denominator(a1, l1, l2, l3, half)
-    height = -(a1[0] * row[0] + a1[1] * row[1] + a1[2] * row[2])
-    F_slope, FF, Fh, hh = _slopes(0.5 * half[8], F, max(abs(height), 1e-15))
+    n, half = row[3:PLANE_ROWS], row[PLANE_ROWS:]
+    F = sliver_part(a1, l1, l2, l3, half)
+    height = -(a1[0] * n[0] + a1[1] * n[1] + a1[2] * n[2])
+    F_slope, FF, Fh, hh = _slopes(0.25 * half[0], F, max(abs(height), 1e-15))
     Fh = Fh if height >= 0.0 else -Fh
     lengths = (l1, l2, l3)
     S = l1 + l2 + l3
@@ -85,21 +85,21 @@ def _add_hessian(a1: Vector3, a2: Vector3, a3: Vector3, row: Any, out: Floats) -
         li = lengths[i]
         others = S - li
         # (l_j + l_k)^2 - L_i^2 over l_i, and F_i
-        square = 2.0 * half[9 + i]
+        square = half[3 + i]
         weight = 2.0 * others + (others * others - square) / li
         Fi = (li + S) * others - square
         for r in range(3):
             e = corners[i][r] / li
             E[r] += e
             gradient[r] -= weight * corners[i][r]
-            out[r, r] += row[3] * F_slope * Fi / li
+            out[r, r] += charge * F_slope * Fi / li
             for c in range(3):
-                out[r, c] -= row[3] * F_slope * (2.0 * li + Fi / li) * e * corners[i][c] / li
+                out[r, c] -= charge * F_slope * (2.0 * li + Fi / li) * e * corners[i][c] / li
     for r in range(3):
         for c in range(3):
-            mixed = Fh * (gradient[r] * row[c] + row[r] * gradient[c])
-            value = FF * gradient[r] * gradient[c] + mixed + hh * row[r] * row[c] + 2.0 * S * F_slope * E[r] * E[c]
-            out[r, c] += row[3] * value
+            mixed = Fh * (gradient[r] * n[c] + n[r] * gradient[c])
+            value = FF * gradient[r] * gradient[c] + mixed + hh * n[r] * n[c] + 2.0 * S * F_slope * E[r] * E[c]
+            out[r, c] += charge * value
 
 
 @compiled(void(TABLES, MATRIX, BLOCKS_OUT))
@@ -108,7 +108,7 @@ def _add_hessians(t: Any, points: Floats, hessian_out: Floats) -> None:
         p = points[i]
         for m in range(t.links.shape[0]):
             link = t.links[m]
-            for k in range(link[3], link[4]):
+            for k in range(link[3], link[5]):
                 corners = t.triangle_corners[k]
                 v1, v2 = t.vertices[link[1] + corners[0]], t.vertices[link[1] + corners[1]]
                 v3 = t.vertices[link[1] + corners[2]]
@@ -116,6 +116,7 @@ def _add_hessians(t: Any, points: Floats, hessian_out: Floats) -> None:
                     (v1[0] - p[0], v1[1] - p[1], v1[2] - p[2]),
                     (v2[0] - p[0], v2[1] - p[1], v2[2] - p[2]),
                     (v3[0] - p[0], v3[1] - p[1], v3[2] - p[2]),
+                    t.nodes[m, CHARGE_PER_AREA],
                     t.triangles[k],
                     hessian_out[i],
                 )

@@ -27,10 +27,10 @@ from numba.np import arrayobj
 from guidefield.kernels.point_lanes_model import (
     Lanes,
     Mask,
+    every,
     inverse_root,
     is_double,
     lanes_of,
-    least,
     load,
     magnitude,
     root,
@@ -41,18 +41,9 @@ from guidefield.kernels.point_lanes_model import (
 )
 
 __all__ = [
-    "inverse_root",
-    "is_double",
-    "lanes_of",
-    "least",
-    "load",
-    "magnitude",
-    "root",
-    "select",
-    "smallest_gap",
-    "store",
-    "total",
-]
+    "every", "inverse_root", "is_double", "lanes_of", "load", "magnitude", "root", "select", "smallest_gap",
+    "store", "total",
+]  # fmt: skip
 
 _FLAGS = ("contract", "nsz", "arcp")
 """Sums keep their order, in which the formulas were written with care."""
@@ -256,6 +247,14 @@ _register_plain(operator.and_, _masks, [(Mask, Mask)], lambda c, b, s, a: b.and_
 _register_plain(operator.or_, _masks, [(Mask, Mask)], lambda c, b, s, a: b.or_(*a))
 
 
+def _every(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    bits = ir.IntType(args[0].type.count)
+    return builder.icmp_unsigned("==", builder.bitcast(args[0], bits), ir.Constant(bits, -1))
+
+
+_register_plain(every, lambda kind: types.boolean if isinstance(kind, Mask) else None, [(Mask,)], _every)
+
+
 def _reduction(name: str, start: tuple[float, ...]) -> Callable[..., Any]:
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = args[0].type
@@ -270,7 +269,6 @@ def _reduction(name: str, start: tuple[float, ...]) -> Callable[..., Any]:
 
 
 _register_plain(total, _element, [(Lanes,)], _reduction("fadd", (-0.0,)))
-_register_plain(least, _element, [(Lanes,)], _reduction("fmin", ()))
 
 
 def _lanes_of(context: Any, builder: Any, sig: Any, args: Any) -> Any:

@@ -105,11 +105,11 @@ def total(lanes: Any) -> Any:
     return np.sum(lanes)
 
 
-def least(lanes: Any) -> Any:
-    """Smallest of the lanes."""
-    return np.min(lanes)
-
-
 def is_double(lanes: Any) -> bool:
     """Whether the lanes are in double precision; known when a kernel is compiled."""
     return bool(lanes.dtype == np.float64)
+
+
+def every(mask: Any) -> bool:
+    """Whether it is true of all lanes."""
+    return bool(np.all(mask))
