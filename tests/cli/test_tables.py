@@ -7,14 +7,12 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from guidefield.cli.tables import plan_table, robots_table
+from guidefield.cli.tables import plan_table
 from guidefield.errors import Status
 from guidefield.messages.replies import (
     CertificateFigures,
     ClearanceFigures,
     Metrics,
-    RobotsReply,
-    RobotSummary,
     SelfClearance,
     Stage,
     Timing,
@@ -84,21 +82,3 @@ def test_the_command_to_type_is_one_that_exists(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("shutil.which", lambda _name: None)
     monkeypatch.chdir(Path(sys.executable).parent.parent)
     assert "bin/guidefield show a.rrd" in _recorded("a.rrd")
-
-
-def test_robots_that_cannot_be_used_are_listed_with_the_reason() -> None:
-    robots = [
-        RobotSummary(
-            name="arm",
-            family="arm",
-            source="guidefield",
-            dof=6,
-            joint_kinds={"revolute": 6},
-            groups=["all"],
-            tip="tool0",
-        ),
-        RobotSummary(name="broken", family="broken", source="example-robot-data", problem="joint 'j' has a zero axis"),
-    ]
-    text = _text(robots_table(RobotsReply(robots=robots)))
-    assert "6 revolute" in text
-    assert "broken: joint 'j' has a zero axis" in text

@@ -18,13 +18,14 @@ from rich.console import Console
 
 from guidefield.cli import demonstration, serving
 from guidefield.cli.recording import fetch_recording
-from guidefield.cli.tables import plan_table, robots_table
+from guidefield.cli.robot_tables import robot_table, robots_table
+from guidefield.cli.tables import plan_table
 from guidefield.client import Client
 from guidefield.endpoint.service import DEFAULT_LISTEN, CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.messages import codec, requests
-from guidefield.messages.replies import PlanReply, RobotsReply
+from guidefield.messages.replies import PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
@@ -115,14 +116,18 @@ def serve(
 
 
 @app.command()
-def robots(json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
-    """List the robots that can be named in a request."""
-    reply = answer(requests.ReadRobots())
-    assert isinstance(reply, RobotsReply), "what is asked for is what is answered"
+def robots(
+    name: Annotated[str | None, typer.Argument(help="A robot, to be told all about it.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """List the robots that can be named in a request, or describe one."""
+    reply = answer(requests.ReadRobots() if name is None else requests.ReadRobot(name))
     if json:
         typer.echo(_as_json(reply))
-    else:
+    elif isinstance(reply, RobotsReply):
         out.print(robots_table(reply))
+    elif isinstance(reply, RobotReply):
+        out.print(robot_table(reply))
 
 
 @app.command()

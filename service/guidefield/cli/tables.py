@@ -1,20 +1,19 @@
-"""Replies as tables that a person can read."""
+"""Plans as tables that a person can read."""
 
 from __future__ import annotations
 
 import shlex
 import shutil
 import sys
-from collections import Counter
 from pathlib import Path
 
 from rich import box
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from guidefield.errors import Status
-from guidefield.messages.replies import PlanReply, RobotsReply, RobotSummary, Stage, Timing
+from guidefield.messages.replies import PlanReply, Stage, Timing
 
 
 def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
@@ -30,20 +29,6 @@ def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
     for name, value in _rows(reply):
         table.add_row(name, value)
     return table
-
-
-def robots_table(reply: RobotsReply) -> RenderableType:
-    """The robots that can be named, and below them those that can't be used, with the reason."""
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("name", "joints", "groups", "tip", "from"):
-        table.add_column(heading, overflow="fold")
-    for robot in reply.robots:
-        if robot.problem is None:
-            table.add_row(robot.name, _joints(robot), ", ".join(robot.groups), robot.tip or "", robot.source)
-    problems = [Text(f"{robot.name}: {robot.problem}") for robot in reply.robots if robot.problem is not None]
-    if not problems:
-        return table
-    return Group(table, Text("These can't be used:", style="bold"), *problems)
 
 
 def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
@@ -134,11 +119,6 @@ def _timing(timing: Timing) -> str:
     ]
     parts = ", ".join(f"{name} {_milliseconds(seconds)}" for name, seconds in spent if seconds >= 5e-5)
     return f"{_milliseconds(timing.total)} in all" + (f" ({parts})" if parts else "")
-
-
-def _joints(robot: RobotSummary) -> str:
-    kinds = ", ".join(f"{count} {kind}" for kind, count in Counter(robot.joint_kinds).items())
-    return kinds or ("" if robot.dof is None else str(robot.dof))
 
 
 def _pair(pair: list[str] | None) -> str:

@@ -40,7 +40,13 @@ def robot(model: RobotModel) -> RobotReply:
         tip=model.tip,
         rest=configuration_to_wire(model.joints, model.rest),
         geometry=[
-            GeometryInfo(name=choice.name, link=choice.link, shape=choice.shape, judged_as=choice.judged_as)
+            GeometryInfo(
+                name=choice.name,
+                link=choice.link,
+                shape=choice.shape,
+                judged_as=choice.judged_as,
+                stand_off=choice.stand_off,
+            )
             for choice in model.geometry_choices
         ],
         collision_pairs=_linked(model),

@@ -30,12 +30,13 @@ class PairLeftOut(Reply):
 
 
 class GeometryInfo(Reply):
-    """One collision shape of a link, and as what it is judged."""
+    """One collision shape of a link, and as what it is judged; how far a hull stands off the mesh at most [m]."""
 
     name: str
     link: str
     shape: str
     judged_as: str
+    stand_off: float = 0.0
 
 
 class RobotReply(Reply):

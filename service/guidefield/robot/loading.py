@@ -69,7 +69,7 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
             f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
         )
     choices = shapes.settle(model, geometry)
-    warnings = list(facts.warnings)
+    warnings = [*facts.warnings, *srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])]
     joints = tuple(_joint(model, index, facts, card, warnings) for index in range(1, model.njoints))
     joints = narrowed(name, joints, warnings)
     groups = resolve_groups(model, described, joints)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.urdf_xml import root_of
 
 
 @dataclass(frozen=True)
@@ -48,13 +51,10 @@ def parse(text: str) -> Srdf:
     """Read an SRDF.
 
     Raises:
-        RobotInvalid: if it isn't XML or its root isn't <robot>.
+        RobotInvalid: if it is too long, isn't XML, has a DOCTYPE, its root isn't <robot>, or a state's value is no
+            finite number.
     """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
-    try:
-        root = etree.fromstring(text.encode(), parser)
-    except etree.XMLSyntaxError as error:
-        raise RobotInvalid(f"the SRDF is not XML: {error}", line=error.lineno) from None
+    root = root_of(text, "SRDF")
     if root.tag != "robot":
         raise RobotInvalid(f"the SRDF's root element must be <robot>, it is <{root.tag}>", line=root.sourceline)
     return Srdf(
@@ -81,11 +81,37 @@ def _state(element: etree._Element) -> dict[str, float]:
     values: dict[str, float] = {}
     for joint in element.findall("joint"):
         try:
-            values[joint.get("name", "")] = float(joint.get("value", "").split()[0])
+            value = float(joint.get("value", "").split()[0])
         except (ValueError, IndexError):
+            value = math.nan
+        if not math.isfinite(value):
             raise RobotInvalid(
                 f"the SRDF's state {element.get('name')!r} gives joint {joint.get('name')!r} the value "
                 f"{joint.get('value')!r}, which is no number",
                 line=joint.sourceline,
-            ) from None
+            )
+        values[joint.get("name", "")] = value
     return values
+
+
+def unknown_names(described: Srdf, links: Collection[str], joints: Collection[str]) -> list[str]:
+    """A sentence for each kind of name in an SRDF that the robot doesn't have; such entries mean nothing.
+
+    Args:
+        described: The SRDF.
+        links: The robot's links.
+        joints: Its joints, fixed ones too.
+    """
+    pairs = {name for pair in described.disabled for name in pair} - set(links)
+    moved = {name for group in described.groups.values() for name in group.joints} - set(joints)
+    moved |= {name for values in described.states.values() for name in values} - set(joints)
+    grouped = {name for group in described.groups.values() for name in group.links} - set(links)
+    grouped |= {name for g in described.groups.values() for c in g.chains for name in (c.base, c.tip)} - set(links)
+    told = (("pairs", "link", pairs), ("groups and states", "joint", moved), ("groups", "link", grouped))
+    return [f"the SRDF's {what} name {_some(kind, names)}" for what, kind, names in told if names]
+
+
+def _some(kind: str, names: Collection[str]) -> str:
+    first, *others = sorted(names)
+    more = f" and {len(others)} more" if others else ""
+    return f"{kind} {first!r}{more}, which the robot doesn't have"

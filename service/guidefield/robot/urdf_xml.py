@@ -20,6 +20,7 @@ LARGEST_LENGTH = 1e6
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
+_A = {"URDF": "a", "SRDF": "an"}
 _STRICT = {
     "encoding": "utf-8",
     "resolve_entities": False,
@@ -39,26 +40,34 @@ def parse(text: str) -> Element:
     Raises:
         RobotInvalid: if the text is too long, isn't XML, has a DOCTYPE, is an unexpanded xacro file or isn't a <robot>.
     """
-    if len(text) > MAX_URDF_CHARACTERS:
-        limit = MAX_URDF_CHARACTERS
-        raise RobotInvalid(f"the URDF has {len(text)} characters, at most {limit} are read", limit=limit)
-    before, doctype, _ = text.partition("<!DOCTYPE")
-    if doctype:
-        line = before.count("\n") + 1
-        raise RobotInvalid(
-            f"line {line}: a URDF must not have a <!DOCTYPE>, nor entities", line=line, element="!DOCTYPE"
-        )
-    try:
-        root = etree.fromstring(text.encode(), etree.XMLParser(**_STRICT))
-    except etree.XMLSyntaxError as error:
-        raise RobotInvalid(f"line {error.lineno}: the URDF is not XML: {error.msg}", line=error.lineno) from None
-    except UnicodeEncodeError as error:
-        line = text.count("\n", 0, error.start) + 1
-        raise RobotInvalid(f"line {line}: the URDF is not text: it has half a surrogate pair", line=line) from None
+    root = root_of(text, "URDF")
     _settle_namespaces(root)
     if root.tag != "robot":
         raise fault(root, f"the root element of a URDF must be <robot>, it is <{root.tag}>")
     return root
+
+
+def root_of(text: str, kind: str) -> Element:
+    """The root element of a URDF or an SRDF, read as strictly as `parse` says; `kind` is which of them.
+
+    Raises:
+        RobotInvalid: if the text is too long, isn't XML, or has a DOCTYPE.
+    """
+    if len(text) > MAX_URDF_CHARACTERS:
+        limit = MAX_URDF_CHARACTERS
+        raise RobotInvalid(f"the {kind} has {len(text)} characters, at most {limit} are read", limit=limit)
+    before, doctype, _ = text.partition("<!DOCTYPE")
+    if doctype:
+        line = before.count("\n") + 1
+        message = f"line {line}: {_A[kind]} {kind} must not have a <!DOCTYPE>, nor entities"
+        raise RobotInvalid(message, line=line, element="!DOCTYPE")
+    try:
+        return etree.fromstring(text.encode(), etree.XMLParser(**_STRICT))
+    except etree.XMLSyntaxError as error:
+        raise RobotInvalid(f"line {error.lineno}: the {kind} is not XML: {error.msg}", line=error.lineno) from None
+    except UnicodeEncodeError as error:
+        line = text.count("\n", 0, error.start) + 1
+        raise RobotInvalid(f"line {line}: the {kind} is not text: it has half a surrogate pair", line=line) from None
 
 
 def fault(element: Element, message: str, **details: Any) -> RobotInvalid:

@@ -1,0 +1,97 @@
+"""Robots as tables that a person can read: the list, and all about one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import groupby
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from guidefield.messages.replies import JointInfo, RobotReply, RobotsReply, RobotSummary
+
+MOST_GROUPS = 4
+"""Names of groups that a line of the list has room for."""
+
+
+def robots_table(reply: RobotsReply) -> RenderableType:
+    """The robots that can be named, variants of one beside each other; below them those that can't be used, and why."""
+    table = _table("name", "DoF", "joints", "groups", "tip", "from")
+    usable = [robot for robot in reply.robots if robot.problem is None]
+    for _, family in groupby(sorted(usable, key=lambda r: (r.family, r.name)), key=lambda r: r.family):
+        for robot in family:
+            dof = "" if robot.dof is None else str(robot.dof)
+            table.add_row(robot.name, dof, _kinds(robot), _groups(robot.groups), robot.tip or "", robot.source)
+    problems = [Text(f"{robot.name}: {robot.problem}") for robot in reply.robots if robot.problem is not None]
+    if not problems:
+        return table
+    return Group(table, Text("These can't be used:", style="bold"), *problems)
+
+
+def robot_table(reply: RobotReply) -> RenderableType:
+    """One robot: joints with limits and where these come from, groups, shapes, pairs of links not tested and why."""
+    joints = _table("joint", "kind", "range", "velocity", "acceleration")
+    for joint in reply.joints:
+        joints.add_row(
+            joint.name,
+            joint.kind if joint.mimics is None else _followed(joint),
+            _range(joint),
+            f"{_numbers(joint.velocity)} ({joint.velocity_source})",
+            f"{_numbers(joint.acceleration)} ({joint.acceleration_source})",
+        )
+    pairs = _table("links not tested against each other", "reason")
+    for pair in reply.pairs_left_out:
+        pairs.add_row(" and ".join(pair.links), pair.reason)
+    judged = Counter(shape.judged_as for shape in reply.geometry)
+    return Group(
+        Text(reply.name, style="bold"),
+        Text(f"tip {reply.tip}; {len(reply.links)} links, {len(reply.frames)} frames"),
+        Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items())}"),
+        *(Text(f"group {name}: {', '.join(members)}") for name, members in reply.groups.items()),
+        joints,
+        Text(f"{len(reply.collision_pairs)} pairs of links are tested against each other"),
+        *([pairs] if reply.pairs_left_out else []),
+        *(Text(warning, style="yellow") for warning in reply.warnings),
+    )
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in headings:
+        table.add_column(heading, overflow="fold")
+    return table
+
+
+def _kinds(robot: RobotSummary) -> str:
+    kinds = [f"{count} {kind}" for kind, count in robot.joint_kinds.items()]
+    if robot.mimics:
+        kinds.append(f"{robot.mimics} that follow")
+    return ", ".join(kinds) or "none"
+
+
+def _groups(groups: list[str]) -> str:
+    more = len(groups) - MOST_GROUPS
+    return ", ".join(groups[:MOST_GROUPS]) + (f" and {more} more" if more > 0 else "")
+
+
+def _followed(joint: JointInfo) -> str:
+    offset = f" {joint.offset:+g}" if joint.offset else ""
+    return f"{joint.kind}: {joint.multiplier:g} {joint.mimics}{offset}"
+
+
+def _range(joint: JointInfo) -> str:
+    pairs = zip(joint.lower, joint.upper, strict=True)
+    return ", ".join(
+        "no limits" if lower is None and upper is None else f"{_limit(lower)} … {_limit(upper)}"
+        for lower, upper in dict.fromkeys(pairs)
+    )
+
+
+def _limit(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
+
+
+def _numbers(values: list[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in dict.fromkeys(values))
