@@ -32,8 +32,10 @@ BOX_SIZE = (0.1, 0.35)
 """Edges of the boxes, as shares of the robot's reach."""
 GAP = 0.02
 """How far from the robot boxes stay at start and goal, as a share of its reach."""
-LEGS, LOOKS, TRIES = 3, 12, 60
-"""Straight legs of the walk to the goal, configurations looked at on each, how many are tried, ever shorter."""
+LEGS, TRIES = 3, 60
+"""Straight legs of the walk to the goal, and how many are tried for each, ever shorter."""
+APART = 0.03
+"""How far apart the configurations are that are looked at on a leg [rad or m]."""
 CANDIDATES = 400
 """Boxes that are tried."""
 DENSE = 400.0
@@ -120,14 +122,16 @@ def free_walk(group: PlanningGroup) -> list[np.ndarray]:
 
 
 def between(group: PlanningGroup, q0: np.ndarray, q1: np.ndarray) -> list[np.ndarray]:
-    """Configurations on the straight way from one to another, the last included, the first not."""
-    return [group.interpolate(q0, q1, t) for t in np.linspace(0.0, 1.0, LOOKS + 1)[1:]]
+    """Configurations on the straight way from one to another, `APART` at most; the last included, the first not."""
+    count = 1 + int(np.abs(group.difference(q0, q1)).max() / APART)
+    return [group.interpolate(q0, q1, t) for t in np.linspace(0.0, 1.0, count + 1)[1:]]
 
 
 def among(group: PlanningGroup, walk: list[np.ndarray]) -> Scene:
-    """Random boxes where the robot moves that touch it nowhere on a walk: its end stays within reach."""
+    """Random boxes where the robot moves that keep away from it on all of a walk: its end stays within reach."""
     rng = np.random.default_rng(SEED)
-    bodies = [body for q in walk for body in placed(group, q)]
+    looked = [walk[index] for index in np.unique(np.linspace(0, len(walk) - 1, 40).astype(int))]
+    bodies = [body for q in looked for body in placed(group, q)]
     centres = np.array([p.translation for _ in range(50) for _, p in placed(group, group.random(rng))])
     low, high = centres.min(axis=0), centres.max(axis=0)
     reach = max(float(np.linalg.norm(high - low)) / 2.0, 0.05)
