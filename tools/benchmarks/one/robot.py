@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.certificate import motion_free
 from guidefield.collision.world import World
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, InvalidGroup, RobotInvalid
@@ -115,7 +116,9 @@ def free_walk(group: PlanningGroup) -> list[np.ndarray]:
     for _ in range(LEGS):
         for share in np.linspace(1.0, 0.05, TRIES):
             leg = between(group, walk[-1], group.interpolate(walk[-1], group.random(rng), share))
-            if not any(world.in_collision(q) for q in leg) and world.enclosed(leg[-1]) is None:
+            if any(world.in_collision(q) for q in leg) or world.enclosed(leg[-1]) is not None:
+                continue
+            if motion_free(world, *group.chart_path([walk[-1], leg[-1]])).free:
                 walk += leg
                 break
     return walk
