@@ -199,3 +199,17 @@ def test_recordings_are_opened_told_and_finished() -> None:
     assert finished is reply
     assert profile.obstacle_distance.min() == pytest.approx(reply.clearance.minimum)
     assert len(told) > 3
+
+
+def test_jerk_limits_are_kept_and_cost_time() -> None:
+    goal = joints(panda_joint1=0.6, panda_joint4=-2.0)
+    free = ask(start=READY, goal=goal)
+    gentle = ask(start=READY, goal=goal, limits={f"panda_joint{i}": {"jerk": 15.0} for i in range(1, 8)})
+    assert gentle.status.name == "SUCCESS"
+    assert gentle.certificate.collision_free
+    assert gentle.metrics is not None
+    assert free.metrics is not None
+    assert gentle.metrics.peak_jerk <= 15.0 * (1 + 1e-6)
+    assert gentle.metrics.duration > free.metrics.duration
+    assert gentle.trajectory is not None
+    assert np.abs(gentle.trajectory.accelerations[0]).max() < 1e-6

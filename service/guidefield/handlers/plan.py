@@ -95,6 +95,7 @@ def answer_plan(
         guide_planes=planes,
         min_clearance=request.min_clearance,
         allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
+        jerk_limits=_jerk_limits(group, request),
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
     )
@@ -125,7 +126,8 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
         "leave_start_contact": request.leave_start_contact,
         "moving obstacles with goals other than the last guide plane": scene.moves
         and not isinstance(request.goal, requests.GuidePlaneGoal),
-        "jerk limits": any(limits.jerk is not None for limits in request.limits.values()),
+        "jerk limits among obstacles that move": scene.moves
+        and any(limits.jerk is not None for limits in request.limits.values()),
     }
     for what, asked in unserved.items():
         if asked:
@@ -164,6 +166,13 @@ def _limited(group: PlanningGroup, request: PlanRequest) -> PlanningGroup:
         request.max_velocity_scaling_factor,
         request.max_acceleration_scaling_factor,
     )
+
+
+def _jerk_limits(group: PlanningGroup, request: PlanRequest) -> np.ndarray | None:
+    asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
+    if not asked:
+        return None
+    return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])
 
 
 def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.collision.certificate import Verdict, certify
+from guidefield.planner.jerk import parameterize_gently
 from guidefield.planner.problem import Problem
 from guidefield.planner.relaxation import relax
-from guidefield.planner.spline import interpolate
+from guidefield.planner.spline import CubicSpline, interpolate
 from guidefield.planner.stages import Stages
 from guidefield.planner.timing import parameterize
 from guidefield.planner.trajectory import Trajectory
@@ -69,7 +70,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
     for repair in range(REPAIRS + 1):
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
             spline = interpolate(knots if len(knots) > 1 else np.repeat(knots, 2, axis=0))
-            trajectory = parameterize(spline, problem.group.velocity_limits, problem.group.acceleration_limits)
+            trajectory = _timed(problem, spline)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
             verdict = certify(problem.world, trajectory.bezier(), problem.min_clearance, stopped=problem.budget.spent)
@@ -80,6 +81,13 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
         refused = trajectory.bezier()[verdict.piece].mean(axis=0)
         knots, marks = _denser(knots, marks, refused)
     return Finished(trajectory, verdict, knots, marks)
+
+
+def _timed(problem: Problem, spline: CubicSpline) -> Trajectory:
+    group = problem.group
+    if problem.jerk_limits is None:
+        return parameterize(spline, group.velocity_limits, group.acceleration_limits)
+    return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
 
 
 def _denser(path: np.ndarray, crossings: dict[int, int], near: np.ndarray) -> tuple[np.ndarray, dict[int, int]]:

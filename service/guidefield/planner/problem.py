@@ -89,6 +89,7 @@ class Problem:
         derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
         min_clearance: Distance to keep from obstacles everywhere [m].
         allowed_collisions: Pairs of names that may touch.
+        jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
         seed: Of all randomness.
         budget: How long it may take.
         observer: Who watches.
@@ -106,6 +107,7 @@ class Problem:
     derived_planes: int = 0
     min_clearance: float = 0.0
     allowed_collisions: tuple[tuple[str, str], ...] = ()
+    jerk_limits: np.ndarray | None = None
     seed: int = 0
     budget: Budget = field(default_factory=Budget)
     observer: Observer = field(default_factory=Silent)

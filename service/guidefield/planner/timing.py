@@ -113,12 +113,35 @@ def parameterize(spline: CubicSpline, velocity_limits: np.ndarray, acceleration_
     limits = _Limits(_checked("velocity", velocity_limits, nv), _checked("acceleration", acceleration_limits, nv))
     if spline.is_point:
         return Trajectory(np.zeros(1), spline.waypoints[:1].copy(), np.zeros((1, nv)))
+    return _stretched(_fastest(spline, limits)[1], limits)
+
+
+def fastest(
+    spline: CubicSpline, velocity_limits: np.ndarray, acceleration_limits: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The spline's parameter s over time in the fastest motion, before its last traces of excess are removed.
+
+    Args:
+        spline: The curve, not a point.
+        velocity_limits: As in `parameterize`.
+        acceleration_limits: As in `parameterize`.
+
+    Returns:
+        s, the times [s] and ds/dt [1/s] at the points of a grid, each of shape (g,).
+    """
+    grid, motion = _fastest(spline, _Limits(velocity_limits, acceleration_limits))
+    first = spline.evaluate(grid)[1]
+    return grid, motion.times, (first * motion.velocities).sum(axis=1) / np.maximum((first**2).sum(axis=1), 1e-300)
+
+
+def _fastest(spline: CubicSpline, limits: _Limits) -> tuple[np.ndarray, _Motion]:
+    """The optimal motion, and its grid."""
     grid = _first_grid(spline)
     curve = _sampled(spline, grid)
     drafts = [(weight, _timed(_path(curve, weight), limits, limits)) for weight in _ARC_LENGTH_WEIGHTS]
     weight, draft = min(drafts, key=lambda d: d[1].stretched_duration)
-    path = _path(_sampled(spline, _divided(grid, draft, limits)), weight)
-    return _stretched(_optimal(path, limits), limits)
+    finer = _divided(grid, draft, limits)
+    return finer, _optimal(_path(_sampled(spline, finer), weight), limits)
 
 
 def _checked(kind: str, limits: np.ndarray, nv: int) -> np.ndarray:
