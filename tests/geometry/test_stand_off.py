@@ -48,3 +48,12 @@ def test_it_is_about_the_triangles_inside_too() -> None:
     assert stand_off(Surface(*around), solid(*solids.box((0.1, 0.1, 0.1)))) == pytest.approx(
         np.sqrt(3.0) * 0.1, abs=TOLERANCE
     )
+
+
+def test_what_is_inside_a_body_does_not_stand_off() -> None:
+    outer, inner = solids.box((0.2, 0.2, 0.2)), solids.box((0.1, 0.1, 0.1), (0.06, 0.0, 0.0))
+    # the inner one reaches 10 mm out of the outer
+    assert stand_off(Surface(*inner), solid(*outer)) == pytest.approx(0.01, abs=TOLERANCE)
+    # an open surface has no inside
+    lidless = solid(outer[0], outer[1][2:])
+    assert stand_off(Surface(*solids.box((0.1, 0.1, 0.1))), lidless) >= 0.05 - TOLERANCE

@@ -29,7 +29,7 @@ def convex_hull(points: Floats) -> Surface:
     cloud = np.unique(cloud, axis=0)
     rounded = _rounded(cloud)
     try:
-        hull = coal.Convex.convexHull(_vector(rounded), True, "Qt")
+        hull = coal.Convex.convexHull(vector(rounded), True, "Qt")
     except RuntimeError as error:
         raise ValueError(f"Coal cannot make the hull of {len(cloud)} points: {error}") from None
     index = {row.tobytes(): k for k, row in enumerate(rounded)}
@@ -52,7 +52,8 @@ def _rounded(cloud: Floats) -> Floats:
     return rounded
 
 
-def _vector(points: Floats) -> coal.StdVec_Vec3s:
+def vector(points: Floats) -> coal.StdVec_Vec3s:
+    """Points (n, 3) as Coal takes them."""
     vector = coal.StdVec_Vec3s()
     for point in points:
         vector.append(point)

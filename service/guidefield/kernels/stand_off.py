@@ -1,12 +1,13 @@
-"""How far triangles stand off a surface: the largest distance of any of their points, between two bounds."""
+"""How far triangles stand off a surface or a solid: the largest distance of any of their points, between two bounds."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numba import types
 
-from guidefield.kernels.inscribed import SPANS, span_of
+from guidefield.kernels.inscribed import SPANS, is_inside, span_of
 from guidefield.kernels.signatures import MATRIX, SCALAR, Floats, compiled, inlined
 from guidefield.kernels.triangle_distance import SURFACES, SurfaceTables, nearest_triangle
 
@@ -55,11 +56,12 @@ def _nearest(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.nd
 
 
 @inlined
-def _bounds(t: Floats, surfaces: SurfaceTables, spans: np.ndarray) -> tuple[float, float]:
-    """Distance of a triangle's centroid to the surface, and a bound for all of its points [m].
+def _bounds(t: Floats, surfaces: SurfaceTables, spans: np.ndarray, solid: bool, settled: float) -> tuple[float, float]:
+    """Distance of a triangle's centroid to the surface or solid, and a bound for all of its points [m].
 
-    No point is farther than the centroid by more than their distance. And the distance to one triangle of the surface,
-    which is convex, is largest at a corner.
+    No point is farther than the centroid by more than their distance, and if the centroid is deep inside, none leaves
+    the solid. And the distance to one triangle of the surface, which is convex, is largest at a corner. What is inside
+    is only asked where the bound is above what is settled.
     """
     x, y, z = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0
     distance, nearest = _nearest(x, y, z, surfaces, spans)
@@ -68,7 +70,12 @@ def _bounds(t: Floats, surfaces: SurfaceTables, spans: np.ndarray) -> tuple[floa
         dx, dy, dz = t[k] - x, t[k + 1] - y, t[k + 2] - z
         radius = max(radius, dx * dx + dy * dy + dz * dz)
         farthest = max(farthest, _to_triangle(t[k], t[k + 1], t[k + 2], surfaces.corners, nearest))
-    return distance, min(distance + math.sqrt(radius), math.sqrt(farthest))
+    radius, farthest = math.sqrt(radius), math.sqrt(farthest)
+    farthest = min(distance + radius, farthest)
+    if solid and farthest > settled and is_inside(x, y, z, surfaces, spans):
+        farthest = min(max(radius - distance, 0.0), farthest)
+        distance = 0.0
+    return distance, farthest
 
 
 @inlined
@@ -84,16 +91,17 @@ def _quarter(t: Floats, waiting: Floats, top: int) -> int:
     return top + 4
 
 
-@compiled(SCALAR(MATRIX, SURFACES, SPANS, SCALAR, SCALAR))
+@compiled(SCALAR(MATRIX, SURFACES, SPANS, types.boolean, SCALAR, SCALAR))
 def largest_distance(
-    triangles: Floats, surfaces: SurfaceTables, spans: np.ndarray, tolerance: float, enough: float
+    triangles: Floats, surfaces: SurfaceTables, spans: np.ndarray, solid: bool, tolerance: float, enough: float
 ) -> float:
-    """Upper bound of the distance from points of triangles to a surface, at most `tolerance` too large.
+    """Upper bound of the distance from points of triangles to a surface or a body, at most `tolerance` too large.
 
     Args:
         triangles: Corners, nine numbers each, shape (n, 9) [m].
         surfaces: All surfaces.
         spans: Where the trees of the surface stand, shape (k, 4).
+        solid: Whether they are solids, so that what is inside one is at no distance.
         tolerance: How much too large the result may be [m], positive.
         enough: A distance beyond which it doesn't matter how large it is [m].
 
@@ -109,8 +117,8 @@ def largest_distance(
         while top > 0:
             top -= 1
             triangle[:] = waiting[top]
-            distance, farthest = _bounds(triangle, surfaces, spans)
-            known = max(known, distance)
+            distance, farthest = _bounds(triangle, surfaces, spans, solid, known + tolerance)
+            known = max(known, distance if farthest > known + tolerance or not solid else 0.0)
             if known > enough:
                 return known
             if farthest > known + tolerance:

@@ -18,13 +18,10 @@ from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Floats
 from guidefield.robot.model import RobotModel
-from guidefield.robot.shapes import triangulation
+from guidefield.robot.shapes import WIDEST_GAP, triangulation
 
 DELTA = 0.015
 """By how much covers may leave the shapes, unless told otherwise [m]."""
-
-WIDEST_GAP = 0.02
-"""Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
 
 Progress = Callable[[int, int, str], None]
 """Told before each shape: how many are done, how many there are, its name."""

@@ -21,6 +21,9 @@ The hull contains the mesh, so it is safe at any distance; where it would stand 
 (a gripper's hollow, a bent link) and the mesh itself is judged.
 """
 
+WIDEST_GAP = 0.02
+"""Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
+
 
 def settle(model: Any, geometry: Any) -> tuple[GeometryChoice, ...]:
     """Replace each mesh of a geometry model by its hull where that is as tight; say what was chosen.

@@ -1,0 +1,207 @@
+"""Convex parts that together contain a body, each the hull of what a convex cell holds of it.
+
+Cells are halved by planes, the one whose part stands off furthest first; each time by the plane, of some along the
+cell's principal axes, that leaves the hulls of both halves the least volume. Two parts whose common hull is tight
+enough become one again. The hull of a cell's share of the body has its corners among those of the triangles clipped at
+the cell's sides, and the cell's own corners within the body; so the parts contain the body by construction, whatever
+planes are chosen. How far they stand off is measured, and bounded from above.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+
+from guidefield.geometry.clipping import clipped, corners_of_cell
+from guidefield.geometry.convex import convex_hull, vector
+from guidefield.geometry.elements import Pieces, bisected
+from guidefield.geometry.solid import Solid
+from guidefield.geometry.stand_off import stand_off
+from guidefield.geometry.surfaces import Floats, Surface
+
+PLACES = 7
+"""Planes along each axis that are compared."""
+
+SAMPLES = 500
+"""About how many points of a part's surface the comparison looks at."""
+
+OVERLAP = 1e-9
+"""How far a cell reaches beyond its planes [m], so that rounding leaves nothing between two."""
+
+WORTH = 0.97
+"""Halving has to leave at most this share of the volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A convex part.
+
+    Attributes:
+        hull: The part itself.
+        stand_off: How far its surface leaves the body, at most [m].
+        triangles: Which of the triangles that were given it holds, or pieces of them; ascending.
+    """
+
+    hull: Surface
+    stand_off: float
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """A convex cell and what it holds.
+
+    Attributes:
+        planes: Unit normals and offsets of its sides, shape (k, 4); a point p of it has n.p <= d.
+        pieces: Triangles within it.
+        part: The hull of the body's share.
+    """
+
+    planes: Floats
+    pieces: Pieces
+    part: Part
+
+
+@dataclass(frozen=True, eq=False)
+class Decomposition:
+    """A body in convex parts.
+
+    Attributes:
+        parts: Parts that together contain the body.
+        hull: One part that contains it all.
+    """
+
+    parts: tuple[Part, ...]
+    hull: Part
+
+    @property
+    def stand_off(self) -> float:
+        """How far a part leaves the body, at most [m]."""
+        return max(part.stand_off for part in self.parts)
+
+
+def decompose(body: Solid, tight: float, most: int) -> Decomposition:
+    """Convex parts that contain a body.
+
+    The same body gives the same parts.
+
+    Args:
+        body: The body; of an open one the surface is contained.
+        tight: Parts that stand off by no more than this are not halved [m].
+        most: How many there may be, before those are joined that can be.
+
+    Raises:
+        ValueError: if the body has no hull: it is flat.
+    """
+    corners = body.surface.corners
+    pieces = Pieces(corners, np.arange(len(corners)))
+    whole = _cell(body, np.empty((0, 4)), pieces)
+    if whole is None:
+        raise ValueError("a body that is flat has no convex parts")
+    open_cells = [whole]
+    settled: list[_Cell] = []
+    while open_cells and len(open_cells) + len(settled) < most:
+        open_cells.sort(key=lambda cell: cell.part.stand_off)
+        worst = open_cells.pop()
+        halves = _halves(body, worst) if worst.part.stand_off > tight else None
+        if halves is None:
+            settled.append(worst)
+        else:
+            open_cells += halves
+    return Decomposition(_joined(body, [cell.part for cell in settled + open_cells], tight), whole.part)
+
+
+def _cell(body: Solid, planes: Floats, pieces: Pieces) -> _Cell | None:
+    """A cell with its part; None if there is no hull."""
+    points = pieces.corners.reshape(-1, 3)
+    if body.closed:
+        points = np.vstack([points, corners_of_cell(body, planes)])
+    try:
+        hull = convex_hull(points)
+    except ValueError:
+        return None
+    given = np.unique(body.given[pieces.sources])
+    return _Cell(planes, pieces, Part(hull, stand_off(hull, body), given[given >= 0]))
+
+
+def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
+    """The two halves of a cell by the best plane that is worth it; None if there is none."""
+    for plane in _planes(cell):
+        halves = []
+        for side in (plane, -plane):
+            beyond = np.append(side[:3], side[3] + OVERLAP)
+            half = _cell(body, np.vstack([cell.planes, beyond]), clipped(cell.pieces, beyond))
+            if half is not None:
+                halves.append(half)
+        if len(halves) == 2:
+            return halves[0], halves[1]
+    return None
+
+
+def _planes(cell: _Cell) -> Floats:
+    """Planes (n, 4) that are worth halving a cell by, the best first."""
+    points = _samples(cell)
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    whole = _volume(points)
+    rated = []
+    for axis in np.vstack([axes, np.eye(3)]):
+        along = points @ axis
+        low, high = along.min(), along.max()
+        for place in low + (high - low) * np.arange(1, PLACES + 1) / (PLACES + 1):
+            left = _volume(points[along <= place]) + _volume(points[along >= place])
+            if left < WORTH * whole:
+                rated.append((left, *axis, place))
+    planes: Floats = np.array(sorted(rated)[:4]).reshape(-1, 5)[:, 1:]
+    return planes
+
+
+def _samples(cell: _Cell) -> Floats:
+    """Points on the surface of a cell's share, close enough together that few are needed next to a plane."""
+    size = max(float(np.sqrt(4.0 * cell.pieces.area / SAMPLES)), 1e-9)
+    corners = bisected(cell.pieces, size).corners.reshape(-1, 3)
+    cells = np.unique(np.floor(corners / size).astype(np.int64), axis=0, return_index=True)[1]
+    samples: Floats = np.vstack([corners[np.sort(cells)], cell.part.hull.vertices])
+    return samples
+
+
+def _volume(points: Floats) -> float:
+    """Volume of the hull of points [m^3], 0 if they are flat."""
+    if len(points) < 4:
+        return 0.0
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[2] <= 1e-6 * spread[0]:
+        return 0.0
+    try:
+        return float(coal.Convex.convexHull(vector(points), True, "Qt").computeVolume())
+    except RuntimeError:  # a vertex with too many neighbours: as large as its box
+        return float(np.prod(np.ptp(points, axis=0)))
+
+
+def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:
+    """Parts, of which two become one as long as their common hull is tight."""
+    tried: set[tuple[int, int]] = set()
+    while True:
+        pairs = [(a, b) for a, b in itertools.combinations(parts, 2) if (id(a), id(b)) not in tried and _touch(a, b)]
+        for a, b in pairs:
+            tried.add((id(a), id(b)))
+            try:
+                hull = convex_hull(np.vstack([a.hull.vertices, b.hull.vertices]))
+            except ValueError:
+                continue
+            distance = stand_off(hull, body, tight)
+            if distance <= tight:
+                together = Part(hull, distance, np.union1d(a.triangles, b.triangles))
+                parts = [part for part in parts if part not in (a, b)] + [together]
+                break
+        else:
+            return tuple(parts)
+
+
+def _touch(a: Part, b: Part) -> bool:
+    """Whether the boxes about two parts touch."""
+    low = np.maximum(a.hull.vertices.min(axis=0), b.hull.vertices.min(axis=0))
+    high = np.minimum(a.hull.vertices.max(axis=0), b.hull.vertices.max(axis=0))
+    return bool((low <= high + 2.0 * OVERLAP).all())

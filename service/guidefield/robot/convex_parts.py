@@ -1,0 +1,84 @@
+"""Convex parts of the links that are judged as meshes: what keeps apart from them keeps apart from the mesh."""
+
+from __future__ import annotations
+
+import weakref
+from typing import Any
+
+import coal
+import numpy as np
+
+from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.decomposition import Decomposition, Part, decompose
+from guidefield.geometry.solid import solid
+from guidefield.geometry.surfaces import Surface
+from guidefield.robot.model import RobotModel
+from guidefield.robot.shapes import WIDEST_GAP, triangulation
+
+TIGHT = 0.005
+"""A part that stands off its mesh by no more isn't halved [m]."""
+
+MOST = 8
+"""Most parts of a mesh."""
+
+_known: weakref.WeakKeyDictionary[RobotModel, tuple[Decomposition | None, ...]] = weakref.WeakKeyDictionary()
+
+
+def convex_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
+    """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
+
+    They take some seconds for each mesh, are found once, and kept on disk. None for a primitive or hull, which is
+    convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in its list.
+    """
+    if robot not in _known:
+        _known[robot] = tuple(_decomposition(shape.geometry) for shape in robot.geometry.geometryObjects)
+    return _known[robot]
+
+
+def _decomposition(shape: Any) -> Decomposition | None:
+    if not isinstance(shape, coal.BVHModelBase):
+        return None
+    vertices, triangles = triangulation(shape)
+    inputs = {
+        "vertices": vertices,
+        "triangles": triangles,
+        "limits": np.array([WIDEST_GAP, TIGHT]),
+        "most": np.array(MOST),
+    }
+    return _restored(remembered("parts", inputs, lambda: _stored(_found(vertices, triangles))))
+
+
+def _found(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Part, ...]:
+    """The hull and the parts; nothing of what is flat."""
+    try:
+        found = decompose(solid(vertices, triangles, WIDEST_GAP), TIGHT, MOST)
+    except ValueError:
+        return ()
+    return (found.hull, *found.parts)
+
+
+_FIELDS = ("vertices", "faces", "triangles")
+
+
+def _stored(parts: tuple[Part, ...]) -> Arrays:
+    """The parts' arrays one after the other, and how many rows of each are whose."""
+    rows = [(part.hull.vertices, part.hull.triangles, part.triangles) for part in parts]
+    empty = (np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty(0, np.int64))
+    columns = zip(empty, *rows, strict=True)
+    return {
+        **{name: np.concatenate(column) for name, column in zip(_FIELDS, columns, strict=True)},
+        "counts": np.array([[len(array) for array in row] for row in rows], np.int64).reshape(-1, 3),
+        "stand_offs": np.array([part.stand_off for part in parts]),
+    }
+
+
+def _restored(arrays: Arrays) -> Decomposition | None:
+    if not len(arrays["counts"]):
+        return None
+    first = np.cumsum(arrays["counts"], axis=0)[:-1]
+    columns = [np.split(arrays[name], first[:, k]) for k, name in enumerate(_FIELDS)]
+    hull, *parts = (
+        Part(Surface(vertices, faces), float(distance), triangles)
+        for distance, vertices, faces, triangles in zip(arrays["stand_offs"], *columns, strict=True)
+    )
+    return Decomposition(tuple(parts), hull)

@@ -1,0 +1,126 @@
+"""Convex parts contain bodies, by subtracting them from every triangle, and stand off as far as said."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from guidefield.geometry.decomposition import Decomposition, decompose
+from guidefield.geometry.solid import solid
+from tests.geometry import solids
+
+TIGHT = 0.005
+
+BODIES = {
+    "ring": solids.lying(solids.torus(around=16, across=8)),
+    "channel": solids.lying(solids.channel()),
+    "hollow": solids.hollow(),
+    "overlapping": solids.lying(solids.overlapping()),
+    "bowl": solids.lying(solids.bowl()),
+    "cracked": solids.cracked(),
+    "box": solids.lying(solids.box((0.05, 0.08, 0.12))),
+}
+
+bodies = pytest.mark.parametrize("name", BODIES)
+
+
+@functools.cache
+def decomposed(name: str) -> tuple[solids.Mesh, Decomposition]:
+    mesh = BODIES[name]
+    return mesh, decompose(solid(*mesh, widest_gap=0.02), TIGHT, 12)
+
+
+def facets(corners: np.ndarray) -> np.ndarray:
+    """Planes (t, 4) of a hull's triangles, its inside below."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    wide = np.linalg.norm(normals, axis=1) > 1e-14
+    normals = normals[wide] / np.linalg.norm(normals[wide], axis=1)[:, None]
+    return np.column_stack([normals, np.einsum("ij,ij->i", normals, corners[wide, 0])])
+
+
+def left_of(polygon: list[np.ndarray], planes: np.ndarray) -> list[list[np.ndarray]]:
+    """What is left of a convex polygon outside of a convex body, as convex polygons."""
+    left = []
+    for plane in planes:
+        below, above = [], []
+        for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+            ha, hb = a @ plane[:3] - plane[3], b @ plane[:3] - plane[3]
+            (below if ha <= 0.0 else above).append(a)
+            if (ha <= 0.0) != (hb <= 0.0):
+                cut = a + ha / (ha - hb) * (b - a)
+                below.append(cut)
+                above.append(cut)
+        if above and max(p @ plane[:3] - plane[3] for p in above) > 1e-8:
+            left.append(above)
+        if not below:
+            break
+        polygon = below
+    return left
+
+
+@bodies
+def test_nothing_is_left_of_a_triangle_outside_the_parts_that_hold_it(name: str) -> None:
+    mesh, found = decomposed(name)
+    assert set(np.concatenate([part.triangles for part in found.parts])) == set(range(len(mesh[1])))
+    hulls = [(set(part.triangles.tolist()), facets(part.hull.corners)) for part in found.parts]
+    for triangle in np.random.default_rng(0).permutation(len(mesh[1]))[:20].tolist():
+        polygons = [list(mesh[0][mesh[1][triangle]])]
+        for held, planes in hulls:
+            if triangle in held:
+                polygons = [piece for polygon in polygons for piece in left_of(polygon, planes)]
+        assert not polygons
+
+
+@bodies
+def test_the_inside_is_contained(name: str) -> None:
+    mesh, found = decomposed(name)
+    points = solids.in_box_of(mesh, 3000, np.random.default_rng(1))
+    inside = points[np.abs(solids.winding(points, mesh)) > 0.5]
+    if name == "bowl":
+        return
+    heights = [
+        (inside @ planes[:, :3].T - planes[:, 3]).max(axis=1)
+        for planes in (facets(part.hull.corners) for part in found.parts)
+    ]
+    assert len(inside) > 100
+    assert np.min(heights, axis=0).max() <= 1e-9
+
+
+@bodies
+def test_no_part_stands_off_by_more_than_said(name: str) -> None:
+    mesh, found = decomposed(name)
+    for part in (found.hull, *found.parts):
+        points = solids.on_surface((part.hull.vertices, part.hull.triangles), 500, np.random.default_rng(2))
+        beyond = np.where(np.abs(solids.winding(points, mesh)) > 0.5, 0.0, solids.distance(points, mesh))
+        if name == "cracked":
+            beyond = np.maximum(np.linalg.norm(points, axis=1) - 0.06, 0.0)
+        assert beyond.max() <= part.stand_off + 1e-9
+    assert found.stand_off == max(part.stand_off for part in found.parts)
+
+
+def test_a_convex_body_is_one_part() -> None:
+    _, found = decomposed("box")
+    assert len(found.parts) == 1
+    assert found.stand_off <= 1e-4
+
+
+def test_a_channel_is_three_walls() -> None:
+    _, found = decomposed("channel")
+    assert 3 <= len(found.parts) <= 5
+    assert found.stand_off <= TIGHT
+    assert found.hull.stand_off >= 0.02
+
+
+def test_the_same_body_gives_the_same_parts() -> None:
+    first, second = (decompose(solid(*BODIES["channel"]), 0.01, 4) for _ in range(2))
+    assert len(first.parts) == len(second.parts) <= 4
+    for a, b in zip(first.parts, second.parts, strict=True):
+        assert (a.hull.vertices == b.hull.vertices).all()
+        assert (a.triangles == b.triangles).all()
+
+
+def test_what_is_flat_has_no_parts() -> None:
+    with pytest.raises(ValueError, match="flat"):
+        decompose(solid(np.eye(3), np.array([[0, 1, 2]])), TIGHT, 4)
