@@ -123,7 +123,10 @@ def _charged_robot(group: PlanningGroup) -> ChargedRobot:
     charges = robot_charges(group.robot)
     points, weights, joints, capsules, capsule_joints = [], [], [], [], []
     starts = [0]
-    for charged, shape in zip(charges.shapes, group.geometry.geometryObjects, strict=True):
+    shapes = list(zip(charges.shapes, group.geometry.geometryObjects, strict=True))
+    order = sorted(range(len(shapes)), key=lambda i: shapes[i][1].parentJoint)  # points of a joint stand together
+    rank = {shape: row for row, shape in enumerate(order)}
+    for charged, shape in (shapes[i] for i in order):
         rotation, translation = shape.placement.rotation, shape.placement.translation
         points.append(charged.points @ rotation.T + translation)
         weights.append(charged.weights)
@@ -135,8 +138,8 @@ def _charged_robot(group: PlanningGroup) -> ChargedRobot:
     pairs = [
         (starts[a], starts[a + 1], b)
         for i, j in charges.repelling
-        for a, b in ((i, j), (j, i))
-        if capsule_joints[i] != capsule_joints[j]
+        for a, b in ((rank[i], rank[j]), (rank[j], rank[i]))
+        if capsule_joints[a] != capsule_joints[b]
     ]
     arrays = ChargedRobot(
         np.ascontiguousarray(np.concatenate(points)),

@@ -96,7 +96,7 @@ def at_random(chain: Chain, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def places_by_pinocchio(planned: PlanningGroup, chain: Chain, q: np.ndarray) -> np.ndarray:
     data = planned.model.createData()
     pin.forwardKinematics(planned.model, data, q)
-    joints = [data.oMi[int(joint)] for joint in chain.joint_of_link]
+    joints = [data.oMi[int(joint)] for joint in chain.carriers]
     return np.array([*(joint.translation for joint in joints), joints[-1].act(np.array(chain.table.links[-1]))])
 
 

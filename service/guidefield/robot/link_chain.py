@@ -31,26 +31,26 @@ class Chain:
         joints: The joints of its model.
         table: The chain as the kernels read it.
         leads: Whether its first joint is the tip, and nothing holds it (a moving base); else the last link ends in it.
-        joint_of_link: Index in the group's model of the joint that carries each link, shape (n,).
+        carriers: Index in the group's model of the joint that carries each link, shape (n,).
     """
 
     group: PlanningGroup
     joints: JointTable
     table: LinkChain
     leads: bool
-    joint_of_link: np.ndarray
+    carriers: np.ndarray
 
     @property
     def n(self) -> int:
         """How many links."""
-        return len(self.joint_of_link)
+        return len(self.carriers)
 
     def places(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (n + 1, 3) of joints [m] and rotations (n, 3, 3) of links in the world, at a configuration (nq,)."""
         placements = np.empty((len(self.joints.parents), 3, 4))
         parents, kinds, axes, fixed, idx_q, _, _ = self.joints
         joint_placements(parents, kinds, axes, fixed, idx_q, q, placements)
-        links = placements[self.joint_of_link]
+        links = placements[self.carriers]
         rotations = np.ascontiguousarray(links[:, :, :3])
         end = rotations[-1] @ self.table.links[-1] + links[-1, :, 3]
         return np.vstack([links[:, :, 3], end]), rotations
@@ -90,7 +90,9 @@ def link_chain(group: PlanningGroup) -> Chain:
     )
     for array in chain:
         array.setflags(write=False)
-    return Chain(group, table, chain, leads, np.array(ends))
+    carriers = np.array(ends, np.int64)
+    carriers.setflags(write=False)
+    return Chain(group, table, chain, leads, carriers)
 
 
 def _links_of(group: PlanningGroup) -> tuple[list[int], list[int], list[tuple[int, int]]]:
