@@ -13,7 +13,7 @@ import logging
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,6 +67,7 @@ class Engine:
         scenes: Where scenes are read and kept.
         robots: Where clients' robots are kept.
         local_files: Whether a request may name a URDF file.
+        packages: Folders of packages from which a robot that is sent may take meshes.
     """
 
     def __init__(
@@ -77,8 +78,9 @@ class Engine:
         scenes: Scenes | None = None,
         robots: Robots | None = None,
         local_files: LocalFiles = LocalFiles.ALLOWED,
+        packages: Sequence[Path] = (),
     ) -> None:
-        self._instance = instance
+        self._instance, self._packages = instance, tuple(packages)
         self._runs: Runs = NullRunStore() if runs is None else runs
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
@@ -252,7 +254,7 @@ class Engine:
     def _catalog(self) -> Catalog:
         from guidefield.robot.catalog import Catalog
 
-        return Catalog()
+        return Catalog(self._packages)
 
     def _robot(self, reference: requests.RobotReference) -> RobotModel:
         if isinstance(reference, requests.UrdfFile) and self._local_files is LocalFiles.REFUSED:

@@ -44,11 +44,13 @@ class EngineSetup:
         instance: Name of the service.
         data: Folder of its runs, scenes and robots.
         log_level: How much a worker logs, to stderr.
+        packages: Folders of packages from which a robot that is sent may take meshes.
     """
 
     instance: str
     data: Path
     log_level: int = logging.INFO
+    packages: tuple[Path, ...] = ()
 
     def runs(self) -> RunStore:
         """Where its runs are kept."""
@@ -62,6 +64,7 @@ class EngineSetup:
             scenes=SceneStore(self.data / "scenes"),
             robots=RobotStore(self.data / "robots"),
             local_files=LocalFiles.REFUSED,
+            packages=self.packages,
         )
 
     def __call__(self) -> EngineWorker:

@@ -84,3 +84,11 @@ def test_limit_faults_name_joint_value_and_limits() -> None:
     assert (fault.joint, fault.value, fault.upper) == ("panda_joint4", 0.5, pytest.approx(-0.0698))
     assert fault.excess == pytest.approx(0.5698)
     assert not limit_faults(model.joints, clamp(model.joints, q))
+
+
+@pytest.mark.parametrize("value", [1.1e4, -1e300])
+def test_no_value_is_further_than_can_be_judged(value: float) -> None:
+    with pytest.raises(InvalidConfiguration, match="joint 'j1': a value may be 10000 at most"):
+        configuration_from_wire(load(box_arm("continuous", 1)), {"j1": value})
+    with pytest.raises(InvalidGoal, match="at most"):
+        configuration_from_wire(load(box_arm("planar", 1)), {"j1": [value, 0.0, 0.0]}, error=InvalidGoal)

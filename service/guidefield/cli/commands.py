@@ -100,7 +100,13 @@ def serve(
     queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
     memory: Annotated[int, typer.Option(min=256, help="Memory that a worker may take [MiB].")] = DEFAULT_MEMORY >> 20,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
-    data: Annotated[Path | None, typer.Option(help="Folder of runs and scenes; else in the user's own.")] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of runs, scenes and robots; else in the user's own.")
+    ] = None,
+    packages: Annotated[
+        list[Path] | None,
+        typer.Option(exists=True, file_okay=False, help="Folder of packages whose meshes clients' robots may use."),
+    ] = None,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(
@@ -111,6 +117,7 @@ def serve(
         workers=workers,
         queue_limit=queue,
         memory=memory << 20,
+        packages=tuple(folder.resolve() for folder in packages or ()),
     )
     serving.serve_until_signal(settings, typer.echo)
 

@@ -46,7 +46,7 @@ class ServiceSettings:
     """How a service runs.
 
     Attributes:
-        data: Folder of its runs and scenes.
+        data: Folder of its runs, scenes and robots.
         instance: Its name, the second chunk of its keys.
         listen: Zenoh endpoints; None takes the configuration's, or else a loopback port.
         config: Zenoh configuration file.
@@ -54,6 +54,7 @@ class ServiceSettings:
         queue_limit: How many requests may wait for one; a single client may have half of them.
         memory: A worker that takes more is stopped [bytes].
         grace: How long requests that are being worked on may take at the end [s].
+        packages: Folders of packages from which a robot that a client sends may take meshes.
     """
 
     data: Path
@@ -64,6 +65,7 @@ class ServiceSettings:
     queue_limit: int = 64
     memory: int = DEFAULT_MEMORY
     grace: float = 10.0
+    packages: tuple[Path, ...] = ()
 
 
 def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
@@ -80,7 +82,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             wrong, or an endpoint can't be listened on; if the workers can't be prepared.
     """
     checked_name(settings.instance, "instance")
-    setup = EngineSetup(settings.instance, settings.data, _log.getEffectiveLevel())
+    setup = EngineSetup(settings.instance, settings.data, _log.getEffectiveLevel(), settings.packages)
     config = session_config(settings)
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))

@@ -15,6 +15,9 @@ from guidefield.robot.model import Joint, JointKind, RobotModel
 LIMIT_TOLERANCE = 1e-5
 """A value beyond its limit by at most this [rad or m] is clamped, with a warning."""
 
+FURTHEST = 1e4
+"""Largest value of a joint [rad or m]: a motion further than that could not be judged in any time."""
+
 LENGTHS = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}
 """How many numbers the wire has for a joint, where it isn't one."""
 
@@ -50,7 +53,7 @@ def configuration_from_wire(
 
     Raises:
         InvalidConfiguration: (or `error`) for an unknown joint, a joint that follows another, a value of the wrong
-            length, or a quaternion whose norm isn't 1 within 1e-6.
+            length or beyond `FURTHEST`, or a quaternion whose norm isn't 1 within 1e-6.
     """
     q = np.array(robot.rest if base is None else base, float)
     for name, value in positions.items():
@@ -64,6 +67,8 @@ def configuration_from_wire(
             )
         if joint.mimic is not None:
             raise error(f"joint {name!r} follows {joint.mimic.driver!r} and can't be given", joint=name)
+        if max(map(abs, value if isinstance(value, list) else (value,)), default=0.0) > FURTHEST:
+            raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name)
         q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
     follow(robot.joints, q)
     return q
