@@ -56,9 +56,9 @@ class Service:
 
 
 @contextlib.contextmanager
-def running_service(data: Path, *options: str) -> Iterator[Service]:
+def running_service(data: Path, *options: str, endpoint: str | None = None) -> Iterator[Service]:
     """A service on a free loopback port; ends with the block, if it hasn't ended."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = endpoint or f"tcp/127.0.0.1:{free_port()}"
     command = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--data", str(data), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

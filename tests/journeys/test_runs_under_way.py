@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import ast
 import asyncio
 import concurrent.futures
 import json
+import subprocess
+import sys
 import time
 import uuid
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from guidefield import AsyncClient, Client, InvalidGoal, Progress, RobotInvalid
-from tests.journeys.service import LONG, PlainClient, Service, plain_client, running_service
+from tests.journeys.service import ANSWERED_WITHIN, LONG, PlainClient, Service, plain_client, running_service
 
+HOUSE = Path(__file__).resolve().parent.parent.parent
 SOON = 60.0
 """Longer than anything here takes on a busy machine [s]."""
 
@@ -149,3 +156,30 @@ def test_one_client_does_not_hold_up_another(service: Service) -> None:
         concurrent.futures.wait([*many, one])
         assert not [future.exception() for future in [*many, one] if future.exception()]
     assert done.index("modest") < 5
+
+
+def test_the_example_that_uses_nothing_of_ours(service: Service, tmp_path: Path) -> None:
+    example = HOUSE / "tools" / "examples" / "plain_zenoh.py"
+    assert "import guidefield" not in example.read_text()
+    done = subprocess.run(
+        [sys.executable, str(example), service.endpoint, str(tmp_path / "run.rrd")],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=ANSWERED_WITHIN,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "SUCCESS" in done.stdout
+    assert "certify" in done.stdout
+    assert (tmp_path / "run.rrd").read_bytes()[:4] in (b"RRF2", b"RRF3", b"RRF4")
+    middle = done.stdout.partition("half-way: ")[2].partition("\n")[0]
+    with Client.connect(service.endpoint) as client:
+        (run,) = [run for run in client.runs(robot="panda").runs if run.scene == "post"]
+        reply = client.run(run.run_id).reply
+    assert reply is not None
+    assert reply.trajectory is not None
+    times, q, v = (
+        np.array(rows) for rows in (reply.trajectory.times, reply.trajectory.positions, reply.trajectory.velocities)
+    )
+    expected = CubicHermiteSpline(times, q, v)(0.5 * times[-1])
+    assert dict(zip(reply.position_names, expected, strict=True)) == pytest.approx(ast.literal_eval(middle), abs=1e-3)
