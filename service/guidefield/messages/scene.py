@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 import msgspec
 
 from guidefield.messages.values import (
     IDENTITY,
+    LARGEST,
     ORIGIN,
     Float32Array,
     Message,
@@ -198,7 +198,7 @@ def _check_points(field: str, points: Points) -> int:
     """Number of points; ValueError where there are too many, none, or one isn't finite."""
     if isinstance(points, Float32Array):
         count = len(points.float32) // 12
-        if not all(math.isfinite(x) for x in memoryview(points.float32).cast("f")):
+        if not all(abs(x) <= LARGEST for x in memoryview(points.float32).cast("f")):
             raise ValueError(f"`{field}` must be finite numbers")
     else:
         count = len(points)

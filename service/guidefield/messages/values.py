@@ -22,6 +22,8 @@ RootJoint = Literal["fixed", "planar", "free"]
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)
+LARGEST = 1e9
+"""Largest magnitude of a quantity, in SI units: beyond it squares and cubes leave what can be computed with."""
 QUATERNION_TOLERANCE = 1e-6
 """How far from 1 the norm of a quaternion may be; beyond, it is refused."""
 
@@ -56,10 +58,11 @@ class Placement(Message):
 
 
 def require_finite(field: str, values: Iterable[float]) -> None:
-    """Raise ValueError if a number is NaN or infinite (MessagePack and Python can carry both)."""
+    """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`."""
     for index, value in enumerate(values):
-        if not math.isfinite(value):
-            raise ValueError(f"`{field}[{index}]` must be a finite number, got {value}")
+        if not abs(value) <= LARGEST:
+            wanted = f"within {LARGEST:g}" if math.isfinite(value) else "a finite number"
+            raise ValueError(f"`{field}[{index}]` must be {wanted}, got {value}")
 
 
 def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
