@@ -16,6 +16,7 @@ import msgspec
 import typer
 from rich.console import Console
 
+from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
 from guidefield.cli.recording import fetch_recording
 from guidefield.cli.robot_tables import robot_table, robots_table
@@ -48,7 +49,7 @@ def main() -> None:
     """Run the command line; what is wrong with a request, a service or a file becomes one line and exit code 2."""
     try:
         app()
-    except (GuidefieldError, CannotServe, OSError) as error:
+    except (GuidefieldError, CannotServe, CannotWork, OSError) as error:
         err.print(f"[red]{_name(error)}[/red]: {error}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
@@ -120,6 +121,21 @@ def serve(
         packages=tuple(folder.resolve() for folder in packages or ()),
     )
     serving.serve_until_signal(settings, typer.echo)
+
+
+@app.command()
+def batch(
+    requests: Annotated[Path, typer.Argument(help="File with one JSON request on each line.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of results and recordings.")] = Path("batch"),
+    workers: Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")] = os.cpu_count() or 1,
+    ray: Annotated[str | None, typer.Option(help="Address of a Ray cluster that works instead.")] = None,
+    recordings: Annotated[bool, typer.Option(help="Record the plans.")] = True,
+) -> None:
+    """Answer the requests of a file; one that was interrupted goes on where it was."""
+    from guidefield.cli.batch import run
+
+    serving.tell_if_kernels_compile(err.print)
+    raise typer.Exit(run(requests, output, err, workers=workers, ray=ray, recordings=recordings))
 
 
 @app.command()

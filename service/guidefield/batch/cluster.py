@@ -1,0 +1,107 @@
+"""A batch over a Ray cluster: the same answers, asked again where a node is lost. Needs ``guidefield[ray]``."""
+
+from __future__ import annotations
+
+import functools
+import socket
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+from guidefield.batch.answering import CannotWork, answered
+from guidefield.batch.results import Item, Outcome, crashed
+from guidefield.engine import Engine
+from guidefield.errors import WorkerCrashed
+from guidefield.stores.files import write_atomically
+
+AHEAD = 4
+"""How many requests are handed over for each core of the cluster."""
+CONNECT_WITHIN = 5.0
+"""How long a cluster may take to be there [s]."""
+ATTEMPTS = 3
+"""How often a request is asked again when its node or its worker is lost."""
+
+
+def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
+    """What comes of requests, in the order in which it does; guidefield must be installed on every node.
+
+    Args:
+        items: The requests.
+        address: Of the cluster, such as ``10.0.0.1:6379``, ``auto``, or ``local`` for one on this machine.
+
+    Raises:
+        CannotWork: if Ray isn't installed, or there is no cluster there.
+    """
+    try:
+        import ray
+    except ImportError:
+        raise CannotWork("a batch over a cluster needs Ray: pip install 'guidefield[ray]'") from None
+    _require_listening(address)
+    try:
+        ray.init(address=address, log_to_driver=False, configure_logging=False)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise CannotWork(f"there is no Ray cluster at {address!r}: {error}") from None
+    try:
+        yield from _asked(ray, items)
+    finally:
+        ray.shutdown()
+
+
+def _require_listening(address: str) -> None:
+    """Raise CannotWork if nobody listens at a host and port: Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if not (host and port.isdecimal()):
+        return
+    try:
+        socket.create_connection((host, int(port)), CONNECT_WITHIN).close()
+    except (OSError, OverflowError) as error:
+        raise CannotWork(f"there is no Ray cluster at {address!r}: {error}") from None
+
+
+def _asked(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
+    remote = ray.remote(num_cpus=1, max_retries=ATTEMPTS)(_answer)
+    left, asked, lost = iter(items), dict[Any, Item](), Counter[int]()
+    while True:
+        most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
+        for item in islice(left, max(0, most - len(asked))):
+            asked[remote.remote(item.request, item.recording is not None)] = item
+        if not asked:
+            return
+        done, _ = ray.wait(list(asked), num_returns=1)
+        for answer in done:
+            item = asked.pop(answer)
+            try:
+                yield _outcome(item, *ray.get(answer))
+            except ray.exceptions.RayError as error:
+                lost[item.line] += 1
+                if lost[item.line] <= ATTEMPTS:  # the answer was lost with its node, not the request
+                    left = chain([item], left)
+                else:
+                    reason = str(error).partition("\n")[0]
+                    yield crashed(item, WorkerCrashed(f"whoever worked on this request was lost: {reason}"))
+
+
+def _outcome(item: Item, is_reply: bool, payload: bytes, recording: bytes | None) -> Outcome:
+    if recording is not None and item.recording is not None:
+        item.recording.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(item.recording, recording)
+    return Outcome(item, is_reply, payload)
+
+
+@functools.cache
+def _engine() -> Engine:
+    """The engine of a worker process of the cluster, warm after its first request."""
+    engine = Engine()
+    engine.warm_up()
+    return engine
+
+
+def _answer(request: bytes, record: bool) -> tuple[bool, bytes, bytes | None]:
+    """On a node: the answer, and the recording."""
+    with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
+        recording = Path(folder) / "run.rrd"
+        is_reply, payload = answered(_engine(), request, recording if record else None)
+        return is_reply, payload, recording.read_bytes() if recording.exists() else None

@@ -1,0 +1,122 @@
+"""`guidefield batch`: over worker processes, interrupted and taken up again; over a Ray cluster that loses a node."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import guidefield
+from guidefield.batch.results import RESULTS, Item
+
+BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
+PLAN = {
+    "robot": "ur5",
+    "scene": "table",
+    "goal": {"type": "joints", "positions": {"elbow_joint": 1.2}},
+    "guide_planes": [],
+    "allowed_planning_time": 60.0,
+}
+PATIENCE = 240.0
+
+
+def _potential(number: int) -> dict[str, Any]:
+    return {"type": "potential", "scene": BALL, "points": [[0.0, 0.0, 1.0 + number]]}
+
+
+def _written(path: Path, requests: list[dict[str, Any]]) -> Path:
+    path.write_text("\n".join(json.dumps(request) for request in requests))
+    return path
+
+
+def _command(requests: Path, folder: Path) -> list[str]:
+    return [sys.executable, "-m", "guidefield", "batch", str(requests), "-o", str(folder), "--workers", "1"]
+
+
+def _results(folder: Path) -> dict[int, dict[str, Any]]:
+    lines = [json.loads(line) for line in (folder / RESULTS).read_text().splitlines()]
+    assert len({line["line"] for line in lines}) == len(lines), "nothing is answered twice"
+    return {line["line"]: line for line in lines}
+
+
+def test_a_batch_is_killed_taken_up_and_finished(tmp_path: Path) -> None:
+    wanted = [PLAN, *(_potential(number) for number in range(400)), {"robot": "r2d2", "scene": "table"}]
+    requests, folder = _written(tmp_path / "requests.jsonl", wanted), tmp_path / "out"
+    with subprocess.Popen(_command(requests, folder), stderr=subprocess.DEVNULL, start_new_session=True) as first:
+        deadline = time.monotonic() + PATIENCE
+        while not (folder / RESULTS).exists() or (folder / RESULTS).stat().st_size == 0:
+            assert time.monotonic() < deadline
+            assert first.poll() is None
+            time.sleep(0.002)
+        os.kill(first.pid, signal.SIGKILL)
+    begun = (folder / RESULTS).read_bytes().count(b"\n")
+    second = subprocess.run(_command(requests, folder), check=False, capture_output=True, text=True, timeout=PATIENCE)
+    assert second.returncode == 2, second.stderr
+    assert "1 MALFORMED_REQUEST" in second.stderr
+    found = _results(folder)
+    assert sorted(found) == list(range(1, len(wanted) + 1))
+    assert 1 <= begun <= len(wanted)
+    assert found[1]["reply"]["status"]["name"] == "SUCCESS"
+    recording = Path(found[1]["reply"]["recording"])
+    assert recording == folder / "recordings" / "1.rrd"
+    assert recording.read_bytes()[:3] == b"RRF"
+    for number in (0, 7, 399):
+        reply = guidefield.answer(_potential(number))
+        assert found[number + 2]["reply"]["potential"] == reply.potential  # type: ignore[attr-defined]
+    before = (folder / RESULTS).read_bytes()
+    third = subprocess.run(_command(requests, folder), check=False, capture_output=True, timeout=PATIENCE)
+    assert third.returncode == 2
+    assert (folder / RESULTS).read_bytes() == before, "there was nothing left to do"
+
+
+def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'guidefield[ray]'")
+    from ray.cluster_utils import Cluster
+
+    from guidefield.batch.cluster import over_cluster
+
+    cluster = Cluster()
+    try:
+        cluster.add_node(num_cpus=0)  # the head, which does no work
+        cluster.add_node(num_cpus=1)
+        doomed = cluster.add_node(num_cpus=1)
+        cluster.wait_for_nodes()
+        wanted = [PLAN, *(_potential(number) for number in range(300))]
+        asked = [
+            Item(line, json.dumps(request).encode(), tmp_path / f"{line}.rrd") for line, request in enumerate(wanted, 1)
+        ]
+        found = {}
+        for outcome in over_cluster(asked, cluster.address):
+            found[outcome.item.line] = outcome
+            if len(found) == 20:
+                cluster.remove_node(doomed, allow_graceful=False)
+        assert sorted(found) == [item.line for item in asked]
+        assert all(outcome.is_reply for outcome in found.values())
+        for line in (2, 150, 301):
+            expected = guidefield.answer(_potential(line - 2))
+            assert json.loads(found[line].payload)["potential"] == expected.potential  # type: ignore[attr-defined]
+        assert json.loads(found[1].payload)["status"]["name"] == "SUCCESS"
+        assert (tmp_path / "1.rrd").read_bytes()[:3] == b"RRF"
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+
+
+def test_no_cluster_is_said_so(tmp_path: Path) -> None:
+    requests = _written(tmp_path / "requests.jsonl", [_potential(0)])
+    done = subprocess.run(
+        [*_command(requests, tmp_path), "--ray", "127.0.0.1:1"],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 2
+    assert "Ray" in done.stderr
