@@ -83,7 +83,7 @@ class _Stretch:
                 _Stretch(self.piece, self.controls[:count], 0.0, 1.0, pairs),
                 _Stretch(self.piece + count, self.controls[count:], 0.0, 1.0, pairs),
             )
-        first, second = _halved(self.controls)
+        first, second = halved(self.controls)
         middle = 0.5 * (self.start + self.end)
         return (
             _Stretch(self.piece, first[None], self.start, middle, pairs),
@@ -153,7 +153,7 @@ def _stretches(pieces: np.ndarray) -> Iterator[_Stretch]:
             yield _Stretch(first, parts, 0.0, 1.0, None)
         else:
             while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
-                parts = _halved(parts)
+                parts = halved(parts)
             for number, part in enumerate(parts):
                 yield _Stretch(first, part[None], number / len(parts), (number + 1) / len(parts), None)
         first = last
@@ -171,7 +171,7 @@ def _unfinished(world: World, first: _Stretch, evaluations: int) -> Verdict:
     return Verdict(False, "stopped", first.piece, at, at, pair, first.controls[0, 0], evaluations)
 
 
-def _halved(controls: np.ndarray) -> np.ndarray:
+def halved(controls: np.ndarray) -> np.ndarray:
     """Both halves of each Bezier curve, in order, by de Casteljau's scheme: (n, k, nv) to (2 n, k, nv)."""
     order = controls.shape[1]
     halves = np.empty((2 * len(controls), *controls.shape[1:]))

@@ -13,6 +13,7 @@ import pinocchio as pin
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, Status
 from guidefield.handlers.attached import holding
+from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, given_planes, with_derived_planes
 from guidefield.messages import requests
@@ -84,6 +85,8 @@ def answer_plan(
     group = _limited(group, request)
     attempts = ATTEMPTS[request.minimizer](group)
     planes = given_planes(request, scene)
+    if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
+        raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
     problem = Problem(
         group=group,
         scene=scene,
@@ -95,6 +98,7 @@ def answer_plan(
         guide_planes=planes,
         min_clearance=request.min_clearance,
         allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
+        path_constraints=constraints_of(request, group),
         jerk_limits=_jerk_limits(group, request),
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
@@ -122,7 +126,7 @@ def answer_plan(
 def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not of this version, by name."""
     unserved = {
-        "path_constraints": bool(request.path_constraints),
+        "path_constraints among obstacles that move": scene.moves and bool(request.path_constraints),
         "leave_start_contact": request.leave_start_contact,
         "moving obstacles with goals other than the last guide plane": scene.moves
         and not isinstance(request.goal, requests.GuidePlaneGoal),

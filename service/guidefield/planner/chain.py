@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.relaxation import Samples, objective
 from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.planner.path_samples import path_samples
-from guidefield.planner.plane_crossing import PlaneCrossing
 from guidefield.planner.problem import Problem
 from guidefield.planner.waypoints import length_of
 from guidefield.robot.chart import TRANSLATION
@@ -26,6 +26,18 @@ LARGEST_STEP = 0.3
 
 SLIDING_UNIT = 0.5
 """How far a joint slides for what counts as one radian [m]: a turning joint's lever on the middle of an arm."""
+
+
+class WaypointKeeper(Protocol):
+    """Keeps a waypoint where it may be: on a guide plane, or within path constraints."""
+
+    def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
+        """Directions of the chart in which the waypoint at z (nv,) must not move, orthonormal rows, shape (r, nv)."""
+        ...
+
+    def brought_back(self, z: np.ndarray) -> np.ndarray | None:
+        """Chart coordinates next to z (nv,) where the waypoint may be; None if there are none near."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +72,7 @@ class Chain:
         clearance: Distance from obstacles at which the barrier's wall stands [m].
         lower, upper: Chart limits, shape (nv,).
         held: Waypoints that stay.
-        crossings: Waypoints that stay on a guide plane.
+        crossings: What keeps waypoints where they may be.
     """
 
     length: float
@@ -73,7 +85,7 @@ class Chain:
     lower: np.ndarray
     upper: np.ndarray
     held: list[int]
-    crossings: Mapping[int, PlaneCrossing]
+    crossings: Mapping[int, WaypointKeeper]
 
     @classmethod
     def of(
@@ -82,7 +94,7 @@ class Chain:
         robot: SampledRobot,
         path: np.ndarray,
         held: list[int],
-        crossings: Mapping[int, PlaneCrossing],
+        crossings: Mapping[int, WaypointKeeper],
     ) -> Chain:
         """The chain of a problem's path (n, nv), whose length isn't zero.
 
@@ -91,7 +103,7 @@ class Chain:
             robot: The robot as points and links.
             path: Waypoints.
             held: Those that stay, the first and the last among them.
-            crossings: Those that stay on a guide plane.
+            crossings: What keeps waypoints where they may be, by index.
         """
         group = problem.group
         units = np.ones(group.nv)

@@ -28,6 +28,10 @@ def check_start(problem: Problem) -> None:
             Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details
         )
     _check_clearance(problem, problem.q_start, "start")
+    if (violated := _violated(problem, problem.group.chart(problem.q_start))) is not None:
+        message, details = violated
+        status = Status.START_STATE_VIOLATES_PATH_CONSTRAINTS
+        raise StageFailed(status, f"the start violates a path constraint: {message}", stage="start", **details)
 
 
 def goal_points(problem: Problem) -> np.ndarray | None:
@@ -37,9 +41,9 @@ def goal_points(problem: Problem) -> np.ndarray | None:
         StageFailed: GOAL_IN_COLLISION, NO_IK_SOLUTION or CLEARANCE_BELOW_MINIMUM.
     """
     if isinstance(problem.goal, ConfigurationGoal):
-        return _free_goals(problem, problem.goal)
+        return _kept_goals(problem, _free_goals(problem, problem.goal))
     if isinstance(problem.goal, TipGoal):
-        return tip_points(problem, problem.goal.target)
+        return _kept_goals(problem, tip_points(problem, problem.goal.target))
     return None
 
 
@@ -95,6 +99,32 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
     if not far:
         _check_clearance(problem, free[0], "goal")
     return np.array([problem.group.chart(q) for q in far])
+
+
+def _kept_goals(problem: Problem, goals: np.ndarray) -> np.ndarray:
+    """The goals that keep the path constraints."""
+    faults = [_violated(problem, goal) for goal in goals]
+    kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
+    if kept:
+        return np.array(kept)
+    assert faults[0] is not None, "no goal is kept"
+    message, details = faults[0]
+    status = Status.GOAL_VIOLATES_PATH_CONSTRAINTS
+    raise StageFailed(status, f"the goal violates a path constraint: {message}", stage="goal", **details)
+
+
+def _violated(problem: Problem, z: np.ndarray) -> tuple[str, dict[str, Any]] | None:
+    """Which path constraint a chart point violates most, as a sentence and values; None if it keeps them all."""
+    if not problem.path_constraints:
+        return None
+    frames = problem.constrained_frames
+    values = frames.values(z)
+    worst = int(np.argmax(values / frames.limits))
+    if values[worst] <= frames.limits[worst]:
+        return None
+    value, limit, frame = float(values[worst]), float(frames.limits[worst]), frames.constraints[worst].frame
+    message = f"number {worst} has {frame} at {value:.4g}, {limit:.4g} is the most"
+    return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 
 def _keeps_clearance(problem: Problem, q: np.ndarray) -> bool:

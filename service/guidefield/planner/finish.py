@@ -6,11 +6,13 @@ certified motions is its limit), and where a relaxed path can't be certified the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from guidefield.collision.certificate import Verdict, certify
+from guidefield.collision.constraint_certificate import certify_constraints
+from guidefield.planner.constrained import Keeper
 from guidefield.planner.jerk import parameterize_gently
 from guidefield.planner.problem import Problem
 from guidefield.planner.relaxation import relax
@@ -73,14 +75,24 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
             trajectory = _timed(problem, spline)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
-            verdict = certify(problem.world, trajectory.bezier(), problem.min_clearance, stopped=problem.budget.spent)
+            verdict = _judged(problem, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason
         if verdict.free or repair == REPAIRS or verdict.piece is None or problem.budget.spent():
             break
         refused = trajectory.bezier()[verdict.piece].mean(axis=0)
-        knots, marks = _denser(knots, marks, refused)
+        knots, marks = _denser(problem, knots, marks, refused)
     return Finished(trajectory, verdict, knots, marks)
+
+
+def _judged(problem: Problem, pieces: np.ndarray) -> Verdict:
+    """Whether a motion is free, and keeps the path constraints."""
+    verdict = certify(problem.world, pieces, problem.min_clearance, stopped=problem.budget.spent)
+    if not (verdict.free and problem.path_constraints):
+        return verdict
+    turns = problem.world.bodies.turns
+    kept = certify_constraints(problem.constrained_frames, turns, pieces, problem.budget.spent)
+    return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
 def _timed(problem: Problem, spline: CubicSpline) -> Trajectory:
@@ -90,13 +102,18 @@ def _timed(problem: Problem, spline: CubicSpline) -> Trajectory:
     return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
 
 
-def _denser(path: np.ndarray, crossings: dict[int, int], near: np.ndarray) -> tuple[np.ndarray, dict[int, int]]:
-    """Midpoints inserted into the segments next to a refused place (nv,)."""
+def _denser(
+    problem: Problem, path: np.ndarray, crossings: dict[int, int], near: np.ndarray
+) -> tuple[np.ndarray, dict[int, int]]:
+    """Midpoints inserted into the segments next to a refused place (nv,), within the path constraints."""
     along = np.diff(path, axis=0)
     share = np.einsum("ij,ij->i", near - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
     worst = int(np.argmin(np.linalg.norm(near - nearest, axis=1)))
     split = [i for i in range(worst - 1, worst + 2) if 0 <= i < len(along)]
     middles = np.array([0.5 * (path[i] + path[i + 1]) for i in split])
+    if problem.path_constraints:
+        keeper = Keeper(problem, problem.constrained_frames)
+        middles = np.array([middle if (back := keeper.brought_back(middle)) is None else back for middle in middles])
     denser = np.insert(path, np.array(split) + 1, middles, axis=0)
     return denser, {plane: index + sum(index > i for i in split) for plane, index in crossings.items()}

@@ -15,7 +15,8 @@ import pinocchio as pin
 from guidefield.collision.certificate import Verdict, certify
 from guidefield.collision.timed_certificate import certify_timed
 from guidefield.errors import Status
-from guidefield.planner.connect import connect
+from guidefield.planner.connect import Connection, connect
+from guidefield.planner.constrained import Keeper, connect_constrained
 from guidefield.planner.ends import check_start, goal_points, tip_points
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross
@@ -185,15 +186,25 @@ def _connect_to_plane(problem: Problem, found: _Found, stuck: Crossing, index: i
 
 def _connect(problem: Problem, found: _Found, goals: np.ndarray, stage: Stage) -> None:
     rng = np.random.default_rng([problem.seed, 2])
+    if problem.path_constraints:
+        keeper = Keeper(problem, problem.constrained_frames)
+        connection = connect_constrained(problem, keeper, found.path[-1], goals, rng)
+    else:
+        connection = _connected(problem, found, goals, rng)
+    stage.outcome = connection.message
+    if connection.status is not Status.SUCCESS:
+        raise StageFailed(connection.status, connection.message, stage="connect")
+    found.extend(connection.path)
+
+
+def _connected(problem: Problem, found: _Found, goals: np.ndarray, rng: np.random.Generator) -> Connection:
+    """With the clearance asked for if there is such a connection, else any that is free."""
     connection = connect(_in_part_of_the_time(problem), found.path[-1], goals, rng)
     if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
         problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
         problem = dataclasses.replace(problem, min_clearance=0.0)
         connection = connect(problem, found.path[-1], goals, rng)
-    stage.outcome = connection.message
-    if connection.status is not Status.SUCCESS:
-        raise StageFailed(connection.status, connection.message, stage="connect")
-    found.extend(connection.path)
+    return connection
 
 
 def _in_part_of_the_time(problem: Problem) -> Problem:
@@ -252,7 +263,8 @@ def _refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str,
     """Why a motion is not certified: status, message, and the place."""
     status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
-    message = f"the certificate refused the motion: {verdict.reason} between {pair}"
+    between = f" between {pair}" if verdict.pair else ""
+    message = f"the certificate refused the motion: {verdict.reason}{between}"
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
     if verdict.configuration is None:
         return status, message, details

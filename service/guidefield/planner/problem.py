@@ -20,6 +20,7 @@ from guidefield.potential import RobotField
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.path_constraints import ConstrainedFrames, PathConstraint
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -90,6 +91,7 @@ class Problem:
         min_clearance: Distance to keep from obstacles everywhere [m].
         allowed_collisions: Pairs of names that may touch.
         jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
+        path_constraints: What frames have to keep all along the motion.
         seed: Of all randomness.
         budget: How long it may take.
         observer: Who watches.
@@ -108,6 +110,7 @@ class Problem:
     min_clearance: float = 0.0
     allowed_collisions: tuple[tuple[str, str], ...] = ()
     jerk_limits: np.ndarray | None = None
+    path_constraints: tuple[PathConstraint, ...] = ()
     seed: int = 0
     budget: Budget = field(default_factory=Budget)
     observer: Observer = field(default_factory=Silent)
@@ -142,6 +145,11 @@ class Problem:
     def _allowed_at_rest(self) -> tuple[tuple[str, str], ...]:
         moving = {one.name for one in self.scene.obstacles if one.motion is not None}
         return tuple(pair for pair in self.allowed_collisions if not moving.intersection(pair))
+
+    @cached_property
+    def constrained_frames(self) -> ConstrainedFrames:
+        """The path constraints on the group."""
+        return ConstrainedFrames(self.group, self.path_constraints)
 
     def tell(self, event: Event) -> None:
         """Tell the observer."""

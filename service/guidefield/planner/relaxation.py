@@ -22,7 +22,8 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.kernels.sampled_robot import SampledRobot
-from guidefield.planner.chain import Chain, Shape
+from guidefield.planner.chain import Chain, Shape, WaypointKeeper
+from guidefield.planner.constrained import Keeper
 from guidefield.planner.kept_waypoints import KeptWaypoints
 from guidefield.planner.problem import Problem
 from guidefield.planner.sampled_robot import sampled_robot
@@ -133,7 +134,13 @@ def _spread(
     """The chain of a path's waypoints, spread evenly."""
     segments = int(np.clip(np.ceil(length_of(path) / SEGMENT), LEAST_SEGMENTS, MOST_SEGMENTS))
     points, kept = kept.spread(path, segments)
-    chain = Chain.of(problem, robot, points, kept.held, kept.on_planes)
+    keepers: dict[int, WaypointKeeper] = dict(kept.on_planes)
+    if problem.path_constraints:
+        keeper = Keeper(problem, problem.constrained_frames)
+        for k in set(range(len(points))) - set(kept.held):
+            back = keeper.brought_back(points[k])
+            points[k], keepers[k] = points[k] if back is None else back, keeper
+    chain = Chain.of(problem, robot, points, kept.held, keepers)
     return chain, chain.at(points), kept
 
 

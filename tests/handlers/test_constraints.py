@@ -1,0 +1,108 @@
+"""Plans within path constraints: kept between the samples too, as the bare kinematics see it."""
+
+import time
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.errors import MalformedRequest, UnknownFrame
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec, scene as messages
+from guidefield.messages.replies import PlanReply
+from guidefield.planner.trajectory import Trajectory
+from guidefield.scene.scene import build
+from tests.robots import robot
+
+READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
+TURNED = {**READY, "panda_joint1": 1.1}
+TIP = "panda_hand"
+POST = messages.Box(name="post", size=(0.06, 0.06, 0.5), position=(0.42, 0.27, 0.25))
+
+
+def ask(*obstacles, **request) -> PlanReply:
+    message = codec.decode_request({"robot": "panda", "scene": "unread", "start": READY, **request})
+    scene = build(messages.Scene(name="s", obstacles=list(obstacles)))
+    return answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic())
+
+
+def placements(reply: PlanReply) -> list[pin.SE3]:
+    """Where the hand is, densely along the certified curve."""
+    assert reply.trajectory is not None
+    motion = Trajectory(*(np.array(getattr(reply.trajectory, name)) for name in ("times", "positions", "velocities")))
+    model, found = robot("panda").model, []
+    data, whole = model.createData(), robot("panda").rest.copy()
+    frame = model.getFrameId(TIP, pin.FrameType.BODY)
+    for q in motion.evaluate(np.linspace(0.0, motion.duration, 1500))[0]:
+        whole[:7] = q
+        pin.framesForwardKinematics(model, data, whole)
+        found.append(data.oMf[frame].copy())
+    return found
+
+
+def hand_at(positions: dict[str, float]) -> pin.SE3:
+    model = robot("panda").model
+    data, whole = model.createData(), robot("panda").rest.copy()
+    whole[:7] = list(positions.values())
+    pin.framesForwardKinematics(model, data, whole)
+    return data.oMf[model.getFrameId(TIP, pin.FrameType.BODY)].copy()
+
+
+CONE = {"type": "orientation_cone", "frame": TIP, "axis": (0, 0, 1), "target_axis": (0, 0, -1), "half_angle": 0.25}
+
+
+def test_an_axis_stays_within_its_cone() -> None:
+    goal = {"type": "joints", "positions": TURNED}
+    free = ask(POST, goal=goal)
+    assert free.status.name == "SUCCESS"
+    kept = ask(POST, goal=goal, path_constraints=[CONE])
+    assert kept.status.name == "SUCCESS", kept.status.message
+    assert kept.certificate.collision_free
+    angles = [np.arccos(np.clip(-T.rotation[2, 2], -1.0, 1.0)) for T in placements(kept)]
+    assert max(angles) <= 0.25
+
+
+@pytest.mark.parametrize("tolerance", [0.02, 0.005])
+def test_the_hand_stays_near_a_plane(tolerance) -> None:
+    height = float(hand_at(READY).translation[2])
+    plane = {"type": "plane", "frame": TIP, "point": (0, 0, height), "normal": (0, 0, 2.0), "tolerance": tolerance}
+    kept = ask(POST, goal={"type": "joints", "positions": TURNED}, path_constraints=[plane])
+    assert kept.status.name == "SUCCESS", kept.status.message
+    assert max(abs(T.translation[2] - height) for T in placements(kept)) <= tolerance
+
+
+def test_the_hand_stays_near_a_line() -> None:
+    here = hand_at(READY)
+    goal = {
+        "type": "pose",
+        "position": (here.translation + np.array([0.0, 0.25, 0.0])).tolist(),
+        "quaternion_xyzw": (1, 0, 0, 0),
+    }
+    goal["orientation_tolerance"] = (None, None, None)
+    line = {"type": "line", "frame": TIP, "point": here.translation.tolist(), "direction": (0, 1, 0), "tolerance": 0.01}
+    kept = ask(goal=goal, tip=TIP, path_constraints=[line, CONE])
+    assert kept.status.name == "SUCCESS", kept.status.message
+    away = [np.linalg.norm((T.translation - here.translation)[[0, 2]]) for T in placements(kept)]
+    assert max(away) <= 0.01
+    assert max(np.arccos(np.clip(-T.rotation[2, 2], -1.0, 1.0)) for T in placements(kept)) <= 0.25
+
+
+def test_ends_that_violate_them_are_told_apart() -> None:
+    above = {"type": "plane", "frame": TIP, "point": (0, 0, 0.2), "normal": (0, 0, 1), "tolerance": 0.01}
+    start = ask(goal={"type": "joints", "positions": TURNED}, path_constraints=[above])
+    assert start.status.name == "START_STATE_VIOLATES_PATH_CONSTRAINTS"
+    assert start.status.details["frame"] == TIP
+    bent = {**READY, "panda_joint6": 2.2}
+    goal = ask(goal={"type": "joints", "positions": bent}, path_constraints=[CONE])
+    assert goal.status.name == "GOAL_VIOLATES_PATH_CONSTRAINTS"
+    assert goal.status.details["value"] > 0.25
+
+
+def test_constraints_that_make_no_sense_are_refused() -> None:
+    goal = {"type": "joints", "positions": TURNED}
+    with pytest.raises(UnknownFrame, match="nowhere"):
+        ask(goal=goal, path_constraints=[{**CONE, "frame": "nowhere"}])
+    with pytest.raises(MalformedRequest, match=r"path_constraints\[0\]\.axis"):
+        ask(goal=goal, path_constraints=[{**CONE, "axis": (0, 0, 0)}])
+    with pytest.raises(MalformedRequest, match="guide planes"):
+        ask(goal=goal, guide_planes="auto", path_constraints=[CONE])
