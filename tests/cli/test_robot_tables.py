@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import io
 
+from msgspec.structs import replace
 from rich.console import Console, RenderableType
 
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.engine import answer
 from guidefield.messages.replies import RobotReply, RobotsReply, RobotSummary
 from guidefield.messages.requests import ReadRobot
+from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 
 
 def _text(shown: RenderableType) -> str:
@@ -55,3 +57,16 @@ def test_all_about_one_robot() -> None:
         "the SRDF disables panda_hand and panda_link5",
     ):
         assert told in text, told
+
+
+def test_covers_and_parts_are_told_where_they_are_known() -> None:
+    reply = answer(ReadRobot("panda"))
+    assert isinstance(reply, RobotReply)
+    cover, parts = CoverInfo(spheres=3, overhang=0.0125, inner_balls=2), PartsInfo(count=4, stand_off=0.007)
+    shapes = [replace(shape, cover=cover, parts=parts if k == 0 else None) for k, shape in enumerate(reply.geometry)]
+    reply = replace(reply, geometry=shapes)
+    text = _text(robot_table(reply))
+    assert f"covered by {3 * 17} spheres that stand out by at most 12.5 mm; {2 * 17} balls inside" in text
+    assert "1 meshes are contained in 4 convex parts that stand off by at most 7.0 mm" in text
+    unknown = replace(reply, geometry=[*shapes[1:], replace(shapes[0], cover=None)])
+    assert "covered by" not in _text(robot_table(unknown))

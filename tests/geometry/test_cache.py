@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.geometry.cache import folder, remembered
+from guidefield.geometry.cache import folder, recalled, remembered
 
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
 RESULT = {"spheres": np.linspace(0, 1, 8).reshape(2, 4), "first": np.arange(3), "solid": np.array([True, False])}
@@ -53,6 +53,17 @@ def test_it_is_computed_once(tmp_path: Path) -> None:
     assert make.times == 1
     assert [path.name.split("-")[0] for path in entries()] == ["cover"]
     assert entries()[0].is_relative_to(tmp_path / "guidefield" / "geometry")
+
+
+def test_what_is_not_there_is_not_computed_to_recall_it() -> None:
+    make = Counted()
+    assert recalled("cover", INPUTS, make) is None
+    assert make.times == 0
+    remembered("cover", INPUTS, make)
+    found = recalled("cover", INPUTS, make)
+    assert found is not None
+    check(found)
+    assert make.times == 1
 
 
 def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from guidefield.messages.replies import JointInfo, RobotReply, RobotsReply, RobotSummary
+from guidefield.messages.replies import GeometryInfo, JointInfo, RobotReply, RobotsReply, RobotSummary
 
 MOST_GROUPS = 4
 """Names of groups that a line of the list has room for."""
@@ -49,12 +49,32 @@ def robot_table(reply: RobotReply) -> RenderableType:
         Text(reply.name, style="bold"),
         Text(f"tip {reply.tip}; {len(reply.links)} links, {len(reply.frames)} frames"),
         Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items())}"),
+        *(Text(line) for line in _measured(reply.geometry)),
         *(Text(f"group {name}: {', '.join(members)}") for name, members in reply.groups.items()),
         joints,
         Text(f"{len(reply.collision_pairs)} pairs of links are tested against each other"),
         *([pairs] if reply.pairs_left_out else []),
         *(Text(warning, style="yellow") for warning in reply.warnings),
     )
+
+
+def _measured(geometry: list[GeometryInfo]) -> list[str]:
+    """How closely shapes are covered and cut into parts, as far as that is known."""
+    lines = []
+    covers = [shape.cover for shape in geometry if shape.cover is not None]
+    if len(covers) == len(geometry):
+        lines.append(
+            f"covered by {sum(cover.spheres for cover in covers)} spheres that stand out by at most "
+            f"{1e3 * max(cover.overhang for cover in covers):.1f} mm; "
+            f"{sum(cover.inner_balls for cover in covers)} balls inside"
+        )
+    parts = [shape.parts for shape in geometry if shape.parts is not None]
+    if parts:
+        lines.append(
+            f"{len(parts)} meshes are contained in {sum(part.count for part in parts)} convex parts that stand off by "
+            f"at most {1e3 * max(part.stand_off for part in parts):.1f} mm"
+        )
+    return lines
 
 
 def _table(*headings: str) -> Table:

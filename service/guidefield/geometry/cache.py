@@ -66,14 +66,18 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
     Returns:
         The arrays, read-only. If the disk can't be read or written, they are computed, and a warning is logged.
     """
-    path = folder() / f"{kind}-{_key(kind, inputs, make)}"
-    arrays = _read(path)
+    arrays = recalled(kind, inputs, make)
     if arrays is None:
         arrays = {name: np.ascontiguousarray(array) for name, array in make().items()}
-        _write(path, arrays)
-    for array in arrays.values():
-        array.setflags(write=False)
+        _write(_path(kind, inputs, make), arrays)
+        for array in arrays.values():
+            array.setflags(write=False)
     return arrays
+
+
+def recalled(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray] | None:
+    """What `remembered` would return without computing anything; None if it would have to."""
+    return _read(_path(kind, inputs, make))
 
 
 def folder() -> Path:
@@ -81,6 +85,10 @@ def folder() -> Path:
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     base = Path(chosen) if Path(chosen).is_absolute() else Path.home() / ".cache"
     return base / "guidefield" / "geometry"
+
+
+def _path(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> Path:
+    return folder() / f"{kind}-{_key(kind, inputs, make)}"
 
 
 def _key(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> str:

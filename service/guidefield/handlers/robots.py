@@ -7,8 +7,11 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply
+from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.configuration import configuration_to_wire
+from guidefield.robot.convex_parts import known_parts
+from guidefield.robot.coverage import ShapeCoverage, known_coverage
 from guidefield.robot.model import Joint, RobotModel
 from guidefield.robot.sent import SentRobot
 
@@ -39,20 +42,33 @@ def robot(model: RobotModel) -> RobotReply:
         groups={name: list(joints) for name, joints in model.groups.items()},
         tip=model.tip,
         rest=configuration_to_wire(model.joints, model.rest),
-        geometry=[
-            GeometryInfo(
-                name=choice.name,
-                link=choice.link,
-                shape=choice.shape,
-                judged_as=choice.judged_as,
-                stand_off=choice.stand_off,
-            )
-            for choice in model.geometry_choices
-        ],
+        geometry=_geometry(model),
         collision_pairs=_linked(model),
         pairs_left_out=[PairLeftOut(links=list(pair.links), reason=pair.reason) for pair in model.pairs_left_out],
         warnings=list(model.warnings),
     )
+
+
+def _geometry(model: RobotModel) -> list[GeometryInfo]:
+    return [
+        GeometryInfo(
+            name=choice.name,
+            link=choice.link,
+            shape=choice.shape,
+            judged_as=choice.judged_as,
+            stand_off=choice.stand_off,
+            cover=None
+            if balls is None
+            else CoverInfo(len(balls.cover.spheres), balls.cover.overhang, len(balls.inner)),
+            parts=None if found is None else PartsInfo(len(found.parts), found.stand_off),
+        )
+        for choice, balls, found in zip(model.geometry_choices, known_coverage(model), known_parts(model), strict=True)
+    ]
+
+
+def _cover(balls: ShapeCoverage) -> CoverInfo:
+    cover = balls.cover
+    return CoverInfo(spheres=len(cover.spheres), overhang=cover.overhang, inner_balls=len(balls.inner))
 
 
 def _joint(joint: Joint) -> JointInfo:

@@ -29,14 +29,34 @@ class PairLeftOut(Reply):
     reason: str
 
 
+class CoverInfo(Reply):
+    """Spheres that contain a shape, by how much they leave it at most [m], and how many balls are inside of it."""
+
+    spheres: int
+    overhang: float
+    inner_balls: int
+
+
+class PartsInfo(Reply):
+    """Convex parts that together contain a mesh, and how far they stand off it at most [m]."""
+
+    count: int
+    stand_off: float
+
+
 class GeometryInfo(Reply):
-    """One collision shape of a link, and as what it is judged; how far a hull stands off the mesh at most [m]."""
+    """One collision shape of a link, and as what it is judged; how far a hull stands off the mesh at most [m].
+
+    Cover and parts are told once they are known: the first plan that needs them finds them.
+    """
 
     name: str
     link: str
     shape: str
     judged_as: str
     stand_off: float = 0.0
+    cover: CoverInfo | None = None
+    parts: PartsInfo | None = None
 
 
 class RobotReply(Reply):

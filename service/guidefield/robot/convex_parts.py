@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from typing import Any
 
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cache import Arrays, recalled, remembered
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Surface
@@ -35,17 +36,31 @@ def convex_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
     return _known[robot]
 
 
+def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
+    """What of `convex_parts` is known without computing anything; None where it isn't, or there are none."""
+    if robot in _known:
+        return _known[robot]
+    kept = (
+        recalled(*_question(shape.geometry)) if isinstance(shape.geometry, coal.BVHModelBase) else None
+        for shape in robot.geometry.geometryObjects
+    )
+    return tuple(None if arrays is None else _restored(arrays) for arrays in kept)
+
+
 def _decomposition(shape: Any) -> Decomposition | None:
-    if not isinstance(shape, coal.BVHModelBase):
-        return None
-    vertices, triangles = triangulation(shape)
+    return _restored(remembered(*_question(shape))) if isinstance(shape, coal.BVHModelBase) else None
+
+
+def _question(mesh: Any) -> tuple[str, Arrays, Callable[[], Arrays]]:
+    """What the parts of a mesh are kept under: a name, what they depend on, and how they are found."""
+    vertices, triangles = triangulation(mesh)
     inputs = {
         "vertices": vertices,
         "triangles": triangles,
         "limits": np.array([WIDEST_GAP, TIGHT]),
         "most": np.array(MOST),
     }
-    return _restored(remembered("parts", inputs, lambda: _stored(_found(vertices, triangles))))
+    return "parts", inputs, lambda: _stored(_found(vertices, triangles))
 
 
 def _found(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Part, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cache import Arrays, recalled, remembered
 from guidefield.geometry.cover import Cover, cover
 from guidefield.geometry.inner import inner_balls
 from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
@@ -96,22 +96,34 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = silen
         geometry = robot.geometry.geometryObjects
         for done, shape in enumerate(geometry):
             progress(done, len(geometry), shape.name)
-            shapes.append(_shape_coverage(shape.geometry, delta))
+            shapes.append(_restored(remembered(*_question(shape.geometry, delta))))
         known[delta] = Coverage(tuple(shapes), delta)
     return known[delta]
+
+
+def known_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
+    """What of `coverage` is known without computing anything, by shape; None where it isn't."""
+    if delta in _known.get(robot, {}):
+        return _known[robot][delta].shapes
+    kept = (recalled(*_question(shape.geometry, delta)) for shape in robot.geometry.geometryObjects)
+    return tuple(None if arrays is None else _restored(arrays) for arrays in kept)
 
 
 _known: weakref.WeakKeyDictionary[RobotModel, dict[float, Coverage]] = weakref.WeakKeyDictionary()
 
 
-def _shape_coverage(shape: Any, delta: float) -> ShapeCoverage:
+def _question(shape: Any, delta: float) -> tuple[str, Arrays, Callable[[], Arrays]]:
+    """What the balls of a shape are kept under: a name, what they depend on, and how they are found."""
     kind = next((kind for kind in _KINDS if isinstance(shape, kind)), None)
     if kind is None:
         raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
     inputs, build = _KINDS[kind]
     arrays = inputs(shape)
-    name = f"coverage-{kind.__name__.lower()}"
-    return _restored(remembered(name, {**arrays, "delta": np.array(delta)}, lambda: _stored(build(arrays, delta))))
+    return (
+        f"coverage-{kind.__name__.lower()}",
+        {**arrays, "delta": np.array(delta)},
+        lambda: _stored(build(arrays, delta)),
+    )
 
 
 def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
