@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from guidefield.robot.mover import mover_of, planned_values
 
 MARGIN = 2e-3
 """Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
+
+WIDE_MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
+"""Distances from obstacles by which ways between the same configurations are compared, the widest first [m]."""
 
 Reach = Callable[[Problem, np.ndarray, np.ndarray], Iterable[np.ndarray]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
@@ -92,13 +96,28 @@ class Walker:
         """Go straight from an earlier configuration of the path to the last one, where that motion is free.
 
         Advances lead to the walls and descents back: from one plane's minimum to the next one's the straight motion is
-        shorter and farther from the obstacles. It need not be free, so every step is kept until this is known.
+        shorter and mostly farther from the obstacles. It need not be, so every step is kept until this is known. Of the
+        straight way, one through a single step, and all steps, the first stays that keeps the widest margin.
 
         Args:
             since: Index in the path of the earlier configuration.
         """
-        if len(self.path) - since > 2 and self.free(self.path[since], self.q):
+        steps = self.path[since:]
+        if len(steps) < 3:
+            return
+        for margin in (m for m in WIDE_MARGINS if m > self.margin):
+            for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
+                if all(self._wide(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
+                    self.path[since + 1 : -1] = kept
+                    return
+        if self.free(steps[0], steps[-1]):
             del self.path[since + 1 : -1]
+
+    def _wide(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
+        """Whether capsules can tell that the straight joint motion keeps a margin [m]."""
+        swept = swept_world(self.problem.world)
+        self.problem.counters.collision_checks += 1
+        return swept.apart(*swept.ends(q0, q1), margin)
 
     def refusal(self) -> Verdict | None:
         """Why the last motion that was not free was refused: the certificate's verdict; None if there was none.
