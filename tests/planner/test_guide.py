@@ -15,7 +15,7 @@ from guidefield.planner.steps import reach_point
 from guidefield.planner.tip_reach import inset_of, tip_radius
 from guidefield.planner.trace import Step
 from guidefield.scene.guide_plane import build
-from tests.planner.problems import densely_free, problem, scene_of
+from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, grouped, rest
 
 
@@ -38,6 +38,20 @@ def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str) -> N
         assert abs(plane.signed_height(tip)) <= ON_PLANE
         assert plane.contains(tip)
         assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.01)
+
+
+@pytest.mark.parametrize("title", ["seed_e_L_3_planar", "seed_e_L_6_planar"])
+def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
+    made = seed_problem(title)
+    q = made.q_start
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index)
+        assert crossing.status is Status.SUCCESS, crossing.message
+        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02)
+        q = crossing.path[-1]
+        tip = made.kinematics.tip_position(q)
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
+        assert tip[2] == 0.0
 
 
 def test_the_field_lowers_the_potential_on_the_way() -> None:

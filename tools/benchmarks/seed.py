@@ -48,9 +48,10 @@ SCENES = (*THESIS, *(f"seed_{s}" for s in ("d_passage_3", "d_passage_6", "e_L_3"
 LONGER = (
     *(f"seed_b_tapered{n}" for n in ("", "_10_links", "_12_links", "_20_links", "_24_links", "_40_links", "_48_links")),
     *(f"seed_d_passage_{n}" for n in ("3", "6", "12_links", "24_links", "6_out_again")),
+    *(f"seed_e_L_{n}_planar" for n in (3, 6)),
     *(f"seed_{s}_universal" for s in ("a_gates", "b_tapered", "c_blocked", "d_passage_6", "e_S_6")),
 )
-"""More links, out again, universal joints."""
+"""More links, out again, planar bases, universal joints."""
 GOALS = {"projected": (8.0, 20.0), "univariate": (200.0, 400.0)}
 """Median and worst of the nine scenes [ms]."""
 CATALOG = Catalog()
@@ -267,7 +268,7 @@ def run(arguments: list[str]) -> None:
     if asked.minimizer != ["projected"]:
         converged(asked.scenes)
     if asked.links:
-        print("\nmore links, out again, universal joints")
+        print("\nmore links, out again, planar bases, universal joints")
         print(HEADER)
         for title in LONGER:
             report(title, "projected", 1)

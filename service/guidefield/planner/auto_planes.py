@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from guidefield.collision.swept import swept_world
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.wavefront import CAP
@@ -16,7 +17,6 @@ from guidefield.messages import scene as messages
 from guidefield.planner.problem import Problem
 from guidefield.planner.tip_reach import arm_reach, tip_radius
 from guidefield.planner.tip_way import TipWay, centroid, clearances, open_area, section, tip_way
-from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane, build
 
@@ -43,7 +43,7 @@ def derive(problem: Problem, goal: np.ndarray) -> tuple[GuidePlane, ...] | None:
     Returns:
         Planes in order, named GP-auto-1, GP-auto-2 ..; None if there is no way for the tip.
     """
-    tables = distance_tables(problem.scene)
+    tables = swept_world(problem.world).tables
     start = problem.kinematics.tip_position(problem.q_start)
     centre, reach = arm_reach(problem)
     way = tip_way(tables, start, goal, tip_radius(problem), centre, reach)
