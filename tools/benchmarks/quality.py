@@ -87,6 +87,7 @@ def run(arguments: list[str]) -> None:
     for robot in options.robots.split(","):
         given = Problems.load(options.folder, robot, options.every)
         vamp = given.peers_rows()
+        _row(given, given.problems[0], vamp)  # compiles and computes what is kept from then on
         rows = [_row(given, problem, vamp) for problem in given.problems]
         print(f"\n{robot}: {len(rows)} problems")
         _print("guidefield", rows)

@@ -99,6 +99,7 @@ def answer_plan(
         min_clearance=request.min_clearance,
         allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
         path_constraints=constraints_of(request, group),
+        leave_start_contact=request.leave_start_contact,
         jerk_limits=_jerk_limits(group, request),
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
@@ -127,7 +128,7 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not of this version, by name."""
     unserved = {
         "path_constraints among obstacles that move": scene.moves and bool(request.path_constraints),
-        "leave_start_contact": request.leave_start_contact,
+        "leave_start_contact among obstacles that move": scene.moves and request.leave_start_contact,
         "moving obstacles with goals other than the last guide plane": scene.moves
         and not isinstance(request.goal, requests.GuidePlaneGoal),
         "jerk limits among obstacles that move": scene.moves

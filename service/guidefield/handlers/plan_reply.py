@@ -70,7 +70,7 @@ def reply_to(
         certificate=replies.CertificateFigures(
             collision_free=made.verdict.free,
             method=CERTIFICATE,
-            covers="path" if made.trajectory is None else "trajectory",
+            covers=_covered(made),
             evaluations=made.verdict.evaluations,
         ),
         metrics=metrics,
@@ -89,6 +89,13 @@ def reply_to(
         planner=request.planner,
         recording=None,
     )
+
+
+def _covered(made: Plan) -> str:
+    """What the certificate is about."""
+    if made.trajectory is None:
+        return "path"
+    return "trajectory" if made.judged_from == 0.0 else f"trajectory after {made.judged_from:.6f} s"
 
 
 def _trajectory(

@@ -72,7 +72,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
     for repair in range(REPAIRS + 1):
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
             spline = interpolate(knots if len(knots) > 1 else np.repeat(knots, 2, axis=0))
-            trajectory = _timed(problem, spline)
+            trajectory = timed(problem, spline)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
             verdict = _judged(problem, trajectory.bezier())
@@ -95,7 +95,8 @@ def _judged(problem: Problem, pieces: np.ndarray) -> Verdict:
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
-def _timed(problem: Problem, spline: CubicSpline) -> Trajectory:
+def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
+    """The motion along a curve within the problem's limits."""
     group = problem.group
     if problem.jerk_limits is None:
         return parameterize(spline, group.velocity_limits, group.acceleration_limits)

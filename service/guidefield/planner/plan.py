@@ -20,17 +20,15 @@ from guidefield.planner.constrained import Keeper, connect_constrained
 from guidefield.planner.ends import check_start, goal_points, tip_points
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross
+from guidefield.planner.leaving import Left, after, joined, leave
 from guidefield.planner.problem import Problem
+from guidefield.planner.refusal import refusal
 from guidefield.planner.stages import Stage, StageFailed, Stages
 from guidefield.planner.timed import cross_planes_timed
 from guidefield.planner.tip_reach import inset_of
 from guidefield.planner.trace import Note, StageLeft
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.inverse_kinematics import PoseTarget
-
-SLACK = 1e-3
-"""A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
-
 
 CLEARANCE_SHARE = 0.5
 """Share of the time in which a connection with the clearance asked for is looked for; then any that is free will do."""
@@ -59,6 +57,7 @@ class Plan:
         seconds: Time by stage.
         details: The values that the message speaks about.
         warnings: What was odd but harmless.
+        judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
     """
 
     status: Status
@@ -71,6 +70,7 @@ class Plan:
     seconds: dict[str, float] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    judged_from: float = 0.0
 
 
 @dataclass
@@ -93,6 +93,35 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
         planner: Which stages find it.
         attempts: How each guide plane is tried.
     """
+    if not problem.leave_start_contact:
+        return _planned(problem, planner, attempts)
+    stages = Stages(problem)
+    try:
+        left = leave(problem, stages)
+    except StageFailed as failure:
+        return _partial(problem, _Found(problem.group.chart(problem.q_start)[None]), failure, stages)
+    if left is None:
+        return _planned(problem, planner, attempts)
+    return _with_left(problem, left, _planned(after(problem, left), planner, attempts), stages)
+
+
+def _with_left(problem: Problem, left: Left, rest: Plan, stages: Stages) -> Plan:
+    """A plan from where a contact at the start was left, with the motion out of it before."""
+    rest = dataclasses.replace(
+        rest,
+        stages=(*stages.left, *rest.stages),
+        seconds={**rest.seconds, "ends": stages.seconds["ends"] + rest.seconds["ends"]},
+        warnings=(left.warning, *rest.warnings),
+    )
+    if rest.trajectory is None:
+        return rest
+    trajectory, judged_from = joined(problem, left, rest.trajectory)
+    path = np.concatenate([trajectory.positions[:1], rest.path])
+    crossings = {plane: index + 1 for plane, index in rest.crossings.items()}
+    return dataclasses.replace(rest, trajectory=trajectory, path=path, crossings=crossings, judged_from=judged_from)
+
+
+def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) -> Plan:
     stages = Stages(problem)
     found = _Found(problem.group.chart(problem.q_start)[None])
     try:
@@ -244,7 +273,7 @@ def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
     if verdict.free and problem.budget.cancelled():
         status, message = Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length"
     if not verdict.free:
-        status, message, details = _refusal(problem, verdict)
+        status, message, details = refusal(problem, verdict)
     return Plan(
         status=status,
         message=message,
@@ -257,30 +286,6 @@ def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
         details=details,
         warnings=finished.warnings,
     )
-
-
-def _refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, Any]]:
-    """Why a motion is not certified: status, message, and the place."""
-    status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
-    pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
-    between = f" between {pair}" if verdict.pair else ""
-    message = f"the certificate refused the motion: {verdict.reason}{between}"
-    details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
-    if verdict.configuration is None:
-        return status, message, details
-    group = problem.group
-    details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
-    if verdict.reason == "stopped":
-        return status, "time was up before the motion was certified", details
-    distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
-    if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
-        status = Status.CLEARANCE_BELOW_MINIMUM
-        message = (
-            f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
-            f" within {1000 * distance:.1f} mm between {pair}"
-        )
-        details |= {"clearance": distance, "min_clearance": problem.min_clearance}
-    return status, message, details
 
 
 def polyline(path: np.ndarray) -> np.ndarray:

@@ -90,6 +90,7 @@ class Problem:
         derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
         min_clearance: Distance to keep from obstacles everywhere [m].
         allowed_collisions: Pairs of names that may touch.
+        leave_start_contact: Whether the start may be in slight contact, which is left first.
         jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
         path_constraints: What frames have to keep all along the motion.
         seed: Of all randomness.
@@ -109,6 +110,7 @@ class Problem:
     derived_planes: int = 0
     min_clearance: float = 0.0
     allowed_collisions: tuple[tuple[str, str], ...] = ()
+    leave_start_contact: bool = False
     jerk_limits: np.ndarray | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
     seed: int = 0

@@ -1,0 +1,139 @@
+"""Leaving a slight contact at the start: a short straight motion out of it, free of everything else."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.certificate import motion_free
+from guidefield.collision.contact import Contact
+from guidefield.collision.world import World
+from guidefield.errors import Status
+from guidefield.planner.finish import timed
+from guidefield.planner.problem import Problem
+from guidefield.planner.spline import interpolate
+from guidefield.planner.stages import StageFailed, Stages
+from guidefield.planner.trajectory import Trajectory
+
+SLIGHT = 0.01
+"""A contact deeper than this is not slight [m]."""
+
+APART = 1e-3
+"""Distance that what touched keeps in the end, at least [m]."""
+
+LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+"""Lengths of the motions that are tried, short ones first [rad or m]."""
+
+DIRECTIONS = 48
+"""Directions that are tried with each length."""
+
+SAMPLES = 24
+"""Places on the motion where what touches is measured: it must not get any closer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """A contact that is left.
+
+    Attributes:
+        start, end: Chart points of the straight motion, shape (nv,); the end is free.
+        contacts: What touched at the start.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    contacts: tuple[Contact, ...]
+
+    @property
+    def warning(self) -> str:
+        """What happened, as a sentence."""
+        told = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in self.contacts)
+        return f"the start was in contact ({told}): the motion begins by leaving it, and is certified free from then on"
+
+
+def leave(problem: Problem, stages: Stages) -> Left | None:
+    """A motion out of the contacts at the start; None if there are none.
+
+    Along it what touches never comes closer, what is apart again stays apart, and everything else is certified free.
+
+    Raises:
+        StageFailed: START_STATE_IN_COLLISION if a contact is deep, or no short motion leads out of all of them.
+    """
+    contacts = tuple(problem.world.contacts(problem.q_start))
+    if not contacts:
+        return None
+    with stages.entered("ends", "out of the contact at the start") as stage:
+        for one in contacts:
+            if one.depth is not None and one.depth > SLIGHT:
+                raise _refusal(one, f"deeper than the {1000 * SLIGHT:.0f} mm that can be planned away from")
+        start, group = problem.group.chart(problem.q_start), problem.group
+        rng = np.random.default_rng([problem.seed, 3])
+        leads_out = _judge(problem, contacts, start)
+        for length in LENGTHS:
+            for direction in rng.normal(size=(DIRECTIONS, group.nv)):
+                way = length * direction / np.linalg.norm(direction)
+                end = np.clip(start + way, group.lower, group.upper)
+                if leads_out(end):
+                    stage.outcome = f"{length:g} rad lead out of the contact"
+                    return Left(start, end, contacts)
+            if problem.budget.spent():
+                break
+        raise _refusal(contacts[0], "and no short motion leads out of it")
+
+
+def joined(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
+    """The motion out of contact, from rest to rest, and what comes after it; and how long it takes [s]."""
+    end = after.positions[0]  # whole turns may have been added
+    first = timed(problem, interpolate(np.array([left.start + (end - left.end), end])))
+    times = np.concatenate([first.times, first.duration + after.times[1:]])
+    positions = np.concatenate([first.positions[:-1], after.positions])
+    return Trajectory(times, positions, np.concatenate([first.velocities, after.velocities[1:]])), first.duration
+
+
+def _judge(problem: Problem, contacts: tuple[Contact, ...], start: np.ndarray) -> Callable[[np.ndarray], bool]:
+    """Judges the straight motions from the start."""
+    world, group = problem.world, problem.group
+    allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
+    others = World.build(group, problem.scene, allowed)
+    names = {one.pair for one in contacts}
+    touching = [k for k in range(len(world.pairs)) if world.pair_names(k) in names]
+    enough = max(APART, problem.min_clearance)
+
+    def distances(z: np.ndarray) -> np.ndarray:
+        q = group.expand(group.from_chart(z))
+        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
+        found = [pin.computeDistance(world.geometry, world.geometry_data, k).min_distance for k in touching]
+        return np.where(world.signed[touching], found, np.maximum(found, 0.0))
+
+    def leads_out(end: np.ndarray) -> bool:
+        q = group.from_chart(end)
+        if (distances(end) < enough).any() or world.in_collision(q):
+            return False
+        if problem.min_clearance > 0.0 and world.clearance(q).obstacle_distance < problem.min_clearance:
+            return False
+        along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, SAMPLES)])
+        if (np.diff(along, axis=0) < -1e-6).any():
+            return False
+        return motion_free(others, start, end).free
+
+    return leads_out
+
+
+def _refusal(contact: Contact, why: str) -> StageFailed:
+    message = f"the start is in collision: {contact.pair[0]} and {contact.pair[1]}{_depth(contact)}, {why}"
+    details: dict[str, Any] = {"pair": list(contact.pair), "depth": contact.depth}
+    return StageFailed(Status.START_STATE_IN_COLLISION, message, stage="start", **details)
+
+
+def _depth(contact: Contact) -> str:
+    return "" if contact.depth is None else f", {1000 * contact.depth:.1f} mm deep"
+
+
+def after(problem: Problem, left: Left) -> Problem:
+    """The problem from where the contact is left."""
+    return dataclasses.replace(problem, q_start=problem.group.from_chart(left.end), leave_start_contact=False)

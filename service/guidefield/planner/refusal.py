@@ -1,0 +1,36 @@
+"""Why a motion is not certified, in the words and with the code of a reply."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from guidefield.collision.certificate import Verdict
+from guidefield.errors import Status
+from guidefield.planner.problem import Problem
+
+SLACK = 1e-3
+"""A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
+
+
+def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, Any]]:
+    """Why a motion is not certified: status, message, and the place."""
+    status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
+    pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
+    between = f" between {pair}" if verdict.pair else ""
+    message = f"the certificate refused the motion: {verdict.reason}{between}"
+    details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+    if verdict.configuration is None:
+        return status, message, details
+    group = problem.group
+    details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
+    if verdict.reason == "stopped":
+        return status, "time was up before the motion was certified", details
+    distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
+    if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
+        status = Status.CLEARANCE_BELOW_MINIMUM
+        message = (
+            f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
+            f" within {1000 * distance:.1f} mm between {pair}"
+        )
+        details |= {"clearance": distance, "min_clearance": problem.min_clearance}
+    return status, message, details

@@ -1,0 +1,75 @@
+"""A slight contact at the start is left on request: what touches never comes closer, everything else stays free."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from guidefield.collision.certificate import certify
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.planner.plan import plan
+from guidefield.planner.problem import Problem
+from tests.planner.problems import problem, scene_of, to_configuration
+from tests.robots import group, rest
+
+
+def pressed(depth: float) -> Problem:
+    """The hand pressed into a board from above, and a goal beside."""
+    arm = group("panda")
+    start, goal = rest(arm), rest(arm)
+    goal[0] += 0.7
+    tip = problem(arm, scene_of(), planes=()).kinematics.tip_position(start)
+
+    def with_top(height: float) -> Problem:
+        board = messages.Box(name="board", size=(0.04, 0.04, 0.02), position=(tip[0], tip[1], height - 0.01))
+        return problem(arm, scene_of(board), to_configuration(goal, arm), planes=(), leave_start_contact=True)
+
+    low, high = tip[2] - 0.3, tip[2] + 0.2
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        deep = with_top(middle).world.clearance(start).obstacle_distance < -depth
+        low, high = (low, middle) if deep else (middle, high)
+    return with_top(low)
+
+
+def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
+    made = pressed(0.003)
+    contacts = made.world.contacts(made.q_start)
+    assert contacts
+    assert plan(dataclasses.replace(made, leave_start_contact=False)).status is Status.START_STATE_IN_COLLISION
+    result = plan(made)
+    assert result.status is Status.SUCCESS, result.message
+    assert "board" in result.warnings[0]
+    motion = result.trajectory
+    assert motion is not None
+    assert 0.0 < result.judged_from < motion.duration
+    np.testing.assert_allclose(motion.positions[0], made.q_start)
+    times = np.linspace(0.0, motion.duration, 400)
+    qs = motion.evaluate(times)[0]
+    distances = np.array([made.world.clearance(q).obstacle_distance for q in qs])
+    leaving = times <= result.judged_from
+    assert distances[0] == pytest.approx(-0.003, abs=5e-4)
+    assert (np.diff(distances[leaving]) > -1e-5).all()
+    assert (distances[~leaving] > 0.0).all()
+    assert not any(made.world.in_collision(q) for q in qs[~leaving])
+    pairs = {contact.pair for contact in contacts}
+    assert all({contact.pair for contact in made.world.contacts(q)} <= pairs for q in qs[leaving])
+    k = int(np.searchsorted(motion.times, result.judged_from))
+    np.testing.assert_array_equal(motion.velocities[k], 0.0)
+    assert certify(made.world, motion.bezier()[k:]).free
+
+
+def test_a_deep_contact_is_refused_with_its_depth() -> None:
+    result = plan(pressed(0.03))
+    assert result.status is Status.START_STATE_IN_COLLISION
+    assert "deeper" in result.message
+    assert result.details["depth"] > 0.01
+
+
+def test_a_free_start_is_planned_as_ever() -> None:
+    free = pressed(-0.02)
+    result = plan(free)
+    assert result.status is Status.SUCCESS
+    assert result.judged_from == 0.0
+    assert not result.warnings
