@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import coal
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ import pytest
 from guidefield.geometry.cover import cover
 from guidefield.geometry.inner import inner_balls
 from guidefield.geometry.solid import solid
+from guidefield.messages.requests import UrdfText
+from guidefield.robot import coverage as module
 from guidefield.robot.charges import surface
 from guidefield.robot.coverage import DELTA, Coverage, coverage, known_coverage
 from guidefield.robot.shapes import triangulation
@@ -149,3 +153,23 @@ def test_what_is_known_is_told_without_computing_it() -> None:
     for kept, one in zip(known_coverage(twin, unheard_of), found.shapes, strict=True):
         assert kept is not None
         assert (kept.cover.spheres == one.cover.spheres).all()
+
+
+def test_a_large_shape_is_covered_as_closely_as_is_worth_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(module, "LARGE", 300.0)
+    floor, arm = coverage(load(UrdfText(text=LARGE_TABLE)), 0.05).shapes
+    assert arm.cover.overhang <= 0.05
+    size = (4.0, 3.0, 0.5)
+    area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+    assert 0.05 < floor.cover.overhang <= np.sqrt(area / 300.0)
+    assert solids.in_balls(
+        solids.on_surface(solids.box(size), 2000, np.random.default_rng(0)), floor.cover.spheres
+    ).all()
+
+
+LARGE_TABLE = """<robot name="table">
+<link name="arm"><collision><geometry><box size="0.1 0.1 0.5"/></geometry></collision></link>
+<link name="floor"><collision><geometry><box size="4 3 0.5"/></geometry></collision></link>
+<joint name="j" type="continuous"><parent link="floor"/><child link="arm"/><origin xyz="0 0 1"/><axis xyz="0 0 1"/>
+</joint></robot>"""

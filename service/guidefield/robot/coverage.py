@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,12 +24,19 @@ from guidefield.robot.shapes import WIDEST_GAP, triangulation
 DELTA = 0.015
 """By how much covers may leave the shapes, unless told otherwise [m]."""
 
+LARGE = 20_000.0
+"""A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many."""
+
 Progress = Callable[[int, int, str], None]
 """Told before each shape: how many are done, how many there are, its name."""
 
 
-def silent(done: int, of: int, name: str) -> None:
-    """Say nothing."""
+_log = logging.getLogger(__name__)
+
+
+def logged(done: int, of: int, name: str) -> None:
+    """Say in the log how far it is."""
+    _log.info("covering %s: %d of %d shapes done", name, done, of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +58,7 @@ class Coverage:
 
     Attributes:
         shapes: In the geometry's order.
-        delta: By how much the covers may leave the shapes [m].
+        delta: By how much the covers may leave the shapes [m]; those of `LARGE` ones may leave them further.
     """
 
     shapes: tuple[ShapeCoverage, ...]
@@ -68,7 +76,7 @@ class Coverage:
 
     @property
     def overhang(self) -> float:
-        """Largest overhang of a sphere [m], at most `delta`."""
+        """Largest overhang of a sphere [m], at most `delta` unless a shape is `LARGE`."""
         return max(shape.cover.overhang for shape in self.shapes)
 
     @property
@@ -77,7 +85,7 @@ class Coverage:
         return float(np.concatenate([shape.cover.overhangs for shape in self.shapes]).mean())
 
 
-def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = silent) -> Coverage:
+def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logged) -> Coverage:
     """Covers and inner balls of a robot's collision shapes; computed once, and kept on disk.
 
     Args:
@@ -126,9 +134,14 @@ def _question(shape: Any, delta: float) -> tuple[str, Arrays, Callable[[], Array
     )
 
 
+def _allowed(area: float, delta: float) -> float:
+    """By how much the cover of a surface of that area [m^2] may leave it [m]: so that it is found in some seconds."""
+    return max(delta, float(np.sqrt(area / LARGE)))
+
+
 def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
     body = solid(arrays["vertices"], arrays["triangles"], WIDEST_GAP)
-    return ShapeCoverage(cover(body, delta), inner_balls(body))
+    return ShapeCoverage(cover(body, _allowed(body.area, delta)), inner_balls(body))
 
 
 def _mesh_arrays(shape: Any) -> Arrays:
@@ -137,7 +150,9 @@ def _mesh_arrays(shape: Any) -> Arrays:
 
 
 def _box(arrays: Arrays, delta: float) -> ShapeCoverage:
-    return ShapeCoverage(cover_box(arrays["size"], delta), inner_box(arrays["size"]))
+    x, y, z = arrays["size"].tolist()
+    allowed = _allowed(2.0 * (x * y + y * z + z * x), delta)
+    return ShapeCoverage(cover_box(arrays["size"], allowed), inner_box(arrays["size"]))
 
 
 def _sphere(arrays: Arrays, delta: float) -> ShapeCoverage:  # noqa: ARG001 - as the others
@@ -147,12 +162,14 @@ def _sphere(arrays: Arrays, delta: float) -> ShapeCoverage:  # noqa: ARG001 - as
 
 def _cylinder(arrays: Arrays, delta: float) -> ShapeCoverage:
     radius, length = arrays["size"].tolist()
-    return ShapeCoverage(cover_cylinder(radius, length, delta), inner_cylinder(radius, length))
+    allowed = _allowed(2.0 * np.pi * radius * (radius + length), delta)
+    return ShapeCoverage(cover_cylinder(radius, length, allowed), inner_cylinder(radius, length))
 
 
 def _capsule(arrays: Arrays, delta: float) -> ShapeCoverage:
     radius, length = arrays["size"].tolist()
-    return ShapeCoverage(cover_capsule(radius, length, delta), inner_capsule(radius, length))
+    allowed = _allowed(2.0 * np.pi * radius * (2.0 * radius + length), delta)
+    return ShapeCoverage(cover_capsule(radius, length, allowed), inner_capsule(radius, length))
 
 
 _KINDS: dict[type, tuple[Callable[[Any], Arrays], Callable[[Arrays, float], ShapeCoverage]]] = {
