@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from guidefield import logs
 from guidefield.engine import Engine, LocalFiles
 from guidefield.errors import GuidefieldError, InternalFailure
 from guidefield.messages import codec, keys
@@ -15,7 +16,7 @@ from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import PlanRequest
 from guidefield.pool.process import Call
 from guidefield.stores.robots import RobotStore
-from guidefield.stores.runs import RunStore
+from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunStore
 from guidefield.stores.scenes import SceneStore
 
 _log = logging.getLogger(__name__)
@@ -44,17 +45,21 @@ class EngineSetup:
         instance: Name of the service.
         data: Folder of its runs, scenes and robots.
         log_level: How much a worker logs, to stderr.
+        json_logs: Whether as JSON.
+        retention: How many runs are kept.
         packages: Folders of packages from which a robot that is sent may take meshes.
     """
 
     instance: str
     data: Path
     log_level: int = logging.INFO
+    json_logs: bool = False
+    retention: Retention = DEFAULT_RETENTION
     packages: tuple[Path, ...] = ()
 
     def runs(self) -> RunStore:
         """Where its runs are kept."""
-        return RunStore(self.data / "runs")
+        return RunStore(self.data / "runs", self.retention)
 
     def engine(self) -> Engine:
         """An engine on the data folder that refuses local files."""
@@ -69,7 +74,7 @@ class EngineSetup:
 
     def __call__(self) -> EngineWorker:
         """In a worker process: log, and warm an engine up."""
-        logging.basicConfig(level=self.log_level, format="%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s")
+        logs.configure(self.log_level, json=self.json_logs)
         engine = self.engine()
         engine.warm_up()
         return EngineWorker(engine)

@@ -136,6 +136,17 @@ def test_the_oldest_ended_runs_make_room(tmp_path: Path) -> None:
     assert {run.run_id for run in store.summaries()} == {"running", "r3", "r4", "r5"}
 
 
+def test_runs_that_are_too_old_are_dropped(tmp_path: Path) -> None:
+    store = RunStore(tmp_path, Retention(seconds=3600.0))
+    for age, run_id in ((7200.0, "old"), (1800.0, "young")):
+        _ended(store, run_id)
+        os.utime(tmp_path / run_id, (time.time() - age,) * 2)
+    store.begin("running", REQUEST)
+    os.utime(tmp_path / "running", (1e9, 1e9))
+    store.begin("next", REQUEST)
+    assert {run.run_id for run in store.summaries()} == {"young", "running", "next"}
+
+
 def test_large_recordings_make_room_too(tmp_path: Path) -> None:
     store = RunStore(tmp_path, Retention(bytes=12_000))
     for index in range(4):

@@ -30,6 +30,7 @@ from guidefield.messages.replies import PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
+from guidefield.stores.runs import Retention
 
 app = typer.Typer(
     help="Motion planning and kinematics for any URDF robot, certified, over Zenoh, with a recording of every run.",
@@ -108,6 +109,10 @@ def serve(
         list[Path] | None,
         typer.Option(exists=True, file_okay=False, help="Folder of packages whose meshes clients' robots may use."),
     ] = None,
+    keep_runs: Annotated[int, typer.Option(min=1, help="How many runs are kept.")] = Retention.runs,
+    keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = 20.0,
+    keep_days: Annotated[float, typer.Option(min=0.0, help="How old they may be [days].")] = float("inf"),
+    json_logs: Annotated[bool, typer.Option("--json-logs", help="Log one JSON object a line.")] = False,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(
@@ -118,6 +123,8 @@ def serve(
         workers=workers,
         queue_limit=queue,
         memory=memory << 20,
+        retention=Retention(keep_runs, int(keep_gib * 2**30), keep_days * 86_400.0),
+        json_logs=json_logs,
         packages=tuple(folder.resolve() for folder in packages or ()),
     )
     serving.serve_until_signal(settings, typer.echo)

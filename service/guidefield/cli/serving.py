@@ -13,14 +13,13 @@ import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
+from guidefield import logs
 from guidefield.endpoint.service import ServiceSettings, serve
-
-LOG_FORMAT = "%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s"
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
     """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once."""
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    logs.configure(logging.INFO, json=settings.json_logs)
     stop = threading.Event()
 
     def end(number: int, _frame: FrameType | None) -> None:

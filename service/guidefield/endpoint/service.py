@@ -21,6 +21,7 @@ from guidefield.messages.replies import error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
 from guidefield.stores.files import checked_name
+from guidefield.stores.runs import DEFAULT_RETENTION, Retention
 from guidefield.worker import EngineSetup
 
 _log = logging.getLogger(__name__)
@@ -53,6 +54,8 @@ class ServiceSettings:
         workers: Number of worker processes.
         queue_limit: How many requests may wait for one; a single client may have half of them.
         memory: A worker that takes more is stopped [bytes].
+        retention: How many runs are kept.
+        json_logs: Whether its workers log JSON.
         grace: How long requests that are being worked on may take at the end [s].
         packages: Folders of packages from which a robot that a client sends may take meshes.
     """
@@ -64,6 +67,8 @@ class ServiceSettings:
     workers: int = 2
     queue_limit: int = 64
     memory: int = DEFAULT_MEMORY
+    retention: Retention = DEFAULT_RETENTION
+    json_logs: bool = False
     grace: float = 10.0
     packages: tuple[Path, ...] = ()
 
@@ -82,7 +87,14 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             wrong, or an endpoint can't be listened on; if the workers can't be prepared.
     """
     checked_name(settings.instance, "instance")
-    setup = EngineSetup(settings.instance, settings.data, _log.getEffectiveLevel(), settings.packages)
+    setup = EngineSetup(
+        settings.instance,
+        settings.data,
+        _log.getEffectiveLevel(),
+        json_logs=settings.json_logs,
+        retention=settings.retention,
+        packages=settings.packages,
+    )
     config = session_config(settings)
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))

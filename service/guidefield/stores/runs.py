@@ -7,6 +7,7 @@ whoever lists the runs sees whole ones only, also after a kill at any moment.
 from __future__ import annotations
 
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,10 +26,14 @@ from guidefield.stores.run_folder import ERROR, RECORDING, REPLY, REQUEST, has_e
 
 @dataclass(frozen=True)
 class Retention:
-    """How much is kept before the oldest runs are dropped."""
+    """How much is kept before the oldest runs are dropped: so many, so large together, so old [s]."""
 
     runs: int = 1_000
     bytes: int = 20 * 2**30
+    seconds: float = float("inf")
+
+
+DEFAULT_RETENTION = Retention()
 
 
 class Runs(Protocol):
@@ -107,7 +112,7 @@ class RunStore:
         retention: How much is kept.
     """
 
-    def __init__(self, folder: Path, retention: Retention = Retention()) -> None:
+    def __init__(self, folder: Path, retention: Retention = DEFAULT_RETENTION) -> None:
         self._folder = folder
         self._retention = retention
         folder.mkdir(parents=True, exist_ok=True)
@@ -228,12 +233,13 @@ class RunStore:
         shutil.rmtree(grave, ignore_errors=True)
 
     def _make_room(self) -> None:
-        """Drop ended runs, the oldest first, until one more fits."""
+        """Drop ended runs that are too old, and the oldest until one more fits."""
         kept = (_extent(folder) for folder in self._folders() if has_ended(folder))
         ended = sorted((extent for extent in kept if extent is not None), key=lambda extent: extent.ended)
         count, size = len(ended), sum(extent.bytes for extent in ended)
+        too_old = time.time() - self._retention.seconds
         for extent in ended:
-            if count < self._retention.runs and size < self._retention.bytes:
+            if count < self._retention.runs and size < self._retention.bytes and extent.ended >= too_old:
                 return
             self._drop(extent.folder)
             count, size = count - 1, size - extent.bytes

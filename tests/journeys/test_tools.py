@@ -1,0 +1,25 @@
+"""A small slice of what the long tools do: a soak with killed workers, and fuzzed requests."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
+
+
+@pytest.mark.parametrize(
+    "command", [["soak", "--requests", "60", "--seconds", "4", "--workers", "1"], ["fuzz", "--examples", "100"]]
+)
+def test_a_slice_of_a_long_tool(command: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, str(TOOLS / command[0]), *command[1:]],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
