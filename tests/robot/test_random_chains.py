@@ -18,6 +18,7 @@ from guidefield.messages.scene import Scene, Sphere
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
+from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.selection import select
 from guidefield.robot.tables import joint_table
 from tests.robot.random_chains import chains
@@ -106,7 +107,7 @@ class Looking:
             added = self._geometry.addGeometryObject(body)
             for index in moving:
                 self._geometry.addCollisionPair(pin.CollisionPair(index, added))
-        self._data, self._geometry_data = self._model.createData(), self._geometry.createData()
+        self._data, self._geometry_data = self._model.createData(), scratch_space(self._geometry)
 
     def touches(self, q: np.ndarray) -> bool:
         """Whether anything touches at a configuration of the whole robot."""

@@ -1,8 +1,7 @@
-"""Broad phase: whether any pair touches at all, by the boxes about bodies first; and scratch space that forgets."""
+"""Broad phase: whether any pair touches at all, by the boxes about bodies first."""
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import coal
@@ -27,21 +26,6 @@ def broad_phase(model: Any, geometry: Any, scratch: Any) -> Any:
     if geometry.ngeoms > MANY_BODIES:
         return pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, scratch)
     return pin.BroadPhaseManager_NaiveCollisionManager(model, geometry, scratch)
-
-
-def scratch_space(geometry: Any) -> Any:
-    """Pinocchio's data for a geometry model, set so that no answer depends on the questions before it.
-
-    By default Coal starts each search where the last one ended, which changes the last digits of distances.
-    """
-    scratch = geometry.createData()
-    with warnings.catch_warnings():
-        # Coal's newer field, `gjk_initial_guess`, does not switch off the older one, which Pinocchio switches on.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        for requests in (scratch.collisionRequests, scratch.distanceRequests):
-            for request in requests:
-                request.enable_cached_gjk_guess = False
-    return scratch
 
 
 def thickened(shape: Any) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import Bodies, bodies
-from guidefield.collision.broad_phase import broad_phase, scratch_space, thickened
+from guidefield.collision.broad_phase import broad_phase, thickened
 from guidefield.collision.clearance import ClearanceAt, clearance
 from guidefield.collision.contact import Contact, contacts
 from guidefield.collision.enclosure import enclosed
@@ -21,6 +21,7 @@ from guidefield.collision.hulls import with_hulls
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.errors import UnknownObject
 from guidefield.robot.group import PlanningGroup
+from guidefield.robot.scratch_space import scratch_space
 from guidefield.scene.scene import Scene
 
 PairNames = tuple[str, str]

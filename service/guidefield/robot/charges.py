@@ -17,6 +17,7 @@ from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
 from guidefield.geometry.convex import convex_hull
 from guidefield.robot.model import RobotModel
+from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.shapes import triangulation
 
 POINTS = 200
@@ -125,7 +126,7 @@ def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tuple[int, int], ...]:
     """Collision pairs that aren't always close: their gap at rest is at least `ALWAYS_CLOSE` radii."""
-    data, geometry_data = robot.model.createData(), robot.geometry.createData()
+    data, geometry_data = robot.model.createData(), scratch_space(robot.geometry)
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, robot.rest)
     kept = []
     for pair in robot.geometry.collisionPairs:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from guidefield.robot.configuration import follow
 from guidefield.robot.model import Joint, JointKind, PairLeftOut
+from guidefield.robot.scratch_space import scratch_space
 
 SAMPLES = 200
 """Random configurations that tell whether two links always touch."""
@@ -105,7 +106,7 @@ def _shares_touching(
     model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: np.ndarray
 ) -> dict[frozenset[str], float]:
     """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
-    data, geometry_data = model.createData(), geometry.createData()
+    data, geometry_data = model.createData(), scratch_space(geometry)
     rng = np.random.default_rng(0)
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
     for request in geometry_data.collisionRequests:

@@ -13,6 +13,7 @@ from guidefield.messages.requests import Positions
 from guidefield.robot.card import RobotCard
 from guidefield.robot.configuration import clamp, follow, values_from_wire
 from guidefield.robot.model import Joint
+from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.srdf import Srdf
 
 STATES = ("default", "rest", "home", "ready")
@@ -87,7 +88,7 @@ class _Search:
 
     def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint]) -> None:
         self._model, self._geometry, self._joints = model, geometry, joints
-        self._data, self._geometry_data = model.createData(), geometry.createData()
+        self._data, self._geometry_data = model.createData(), scratch_space(geometry)
 
     def touching(self, q: np.ndarray, margin: float = 0.0) -> list[int]:
         """Pairs of shapes that are no further apart than a margin [m]."""

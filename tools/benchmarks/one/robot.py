@@ -25,6 +25,7 @@ from guidefield.robot.configuration import configuration_from_wire, configuratio
 from guidefield.robot.coverage import coverage
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
+from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.selection import select
 from guidefield.scene.scene import build
 
@@ -205,7 +206,7 @@ def touching_at_samples(reply: PlanReply, robot: RobotModel, scene: Scene) -> li
     for pair in pairs:
         if not _rigid(robot, geometry, pair, reply.position_names):
             geometry.addCollisionPair(pair)
-    geometry_data = geometry.createData()
+    geometry_data = scratch_space(geometry)
     resting = configuration_to_wire(robot.joints, robot.rest)
     for row in reply.trajectory.positions:
         q = configuration_from_wire(robot, {**resting, **_positions(reply.position_names, row)})
