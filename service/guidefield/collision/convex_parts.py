@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.mesh_tree import MeshTree, mesh_tree
+from guidefield.collision.mesh_tree import MeshTree, joined, mesh_tree, polytope_about
+from guidefield.geometry.decomposition import Decomposition, Part
+from guidefield.geometry.elements import Pieces, bisected
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import PART, POLYTOPE, TRIANGLE, Parts
 from guidefield.robot.shapes import triangulation
+
+LONGEST = 0.08
+"""Longest edge of a mesh's triangles, as a share of its extent."""
+
+ROUNDING = 1e-6
+"""By how much a triangle has to be beyond a part's plane to be left out [m]."""
 
 
 class UnservedError(Exception):
@@ -66,7 +75,11 @@ class PartsTable:
 
     def add_triangles(self, corners: np.ndarray) -> int:
         """Add triangles, shape (t, 3, 3) [m, the body's frame]; the root of their tree."""
-        return self._mesh(mesh_tree(corners, 1), pin.SE3.Identity())
+        return self._mesh(mesh_tree(corners), pin.SE3.Identity())
+
+    def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
+        """Add a Coal mesh in convex parts that stands at a pinocchio.SE3 in its body; the root of its tree."""
+        return self._mesh(_known_pieces(shape, cut), placement)
 
     def pieces(self, root: int) -> np.ndarray:
         """Nodes that together are all of a body, each nearly convex; the root itself where that is."""
@@ -142,13 +155,42 @@ _MOST_KNOWN = 128
 
 
 def _known_mesh(shape: Any) -> MeshTree:
-    """The mesh of a Coal tree, made once for the same vertices."""
+    """The tree of a Coal mesh, made once for the same vertices."""
+    return _known(shape, lambda pieces: mesh_tree(pieces.corners))
+
+
+def _known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
+    """The tree of a Coal mesh in convex parts, made once for the same vertices."""
+
+    def made(pieces: Pieces) -> MeshTree:
+        trees = [
+            mesh_tree(_in_part(pieces, part), polytope_about(np.asarray(part.hull.vertices))) for part in cut.parts
+        ]
+        return joined(trees, polytope_about(np.asarray(cut.hull.hull.vertices)))
+
+    return _known(shape, made)
+
+
+def _in_part(pieces: Pieces, part: Part) -> np.ndarray:
+    """Those of a mesh's pieces that come into a part, shape (t, 3, 3): not those beyond one of its planes."""
+    corners = pieces.corners[np.isin(pieces.sources, part.triangles)]
+    a, b, c = np.moveaxis(np.asarray(part.hull.vertices)[part.hull.triangles], 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    beyond = corners.reshape(-1, 3) @ normals.T - np.einsum("ij,ij->i", normals, a)
+    kept: np.ndarray = corners[~(beyond.reshape(-1, 3, len(normals)).min(axis=1) > ROUNDING).any(axis=1)]
+    return kept
+
+
+def _known(shape: Any, make: Callable[[Pieces], MeshTree]) -> MeshTree:
+    """The tree of a Coal mesh. Long triangles are cut first: balls about them would be about everything."""
     key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris))
     if key not in _KNOWN:
         while len(_KNOWN) >= _MOST_KNOWN:
             del _KNOWN[next(iter(_KNOWN))]
         vertices, faces = triangulation(shape)
-        _KNOWN[key] = mesh_tree(vertices[faces])
+        pieces = Pieces(vertices[faces], np.arange(len(faces)))
+        _KNOWN[key] = make(bisected(pieces, LONGEST * float(np.ptp(vertices, axis=0).max())))
     return _KNOWN[key]
 
 

@@ -15,6 +15,7 @@ from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoin
 from guidefield.kernels.lane_tables import LaneBodies
 from guidefield.kernels.separation import Parts
 from guidefield.kernels.tree_kinematics import PRISMATIC
+from guidefield.robot.convex_parts import convex_parts
 from guidefield.robot.coverage import ShapeCoverage
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.tables import joint_table
@@ -52,9 +53,12 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
     table, roots, pieces = PartsTable(), [], []
     covers, inners, grouped, bounds, sizes = [], [], [], [], []
     shapes = list(group.geometry.geometryObjects)
-    for shape, ball in zip(shapes, balls, strict=True):
+    for shape, ball, cut in zip(shapes, balls, convex_parts(group.robot), strict=True):
         placement = pin.SE3(turns[shape.parentJoint].T, np.zeros(3)) * shape.placement
-        roots.append(table.add_shape(shape.geometry, placement))
+        if cut is None:
+            roots.append(table.add_shape(shape.geometry, placement))
+        else:
+            roots.append(table.add_pieces(shape.geometry, cut, placement))
         pieces.append(table.pieces(roots[-1]))
         covers.append(_moved(placement, ball.cover.spheres))
         inners.append(_moved(placement, ball.inner))
@@ -66,7 +70,8 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
     members = [np.flatnonzero(joints == joint) for joint in carrying]
     meetings, ordered = _meetings(pairs, np.searchsorted(-carrying, -joints))
     counts = np.array([len(nodes) for nodes in pieces], np.int64)
-    places = _offsets_of(counts[ordered].prod(axis=1))
+    products = counts[ordered].prod(axis=1)
+    places = _offsets_of(products + (products > 1))
     parts = table.tables()
     bodies = LaneBodies(
         size=len(shapes),

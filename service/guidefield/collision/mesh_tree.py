@@ -1,4 +1,4 @@
-"""A triangle mesh as a tree of balls, cut into pieces that are nearly convex."""
+"""A triangle mesh as a tree of balls; polytopes with few vertices about points."""
 
 from __future__ import annotations
 
@@ -7,18 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.convex import convex_hull
+from guidefield.kernels.enclosing_ball import ball_around_balls
 
-MOST_PIECES = 8
-"""Most pieces of a mesh."""
-
-MOST_VERTICES = 64
+MOST_VERTICES = 192
 """A hull with more gives way to a polytope about it with about as many."""
-
-_DEEPEST = 500
-"""Pieces are looked for among about as many nodes."""
-
-LEAST_GAIN = 0.03
-"""A piece is halved if the hulls of its halves are smaller than its own by this share, together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +21,8 @@ class MeshTree:
         corners: Shape (t, 3, 3) [m].
         balls: Ball about each node, shape (n, 4); the root is the first.
         links: Children and triangle of each node, shape (n, 3); -1 where there is none.
-        hulls: Vertices of a polytope about what is below a node, by node; of pieces and of what is above them.
-        pieces: Nodes that together hold all triangles, each nearly filling its hull.
+        hulls: Vertices of polytopes about all that is below a node, by node.
+        pieces: Nodes that together are all of it, each nearly convex if that is known; else the root.
     """
 
     corners: np.ndarray
@@ -40,17 +32,17 @@ class MeshTree:
     pieces: np.ndarray
 
 
-def mesh_tree(triangles: np.ndarray, most: int = MOST_PIECES) -> MeshTree:
-    """Build the tree over triangles (t, 3, 3), each group halved along its widest side; at most so many pieces."""
+def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree:
+    """Build the tree over triangles (t, 3, 3), each group halved along its widest side.
+
+    `hull` holds the vertices (k, 3) of a polytope that stands for all of them; else it is their own hull.
+    """
     centres, members = triangles.mean(axis=1), np.arange(len(triangles))
     sizes = np.array([len(triangles)])
     balls, links, made = [], np.empty((0, 3), np.int64), 0
-    below: list[np.ndarray] = []
     while len(sizes):  # level by level: the members of its nodes one after the other
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         balls.append(_balls_about(triangles[members], starts, sizes))
-        if len(below) < _DEEPEST:
-            below += np.split(members, starts[1:])
         split = sizes > 1
         children = made + len(sizes) + 2 * np.cumsum(split) - 2
         rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
@@ -60,52 +52,59 @@ def mesh_tree(triangles: np.ndarray, most: int = MOST_PIECES) -> MeshTree:
         made += len(sizes)
         halves = sizes[split] // 2
         sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
-    return MeshTree(triangles, np.concatenate(balls), links, *_cut(triangles, links, below, most))
+    if hull is None and len(triangles) > 1:
+        try:
+            hull = polytope_about(np.array(convex_hull(triangles.reshape(-1, 3)).vertices))
+        except ValueError:  # it is flat
+            hull = None
+    hulls = {} if hull is None else {0: hull}
+    return MeshTree(triangles, np.concatenate(balls), links, hulls, np.zeros(1, np.int64))
 
 
-def _cut(
-    triangles: np.ndarray, links: np.ndarray, below: list[np.ndarray], most: int
-) -> tuple[dict[int, np.ndarray], np.ndarray]:
-    """Hulls by node, and the nodes that are pieces: what gains most is halved first, while that gains anything.
+def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:
+    """Trees of pieces, whose hulls together contain a mesh, as one tree: those are its pieces.
 
-    `below` holds the triangles below each of the first nodes.
+    `hull` holds the vertices (k, 3) of a polytope about them all.
     """
-    hulls: dict[int, np.ndarray] = {}
-    volumes: dict[int, float] = {}
-
-    def measured(node: int) -> float:
-        if node not in volumes:
-            try:
-                hull = convex_hull(triangles[below[node]].reshape(-1, 3))
-            except ValueError:  # flat
-                volumes[node] = 0.0
-            else:
-                hulls[node] = np.array(hull.vertices)
-                volumes[node] = float(np.linalg.det(hulls[node][hull.triangles] - hulls[node].mean(axis=0)).sum() / 6.0)
-        return volumes[node]
-
-    def gain(node: int) -> float:
-        left, right = links[node, :2].tolist()
-        if left < 0 or right >= len(below):
-            return 0.0
-        whole = measured(node)
-        saved = whole - measured(left) - measured(right)
-        return saved if saved > LEAST_GAIN * whole else 0.0
-
-    measured(0)
-    pieces, halved = {0: gain(0) if most > 1 else 0.0}, set[int]()
-    while len(pieces) < most:
-        node = max(pieces, key=lambda one: pieces[one])
-        if pieces.pop(node) <= 0.0:
-            pieces[node] = 0.0
-            break
-        halved.add(node)
-        pieces.update({child: gain(child) for child in links[node, :2].tolist()})
-    chosen = sorted(node for node in halved | set(pieces) if node in hulls)
-    return {node: _with_few_vertices(hulls[node]) for node in chosen}, np.array(sorted(pieces))
+    if len(trees) == 1:
+        return trees[0]
+    above = len(trees) - 1
+    sizes, counts = [len(tree.balls) for tree in trees], [len(tree.corners) for tree in trees]
+    nodes, parts = above + np.cumsum([0, *sizes[:-1]]), np.cumsum([0, *counts[:-1]])
+    roots = np.concatenate([np.arange(above), nodes])  # as in a heap: the children of i are 2 i + 1 and 2 i + 2
+    top = [np.array([roots[2 * i + 1], roots[2 * i + 2], -1]) for i in range(above)]
+    links = [
+        tree.links + np.where(tree.links >= 0, [n, n, p], 0) for tree, n, p in zip(trees, nodes, parts, strict=True)
+    ]
+    balls = np.concatenate([np.empty((above, 4)), *(tree.balls for tree in trees)])
+    for i in range(above)[::-1]:
+        ball_around_balls(np.ascontiguousarray(balls[top[i][:2]]), balls[i])
+    hulls = {0: hull} | {int(n + k): v for tree, n in zip(trees, nodes, strict=True) for k, v in tree.hulls.items()}
+    corners = np.concatenate([tree.corners for tree in trees])
+    return MeshTree(corners, balls, np.concatenate([top, *links]), hulls, nodes.astype(np.int64))
 
 
-def _with_few_vertices(vertices: np.ndarray) -> np.ndarray:
+def _balls_about(triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """A ball (n, 4) about each of n runs of triangles."""
+    low, high = np.minimum.reduceat(triangles.min(axis=1), starts), np.maximum.reduceat(triangles.max(axis=1), starts)
+    middles = 0.5 * (low + high)
+    apart = np.linalg.norm(triangles - np.repeat(middles, sizes, axis=0)[:, None], axis=2).max(axis=1)
+    return np.column_stack([middles, np.maximum.reduceat(apart, starts)])
+
+
+def _halved(centres: np.ndarray, members: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """The members of runs, each run in order along the side where its centres spread most."""
+    if not len(sizes):
+        return members
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    places = centres[members]
+    widest = np.argmax(np.maximum.reduceat(places, starts) - np.minimum.reduceat(places, starts), axis=1)
+    along = places[np.arange(len(members)), np.repeat(widest, sizes)]
+    ordered: np.ndarray = members[np.lexsort((along, np.repeat(np.arange(len(sizes)), sizes)))]
+    return ordered
+
+
+def polytope_about(vertices: np.ndarray) -> np.ndarray:
     """Vertices of a polytope about points (n, 3) that aren't in a plane: they themselves, if they are few.
 
     Else it is bounded by planes that touch them, spread over all directions: its dual is the hull of their normals,
@@ -127,23 +126,3 @@ def _with_few_vertices(vertices: np.ndarray) -> np.ndarray:
     # a facet of the dual lies in the plane x.v = 1 of a vertex v
     found: np.ndarray = np.linalg.solve(corners, np.ones((len(corners), 3, 1)))[..., 0] * spread @ axes + centre
     return found
-
-
-def _balls_about(triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """A ball (n, 4) about each of n runs of triangles."""
-    low, high = np.minimum.reduceat(triangles.min(axis=1), starts), np.maximum.reduceat(triangles.max(axis=1), starts)
-    middles = 0.5 * (low + high)
-    apart = np.linalg.norm(triangles - np.repeat(middles, sizes, axis=0)[:, None], axis=2).max(axis=1)
-    return np.column_stack([middles, np.maximum.reduceat(apart, starts)])
-
-
-def _halved(centres: np.ndarray, members: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """The members of runs, each run in order along the side where its centres spread most."""
-    if not len(sizes):
-        return members
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    places = centres[members]
-    widest = np.argmax(np.maximum.reduceat(places, starts) - np.minimum.reduceat(places, starts), axis=1)
-    along = places[np.arange(len(members)), np.repeat(widest, sizes)]
-    ordered: np.ndarray = members[np.lexsort((along, np.repeat(np.arange(len(sizes)), sizes)))]
-    return ordered

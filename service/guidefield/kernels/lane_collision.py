@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from numba import boolean, int64, types, void
 
-from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle, pair_meets
+from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
 from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements, moved
 from guidefield.kernels.lane_math import PRIMITIVE, Floats32, near_primitive
+from guidefield.kernels.lane_pairs import pair_meets
 from guidefield.kernels.lane_tables import (
     AROUND,
     BALL,

@@ -78,6 +78,9 @@ class Parts(NamedTuple):
 PARTS = types.NamedTuple([VECTOR, INDICES, INDICES, VECTOR, FLOATS], Parts)
 POINTED_PARTS = pointed(PARTS)
 
+_PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
+"""Tables, a node or part in them, the placement of its body."""
+
 
 @lane_part
 def _farthest_vertex(
@@ -233,18 +236,7 @@ def _balls_apart(work: Floats, reach: float) -> bool:
     return bool(x * x + y * y + z * z > reach * reach)
 
 
-@lane_step(
-    boolean(
-        POINTED_PARTS,
-        types.int64,
-        DOUBLE_POINTER,
-        POINTED_PARTS,
-        types.int64,
-        DOUBLE_POINTER,
-        types.float64,
-        DOUBLE_POINTER,
-    )
-)
+@lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
 def bodies_apart(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
@@ -288,3 +280,13 @@ def bodies_apart(
             work[_STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
             top += 1
     return True
+
+
+@lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
+def polytopes_apart(
+    a: Parts, part_a: int, pose_a: Floats, b: Parts, part_b: int, pose_b: Floats, margin: float, work: Floats
+) -> bool:
+    """`bodies_apart` for two parts that are polytopes."""
+    _place(a, part_a, pose_a, work, _POSE_A)
+    _place(b, part_b, pose_b, work, _POSE_B)
+    return bool(_apart(a, part_a, b, part_b, margin, work))

@@ -1,0 +1,112 @@
+"""Axes that separate bodies in lanes: how far bodies reach along them, and what is kept of one that did."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import int64
+
+from guidefield.kernels.lane_kinematics import POSE
+from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lane_tables import (
+    LaneBodies,
+)
+from guidefield.kernels.lanes import (
+    LANES,
+    Vector,
+    f32x16,
+    lane_part,
+    lane_step,
+    load,
+    smallest_of,
+    splat,
+)
+from guidefield.kernels.separation import (
+    AXIS,
+    BLOCK,
+    POINTED_PARTS,
+    POLYTOPE,
+    Parts,
+    reach_along,
+)
+from guidefield.kernels.signatures import Floats
+
+
+@lane_part
+def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None:
+    """A joint's placement (12) in one lane."""
+    for entry in range(12):
+        pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
+
+
+@lane_part
+def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
+    """Write the rotation of a pose times three numbers."""
+    x, y, z = source[start], source[start + 1], source[start + 2]
+    for r in range(3):
+        target[at + r] = pose[4 * r] * x + pose[4 * r + 1] * y + pose[4 * r + 2] * z
+
+
+@lane_part
+def write_turned_back(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
+    """Write the inverse rotation of a pose times three numbers."""
+    x, y, z = source[start], source[start + 1], source[start + 2]
+    for c in range(3):
+        target[at + c] = pose[c] * x + pose[4 + c] * y + pose[8 + c] * z
+
+
+@lane_part
+def polytope_of(parts: Parts, root: int) -> int:
+    """The polytope that a body is or is contained in, as a part; -1 if there is none."""
+    part = parts.links[3 * root + 2]
+    return part if part >= 0 and parts.shapes[3 * part] == POLYTOPE else -1
+
+
+@lane_part
+def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """An axis in the world in a joint's frame, and the place of that frame's origin along it."""
+    at = joint * POSE
+    return (
+        load(poses, at) * u + load(poses, at + 64) * v + load(poses, at + 128) * w,
+        load(poses, at + 16) * u + load(poses, at + 80) * v + load(poses, at + 144) * w,
+        load(poses, at + 32) * u + load(poses, at + 96) * v + load(poses, at + 160) * w,
+        load(poses, at + 48) * u + load(poses, at + 112) * v + load(poses, at + 176) * w,
+    )
+
+
+@lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
+def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> Vector:
+    """The least n.v over the vertices v of a polytope, for an axis n = (x, y, z) in its frame."""
+    vertices, first, lowest = parts.vertices, parts.shapes[3 * part + 1], splat(1e30)
+    for block in range(first, first + parts.shapes[3 * part + 2]):
+        for corner in range(block * BLOCK, block * BLOCK + LANES):
+            along = x * vertices[corner] + y * vertices[corner + 16] + z * vertices[corner + 32]
+            lowest = smallest_of(lowest, along)
+    return lowest
+
+
+@lane_part
+def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) -> Vector:
+    """The least n.x over the points x of a body's cover, for an axis n = (x, y, z) in its joint's frame."""
+    cover, lowest = bodies.cover, splat(1e30)
+    for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
+        along = x * cover[4 * ball] + y * cover[4 * ball + 1] + z * cover[4 * ball + 2] - cover[4 * ball + 3]
+        lowest = smallest_of(lowest, along)
+    return lowest
+
+
+@lane_part
+def keep_axis(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
+    """Keep the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it.
+
+    `way` is 1, or -1 where the body's reach against the axis is wanted.
+    """
+    length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
+    for k in range(3):
+        work[AXIS + k] /= length
+    write_turned_back(pose, work, AXIS, axes, at)
+    part = parts.links[3 * root + 2]
+    axes[at + 3] = np.inf
+    if part >= 0:
+        axes[at + 3] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
