@@ -113,6 +113,7 @@ def serve(
     keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = 20.0,
     keep_days: Annotated[float, typer.Option(min=0.0, help="How old they may be [days].")] = float("inf"),
     json_logs: Annotated[bool, typer.Option("--json-logs", help="Log one JSON object a line.")] = False,
+    otel: Annotated[bool, typer.Option("--otel", help="Trace queries with OpenTelemetry (guidefield[otel]).")] = False,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(
@@ -125,6 +126,7 @@ def serve(
         memory=memory << 20,
         retention=Retention(keep_runs, int(keep_gib * 2**30), keep_days * 86_400.0),
         json_logs=json_logs,
+        otel=otel,
         packages=tuple(folder.resolve() for folder in packages or ()),
     )
     serving.serve_until_signal(settings, typer.echo)

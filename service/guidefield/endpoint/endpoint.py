@@ -20,6 +20,7 @@ import zenoh
 
 from guidefield.endpoint.asked import Asked
 from guidefield.endpoint.meter import Meter
+from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
@@ -55,16 +56,24 @@ class Endpoint:
         runs: Where recordings are read.
         pool: Answers the rest; jobs are `worker.Job`.
         publish: Publishes JSON on a key.
+        trace: Begins the trace of each query.
     """
 
     def __init__(
-        self, instance: str, engine: Engine, runs: Runs, pool: Pool, publish: Callable[[str, bytes], None]
+        self,
+        instance: str,
+        engine: Engine,
+        runs: Runs,
+        pool: Pool,
+        publish: Callable[[str, bytes], None],
+        trace: Trace = no_trace,
     ) -> None:
         self._instance = instance
         self._engine = engine
         self._runs = runs
         self._pool = pool
         self._publish = publish
+        self._trace = trace
         self._under_way = UnderWay(pool)
         self._readers = ThreadPoolExecutor(2, thread_name_prefix="guidefield-reader")
         self._free_reads = threading.Semaphore(MOST_READS)
@@ -74,7 +83,9 @@ class Endpoint:
     def receive(self, query: zenoh.Query) -> None:
         """Take a query; returns at once, and whatever happens the query is answered."""
         received = time.monotonic()
-        asked = Asked(query, self._instance, partial(self._count_answer, _kind(str(query.key_expr)), received))
+        key = str(query.key_expr)
+        end = self._trace(_kind(key), key)
+        asked = Asked(query, self._instance, partial(self._count_answer, _kind(key), received, end))
         self._meter.count("asked")
         with asked.answering_failures():
             read = asked.read()
@@ -93,7 +104,8 @@ class Endpoint:
         """Answer what is being read, and no more."""
         self._readers.shutdown(wait=True)
 
-    def _count_answer(self, kind: str, received: float, what: str) -> None:
+    def _count_answer(self, kind: str, received: float, end: End, what: str) -> None:
+        end(what)
         self._meter.count(what)
         self._meter.time(kind, time.monotonic() - received)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import zenoh
 
 from guidefield.endpoint.endpoint import Endpoint
+from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
 from guidefield.errors import WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
@@ -56,6 +57,7 @@ class ServiceSettings:
         memory: A worker that takes more is stopped [bytes].
         retention: How many runs are kept.
         json_logs: Whether its workers log JSON.
+        otel: Whether queries are traced with OpenTelemetry.
         grace: How long requests that are being worked on may take at the end [s].
         packages: Folders of packages from which a robot that a client sends may take meshes.
     """
@@ -69,6 +71,7 @@ class ServiceSettings:
     memory: int = DEFAULT_MEMORY
     retention: Retention = DEFAULT_RETENTION
     json_logs: bool = False
+    otel: bool = False
     grace: float = 10.0
     packages: tuple[Path, ...] = ()
 
@@ -99,12 +102,13 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))
         session = opened.enter_context(_opened(config))
+        trace = _trace(settings, opened)
         _require_no_other(session, settings.instance)
         runs = setup.runs()
         runs.sweep(error_reply(WorkerCrashed("the service stopped while it worked on this run")))
         limits = Limits(tasks=settings.queue_limit, tasks_of_client=(settings.queue_limit + 1) // 2)
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
-        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, partial(_publish, session))
+        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, partial(_publish, session), trace)
         opened.callback(endpoint.close)
         opened.callback(pool.close, settings.grace)
         announce(f"starting (workers: {settings.workers}); the first start on a machine compiles for a minute or two")
@@ -136,6 +140,17 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
     except zenoh.ZError as error:
         raise CannotServe(f"the Zenoh configuration is wrong: {error}") from None
     return config
+
+
+def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
+    if not settings.otel:
+        return no_trace
+    try:
+        provider = exporting_provider(settings.instance)
+    except ImportError:
+        raise CannotServe("traces need OpenTelemetry: pip install 'guidefield[otel]'") from None
+    opened.callback(provider.shutdown)
+    return opentelemetry_trace(provider)
 
 
 def _await(pool: Pool, stop: threading.Event) -> bool:
