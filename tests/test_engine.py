@@ -283,6 +283,17 @@ def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
     assert any("No space left" in warning for warning in reply.warnings)
 
 
+def test_a_recording_that_is_too_large_is_dropped(
+    keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("guidefield.run.LARGEST_RECORDING", len(b"recording") - 1)
+    reply = keeping.answer(msgspec.structs.replace(PLAN, run_id="large"))
+    assert reply.recording is None
+    assert any("at most 8 are kept" in warning for warning in reply.warnings)
+    with pytest.raises(UnknownObject, match="no recording"):
+        keeping._runs.recording("large")
+
+
 def test_a_disk_that_refuses_a_run_does_not_stop_the_plan(
     keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from guidefield.scene.guide_plane import GuidePlane
     from guidefield.scene.scene import Scene
 
+LARGEST_RECORDING = 512 * 2**20
+"""A recording that is larger is dropped [bytes]."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -76,7 +79,7 @@ class Run:
             from guidefield.recorder.recorder import Recorder
 
             recorder = Recorder(self._path, group, scene, self._request, self.run_id)
-            self._recording = _Recording(recorder, self._place, self._warn)
+            self._recording = _Recording(recorder, self._path, self._place, self._warn)
         return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:
@@ -131,8 +134,9 @@ class _Observers:
 class _Recording:
     """A recorder that is finished once, and whose failure to write is told, not raised."""
 
-    def __init__(self, recorder: Recorder, place: str, warn: Any) -> None:
+    def __init__(self, recorder: Recorder, path: Path, place: str, warn: Any) -> None:
         self._recorder = recorder
+        self._path = path
         self._place = place
         self._warn = warn
         self._finished = False
@@ -149,7 +153,12 @@ class _Recording:
         self._finished = True
         try:
             self._recorder.finish(msgspec.structs.replace(reply, recording=self._place), profile)
-            self.written = self._place
+            size = self._path.stat().st_size
+            if size > LARGEST_RECORDING:
+                self._path.unlink()
+                self._warn(f"the recording is not kept: it has {size} bytes, at most {LARGEST_RECORDING} are kept")
+            else:
+                self.written = self._place
         except OSError as error:
             self._warn(f"the recording was not written: {error}")
         except Exception as error:
