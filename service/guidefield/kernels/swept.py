@@ -84,6 +84,22 @@ def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates
 
 
 @inlined
+def _far(robot: SweptRobot, item: int, ends: Floats, shares: Floats, self_margin: float) -> bool:
+    """Whether the capsules of a pair are apart whatever moves them, as their middles and lengths tell."""
+    count = robot.capsules.shape[0]
+    if item < count:
+        return False
+    a, b = robot.own[item - count, 0], robot.own[item - count, 1]
+    between, first, second = 0.0, 0.0, 0.0
+    for c in range(3):
+        between += (0.5 * (ends[a, c] + ends[a, 3 + c] - ends[b, c] - ends[b, 3 + c])) ** 2
+        first += (ends[a, 3 + c] - ends[a, c]) ** 2
+        second += (ends[b, 3 + c] - ends[b, c]) ** 2
+    gap = math.sqrt(between) - 0.5 * (math.sqrt(first) + math.sqrt(second))
+    return bool(gap > robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + shares[a, 0] + shares[b, 0])
+
+
+@inlined
 def _item_apart(
     robot: SweptRobot, tables: DistanceTables, item: int, ends: Floats, bound: float, margin: float,
     self_margin: float, candidates: Integers, parts: Floats,
@@ -135,7 +151,7 @@ def motion_apart(
     # the end first: most motions that are refused end in contact
     _at(robot, z, q, world, ends)
     for item in range(items):
-        judged = item >= count or robot.carriers[item] > 0
+        judged = robot.carriers[item] > 0 if item < count else not _far(robot, item, ends, shares, self_margin)
         if judged and not _item_apart(robot, tables, item, ends, 0.0, margin, self_margin, candidates, parts):
             return False
     spreads(robot, z0, z1, turns, slides)
@@ -155,6 +171,8 @@ def motion_apart(
         left = 0
         for k in range(counts[depth]):
             item = pending[depth, k]
+            if _far(robot, item, ends, shares, self_margin):
+                continue
             bound = largest_move(robot, item, shares, speeds, accelerations, half)
             if not _item_apart(robot, tables, item, ends, bound, margin, self_margin, candidates, parts):
                 if bound <= floor or depth == _DEEPEST:

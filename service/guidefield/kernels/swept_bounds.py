@@ -102,15 +102,20 @@ def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
 def joint_shares(
     robot: SweptRobot, world: Floats, ends: Floats, turns: Floats, slides: Floats, half: float, shares_out: Floats
 ) -> None:
-    """How far each joint moves each capsule at most within `half` of the motion on either side, shape (c, n) [m]."""
+    """How far each joint moves each capsule at most within `half` of the motion on either side, shape (c, n) [m].
+
+    In the first column, which is the world's, stands what they do together.
+    """
     for c in range(robot.capsules.shape[0]):
         radius = robot.capsules[c, 6]
+        shares_out[c, 0] = 0.0
         for j in range(1, robot.joints.parents.shape[0]):
             share = 0.0
             if robot.moved[c, j] == 1 and (turns[j] > 0.0 or slides[j, 0] > 0.0):
                 lever = max(_lever(robot, j, world, ends[c, :3]), _lever(robot, j, world, ends[c, 3:6])) + radius
                 share = half * slides[j, 0] + 2.0 * math.sin(0.5 * min(half * turns[j], math.pi)) * lever
             shares_out[c, j] = share
+            shares_out[c, 0] += share
 
 
 @inlined
@@ -173,8 +178,7 @@ def largest_move(
     n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
     bound: float = 0.0
     if item < count:
-        for j in range(1, n):
-            bound += shares[item, j]
+        bound = shares[item, 0]
         by_speed: float = half * (speeds[item] + 0.5 * half * accelerations[item])
         return min(bound, by_speed)
     a, b = robot.own[item - count, 0], robot.own[item - count, 1]
@@ -193,10 +197,12 @@ def changing(robot: SweptRobot, turns: Floats, slides: Floats, items_out: Intege
         for j in range(1, robot.joints.parents.shape[0]):
             if turns[j] > 0.0 or slides[j, 0] > 0.0:
                 if item < count:
-                    changes = changes or robot.moved[item, j] == 1
+                    changes = robot.moved[item, j] == 1
                 else:
                     a, b = robot.own[item - count, 0], robot.own[item - count, 1]
-                    changes = changes or robot.moved[a, j] != robot.moved[b, j]
+                    changes = robot.moved[a, j] != robot.moved[b, j]
+            if changes:
+                break
         if changes:
             items_out[found] = item
             found += 1
