@@ -114,6 +114,25 @@ def test_a_needle_in_the_way_is_refused(place, seed):
     assert verdict.pair[1] == "needle"
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_needle_through_a_mesh_is_refused_though_its_hull_is_asked_first(seed):
+    arm, rng = group("ur5"), np.random.default_rng(seed)
+    control = rest(arm) + np.cumsum(rng.normal(size=(3, arm.nv)) * 0.1, axis=0)
+    world = world_of(arm, [box("far", (0.1, 0.1, 0.1), (3, 0, 0))])
+    if not certify(world, control[None]).free:
+        return
+    data = arm.model.createData()
+    pin.forwardKinematics(arm.model, data, _until(control, rng.random())[-1])
+    meshes = [shape for shape in arm.geometry.geometryObjects if hasattr(shape.geometry, "vertices")]
+    meshes = [shape for shape in meshes if shape.parentJoint > 1]
+    body = meshes[rng.integers(len(meshes))]
+    vertices = np.array(body.geometry.vertices())
+    point = (data.oMi[body.parentJoint] * body.placement).act(vertices[rng.integers(len(vertices))])
+    verdict = certify(world_of(arm, [box("needle", (1e-3, 1e-3, 0.02), point)]), control[None])
+    assert not verdict.free
+    assert verdict.pair[1] == "needle"
+
+
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.floats(0.3, 3.0))
 def test_the_clearance_asked_for_is_kept(place, seed, share):
