@@ -15,6 +15,7 @@ from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.robots import robot
 
+PATIENT = {"allowed_planning_time": 60.0}  # the first of a process compiles
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 SIZE, OFFSET = (0.02, 0.02, 0.25), 0.22
 ROD = {
@@ -26,7 +27,9 @@ ROD = {
 
 
 def ask(scene: str = "bookshelf", **request) -> PlanReply:
-    message = codec.decode_request({"robot": "panda", "scene": scene, "start": READY, "guide_planes": [], **request})
+    message = codec.decode_request(
+        {"robot": "panda", "scene": scene, "start": READY, "guide_planes": [], **PATIENT, **request}
+    )
     return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="r", received=time.monotonic())
 
 
@@ -89,6 +92,7 @@ def test_what_is_held_may_touch_what_is_allowed() -> None:
                 "start": READY,
                 "goal": {"type": "joints", "positions": {**READY, "panda_joint1": 0.4}},
                 "attached_objects": [ROD],
+                **PATIENT,
                 **request,
             }
         )

@@ -21,7 +21,9 @@ POST = messages.Box(name="post", size=(0.06, 0.06, 0.5), position=(0.42, 0.27, 0
 
 
 def ask(*obstacles, **request) -> PlanReply:
-    message = codec.decode_request({"robot": "panda", "scene": "unread", "start": READY, **request})
+    message = codec.decode_request(
+        {"robot": "panda", "scene": "unread", "start": READY, "allowed_planning_time": 60.0, **request}
+    )
     scene = build(messages.Scene(name="s", obstacles=list(obstacles)))
     return answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic())
 
