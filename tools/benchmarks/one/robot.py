@@ -73,6 +73,10 @@ def measured(name: str, planning: float | None, memory: float) -> dict[str, Any]
         return {**line, "status": error.code.name, "message": error.message}
     line["planned"] = group.nv
     walk = free_walk(group)
+    fixed = bool(np.all(group.lower == group.upper))
+    if fixed or len(walk) == 1:
+        why = "its joints' lower and upper limits are the same" if fixed else "near rest no motion is free of itself"
+        return {**line, "status": "CANNOT MOVE", "message": "; ".join([why, *robot.warnings[-2:]])}
     scene = among(group, walk)
     request = PlanRequest(
         robot=name,
