@@ -21,6 +21,9 @@ from guidefield.robot.mover import mover_of, planned_values
 MARGIN = 2e-3
 """Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
 
+COMFORTABLE = 0.02
+"""A straight way that keeps this distance from obstacles is taken without comparing [m]."""
+
 WIDE_MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
 """Distances from obstacles by which ways between the same configurations are compared, the widest first [m]."""
 
@@ -96,14 +99,18 @@ class Walker:
         """Go straight from an earlier configuration of the path to the last one, where that motion is free.
 
         Advances lead to the walls and descents back: from one plane's minimum to the next one's the straight motion is
-        shorter and mostly farther from the obstacles. It need not be, so every step is kept until this is known. Of the
-        straight way, one through a single step, and all steps, the first stays that keeps the widest margin.
+        shorter and mostly farther from the obstacles. It need not be, so every step is kept until this is known. Where
+        the straight way comes close, the first of it, one through a single step, and all steps stays that keeps the
+        widest margin.
 
         Args:
             since: Index in the path of the earlier configuration.
         """
         steps = self.path[since:]
         if len(steps) < 3:
+            return
+        if self._wide(steps[0], steps[-1], max(COMFORTABLE, self.margin)):
+            del self.path[since + 1 : -1]
             return
         for margin in (m for m in WIDE_MARGINS if m > self.margin):
             for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
