@@ -1,9 +1,10 @@
 """Connecting two configurations: success, planning time, the whole call, and paths that the exact meshes refuse.
 
-Usage: tools/bench connect --problems <folder> [--every N] [--sequences N] [<robot> ...]
+Usage: tools/bench connect --problems <folder> [--every N] [--sequences N] [--peers SECONDS] [<robot> ...]
 
 The folder is described in problems.py. Beside our times stand those of the peers' rows on the same problems, scaled by
 Pinocchio's forward kinematics, which a row's machine did in `PEERS_KINEMATICS`.
+With `--peers`, the planners of peers.py that are installed plan the same problems in the same run. All is CPU time.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from benchmarks import peers
 from benchmarks.problems import ROBOTS, Problems, scene_message
 from benchmarks.timing import best
 from guidefield.collision.certificate import certify
@@ -39,13 +41,20 @@ SECONDS = 20.0
 
 @dataclass(frozen=True)
 class Row:
-    """One problem: bare planning and the whole call [us], samples drawn, what the certificate said of each attempt."""
+    """One problem: CPU time [us], samples drawn, length of the simplified path, what the certificate said.
+
+    `call` is what a user waits for without the certificate: scene built, planned, simplified. `refused` counts the
+    paths that the certificate refused.
+    """
 
     problem_set: str
     index: int
     plan: float
-    whole: float
+    simplify: float
+    call: float
+    certificate: float
     iterations: int
+    length: float
     refused: int
     solved: bool
 
@@ -57,48 +66,89 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--sequences", type=int, default=1, help="sequences of samples to judge by")
     parser.add_argument("robots", nargs="*", default=list(ROBOTS))
+    parser.add_argument("--peers", type=float, default=0.0, metavar="SECONDS", help="plan with other planners too")
     options = parser.parse_args(arguments)
     for robot in options.robots:
-        _robot(options.problems, robot, options.every, options.sequences)
+        _robot(options.problems, robot, options.every, options.sequences, options.peers)
 
 
-def _robot(folder: Path, robot: str, every: int, sequences: int) -> None:
+def _robot(folder: Path, robot: str, every: int, sequences: int, seconds: float) -> None:
     given = Problems.load(folder, robot, every)
     kinematics = _kinematics_us(given.group)
     print(f"\n{robot}: {len(given.problems)} problems, Pinocchio's forward kinematics {kinematics:.2f} us")
     for sequence in range(sequences):
         rows = [_row(given, problem, sequence) for problem in given.problems]
         _print(f"sequence {sequence}", rows)
-    peers = given.peers_rows()
-    if peers:
-        chosen = [peers[key] for problem in given.problems if (key := (problem["set"], problem["index"])) in peers]
+    rows_of_vamp = given.peers_rows()
+    if rows_of_vamp:
+        keys = [(problem["set"], problem["index"]) for problem in given.problems]
+        chosen = [rows_of_vamp[key] for key in keys if key in rows_of_vamp]
         times = np.array([row["plan_us"] for row in chosen if row["solved"]]) * kinematics / PEERS_KINEMATICS
         _print_times(f"  VAMP's rows, scaled, {len(times)} solved of {len(chosen)}", times)
+    if seconds > 0.0:
+        _beside(given, seconds)
 
 
 def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
     z_start, z_goal = given.ends(problem)
     message = scene_message(problem)
-    plan = whole = np.inf
+    plan = simplify = call = np.inf
     for _ in range(REPEATS):
-        began = time.perf_counter()
+        rng = np.random.default_rng(sequence)
+        began = time.thread_time()
         world = World.build(given.group, build(message))
         lanes = Lanes.build(world)
-        ready = time.perf_counter()
-        resolution, refused, rng = LANE_RESOLUTION, 0, np.random.default_rng(sequence)
-        found = _grown(lanes, z_start, z_goal, resolution, rng)
-        plan = min(plan, time.perf_counter() - ready)
-        while found.path is not None and not certify(world, polyline(found.path)).free:
-            refused += 1
-            if refused == LANE_ATTEMPTS:
-                break
-            resolution *= LANE_FINER
-            found = _grown(lanes, z_start, z_goal, resolution, rng)
-        whole = min(whole, time.perf_counter() - began)
-        if whole > 1.0:
+        ready = time.thread_time()
+        found = _grown(lanes, z_start, z_goal, LANE_RESOLUTION, rng)
+        grown = time.thread_time()
+        path = None if found.path is None else lanes.shortened(found.path, LANE_RESOLUTION)
+        done = time.thread_time()
+        plan, simplify, call = min(plan, grown - ready), min(simplify, done - grown), min(call, done - began)
+        if call > 0.1:
             break
-    solved = found.path is not None and refused < LANE_ATTEMPTS
-    return Row(problem["set"], problem["index"], 1e6 * plan, 1e6 * whole, found.iterations, refused, solved)
+    began, refused, resolution = time.thread_time(), 0, LANE_RESOLUTION
+    while path is not None and not certify(world, polyline(path)).free:
+        refused += 1
+        if refused == LANE_ATTEMPTS:
+            break
+        resolution *= LANE_FINER
+        again = _grown(lanes, z_start, z_goal, resolution, rng)
+        path = None if again.path is None else lanes.shortened(again.path, resolution)
+    certificate = time.thread_time() - began
+    length = 0.0 if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    return Row(
+        problem_set=problem["set"],
+        index=problem["index"],
+        plan=1e6 * plan,
+        simplify=1e6 * simplify,
+        call=1e6 * call,
+        certificate=1e6 * certificate,
+        iterations=found.iterations,
+        length=length,
+        refused=refused,
+        solved=path is not None and refused < LANE_ATTEMPTS,
+    )
+
+
+def _beside(given: Problems, seconds: float) -> None:
+    """Plan the same problems with the planners that are installed."""
+    robot, packages = given.folder / "robots" / given.robot / given.robot, given.folder / "robots"
+    for name, solve in peers.installed().items():
+        answers, hits = [], 0
+        for problem in given.problems:
+            world = World.build(given.group, build(scene_message(problem)))
+            task = peers.Task(robot, packages, world, problem["obstacles"], *given.ends(problem), seconds, 0)
+            answers.append(solve(task))
+            if answers[-1].path is not None:
+                hits += not certify(world, polyline(answers[-1].path)).free
+        solved = [answer for answer in answers if answer.path is not None]
+        print(f" {name}: solved {len(solved)} of {len(answers)} in {seconds:g} s each; paths not free: {hits}")
+        for fault in sorted({answer.fault for answer in answers if answer.fault}):
+            print(f"  could not begin: {fault}")
+        for step in ("scene", "plan", "simplify"):
+            _print_times(f"  {step}, us", np.array([getattr(answer, step) for answer in solved]))
+        lengths = [np.linalg.norm(np.diff(answer.path, axis=0), axis=1).sum() for answer in solved]
+        _print_times("  length", np.array(lengths))
 
 
 def _grown(
@@ -126,11 +176,14 @@ def _print(title: str, rows: list[Row]) -> None:
     if unsolved:
         print(f"  not solved: {unsolved}")
     _print_times("  planning, us", np.array([row.plan for row in rows]))
-    _print_times("  scene, tables, planning and certificate, us", np.array([row.whole for row in rows]))
+    _print_times("  simplification, us", np.array([row.simplify for row in rows]))
+    _print_times("  scene, planning and simplification, us", np.array([row.call for row in rows]))
+    _print_times("  certificate, with new plans where it refused, us", np.array([row.certificate for row in rows]))
+    _print_times("  length", np.array([row.length for row in solved]))
     for name in dict.fromkeys(row.problem_set for row in rows):
         _print_times(f"    {name}, planning", np.array([row.plan for row in rows if row.problem_set == name]))
 
 
 def _print_times(title: str, times: np.ndarray) -> None:
     if len(times):
-        print(f"{title}: median {np.median(times):.0f}, mean {times.mean():.0f}, p95 {np.quantile(times, 0.95):.0f}")
+        print(f"{title}: median {np.median(times):.4g}, mean {times.mean():.4g}, p95 {np.quantile(times, 0.95):.4g}")

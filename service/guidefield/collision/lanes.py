@@ -6,12 +6,13 @@ what is between them.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from guidefield.collision.convex_parts import UnservedError
-from guidefield.collision.lane_robot import lane_robot
+from guidefield.collision.lane_robot import LaneRobot, lane_robot
 from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.lane_kinematics import POSE
@@ -22,9 +23,16 @@ from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.kernels.separation import WORK
 from guidefield.robot.coverage import coverage
+from guidefield.robot.group import PlanningGroup
 
 TRIES = 60
 """Straight ways between places on a path that are looked at, unless told otherwise."""
+
+
+@functools.lru_cache(maxsize=32)
+def _robot(group: PlanningGroup, pairs: bytes) -> LaneRobot:
+    """The tables of a group, made once for the same pairs (int64) that must not touch: scenes change, robots don't."""
+    return lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +58,12 @@ class Lanes:
         """
         if any(joint.nv != 1 for joint in world.model.joints[1:]):
             raise UnservedError("a joint with several degrees of freedom")
-        covers = coverage(world.group.robot).shapes
         own, mixed = np.split(world.pairs, [world.n_self])
-        robot = lane_robot(world.group, covers, own)
-        tested = np.zeros((len(covers), len(world.scene.obstacles)), bool)
-        tested[mixed[:, 0], mixed[:, 1] - len(covers)] = True
+        robot = _robot(world.group, own.tobytes())
+        tested = np.zeros((robot.bodies.size, len(world.scene.obstacles)), bool)
+        tested[mixed[:, 0], mixed[:, 1] - robot.bodies.size] = True
         scene = lane_scene(world.scene.obstacles, tested)
-        n_bodies, n_obstacles = len(covers), len(scene.obstacles.kinds)
+        n_bodies, n_obstacles = robot.bodies.size, len(scene.obstacles.kinds)
         scratch = Scratch(
             poses=np.zeros(world.model.njoints * POSE, np.float32),
             centres=np.zeros(robot.bodies.carriers * BALL, np.float32),

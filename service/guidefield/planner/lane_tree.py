@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ def grow(
         budget: How long.
     """
     group = lanes.world.group
-    sampling = _sampling(group, rng)
+    sampling = _sampling(group)._replace(shift=rng.random(group.nv))
     sources = packed(sampling)
     search = _search((starts, goals), max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
     trees, counters = packed(search), search.counters
@@ -76,7 +77,9 @@ def grow(
     return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]))
 
 
-def _sampling(group: PlanningGroup, rng: np.random.Generator) -> kernel.Sampling:
+@functools.lru_cache(maxsize=32)
+def _sampling(group: PlanningGroup) -> kernel.Sampling:
+    """The box that samples of a group fill, not shifted."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
     origin = group.chart(group.q_origin)
     for joint in group.joints:
@@ -88,7 +91,7 @@ def _sampling(group: PlanningGroup, rng: np.random.Generator) -> kernel.Sampling
             lower[at], upper[at] = origin[at] - reach, origin[at] + reach
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
-    sampling = kernel.Sampling(_primes(group.nv), rng.random(group.nv), lower, upper - lower, period, frequency)
+    sampling = kernel.Sampling(_primes(group.nv), np.zeros(group.nv), lower, upper - lower, period, frequency)
     for array in sampling:
         array.setflags(write=False)
     return sampling
