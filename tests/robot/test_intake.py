@@ -191,3 +191,9 @@ def test_lost_geometry_names_its_link():
     with pytest.raises(RobotInvalid, match="link 'upper' has 1 <collision> shapes, but 0 were read") as caught:
         check_geometry_complete(check_urdf(ARM, NOWHERE), geometry, model)
     assert caught.value.details == {"link": "upper", "line": 6, "element": "collision"}
+
+
+def test_an_axis_without_a_direction_is_refused() -> None:
+    """Found by fuzzing: Pinocchio takes it for zero, and its "rotation" about that is none."""
+    with pytest.raises(RobotInvalid, match="<axis> must have 'xyz'"):
+        check_urdf(ARM.replace(AXIS, '<axis xz="0 0 1"/>'), NOWHERE)

@@ -147,7 +147,9 @@ def _end(joint: Element, tag: str, links: Collection[str]) -> str:
 
 def _check_axis(axis: Element) -> None:
     direction = numbers(axis, "xyz", 3)
-    if direction is not None and math.hypot(*direction) < MINIMAL_AXIS:
+    if direction is None:  # Pinocchio would take it for zero; a joint without <axis> has its default, x
+        raise fault(axis, "<axis> must have 'xyz'", attribute="xyz")
+    if math.hypot(*direction) < MINIMAL_AXIS:
         raise fault(axis, f"<axis> must not be zero, got {axis.get('xyz')!r}", attribute="xyz")
 
 
