@@ -9,6 +9,7 @@ import pytest
 from guidefield.kernels.field import field_at_points
 from guidefield.kernels.primitives import capsule_at
 from guidefield.messages import scene as messages
+from guidefield.messages.requests import UrdfText
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.selection import select
 from guidefield.scene import library
@@ -21,6 +22,11 @@ GROUPS = {
     "sliding": lambda: grouped(box_arm("y slide x slide", 0)),
     "turning": lambda: grouped(box_arm("continuous", 3)),
     "mimic": lambda: grouped(box_arm("y x mimic y", 0)),
+    "oblique continuous": lambda: grouped(box_arm("oblique-continuous", 3)),
+    "planar": lambda: grouped(box_arm("planar y slide", 0)),
+    "floating": lambda: grouped(box_arm("y floating x", 0)),
+    "free base": lambda: grouped(UrdfText(text=box_arm("y x", 0).text, root_joint="free")),
+    "ball": lambda: group("chain_moving_3x260_r20"),
 }
 
 
@@ -66,7 +72,7 @@ def test_the_generalised_force_is_minus_the_finite_difference_of_the_potential(n
         np.testing.assert_array_equal(field.generalized_force(q), -energy.gradient)
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova", "sliding", "mimic"])
+@pytest.mark.parametrize("name", ["panda", "kinova", "sliding", "mimic", "planar", "floating", "free base", "ball"])
 def test_the_backward_pass_equals_a_sum_over_points_with_pinocchios_jacobians(name: str) -> None:
     planned = GROUPS[name]()
     field = RobotField(planned, far_scene())

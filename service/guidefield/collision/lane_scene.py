@@ -14,6 +14,8 @@ from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRI
 from guidefield.kernels.lane_tables import LaneObstacles
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import Parts
+from guidefield.messages.scene import PointCloud
+from guidefield.scene.cloud import cloud_balls
 from guidefield.scene.obstacle import Obstacle
 
 CLUSTER = 24
@@ -71,6 +73,8 @@ def _stand_ins(  # noqa: PLR0911  one for each kind
 ) -> list[tuple[int, bool, int, np.ndarray]]:
     """What stands for an obstacle: kind, whether it is the obstacle itself, its root, its numbers."""
     shape, placement = obstacle.shape, obstacle.placement
+    if isinstance(obstacle.message, PointCloud):
+        return _balls(*cloud_balls(obstacle.vertices), table)
     if isinstance(shape, coal.BVHModelBase):
         return [_cluster(corners, table) for corners in _clusters(obstacle.vertices[obstacle.triangles])]
     root = table.add_shape(shape, placement)
@@ -88,6 +92,13 @@ def _stand_ins(  # noqa: PLR0911  one for each kind
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     middle = pin.SE3(placement.rotation, placement.act(0.5 * (low + high)))
     return [(BOX, False, root, _primitive(middle, 0.5 * (high - low)))]
+
+
+def _balls(centres: np.ndarray, radius: float, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
+    """Balls about points, neighbours together."""
+    ordered = np.concatenate(_clusters(np.repeat(centres[:, None], 3, axis=1)))[:, 0]
+    places, ball = [pin.SE3(np.eye(3), centre) for centre in ordered], coal.Sphere(radius)
+    return [(CAPSULE, True, table.add_shape(ball, at), _primitive(at, np.zeros(3), radius)) for at in places]
 
 
 def _clusters(corners: np.ndarray) -> list[np.ndarray]:

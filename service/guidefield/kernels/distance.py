@@ -14,7 +14,16 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
-from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.signatures import (
+    INDEX_MATRIX,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+    inlined,
+)
 from guidefield.kernels.tree_kinematics import BLOCKS, INDICES
 from guidefield.kernels.triangle_distance import (
     LEAF,
@@ -28,7 +37,6 @@ BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET = range(6)
 """Kinds of bodies."""
 
 INDICES_OUT = types.Array(types.int64, 1, "C")
-INDEX_MATRIX = types.Array(types.int64, 2, "C", readonly=True)
 
 _STACK = 64
 

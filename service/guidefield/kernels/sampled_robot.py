@@ -8,8 +8,8 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.chart import configuration, subspaces_by_chart
-from guidefield.kernels.distance import INDEX_MATRIX, INDICES_OUT, TABLES, DistanceTables
-from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, Vector3, inlined
+from guidefield.kernels.distance import INDICES_OUT, TABLES, DistanceTables
+from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, Vector3, inlined
 from guidefield.kernels.tree_kinematics import (
     BLOCKS,
     BLOCKS_OUT,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+import coal
 import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
@@ -12,6 +13,8 @@ from guidefield.geometry.closed import connected_pieces, volume
 from guidefield.geometry.distance_bodies import Body, body_tables, boxes_in_world, primitive, triangulated
 from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field import field_at_points
+from guidefield.messages.scene import PointCloud
+from guidefield.scene.cloud import cloud_balls
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
@@ -40,11 +43,20 @@ def _bodies(obstacle: Obstacle) -> list[Body]:
     body = primitive(obstacle.shape)
     if body is not None:
         return [body.placed(rotation, translation)]
+    if isinstance(obstacle.message, PointCloud):
+        return _balls(obstacle.vertices)
     vertices = (obstacle.vertices - translation) @ rotation
     if not obstacle.solid:
         return [triangulated(vertices, obstacle.triangles, SHEET).placed(rotation, translation)]
     solids = _solids(vertices, obstacle.triangles)
     return [triangulated(vertices, solid, SOLID).placed(rotation, translation) for solid in solids]
+
+
+def _balls(vertices: np.ndarray) -> list[Body]:
+    centres, radius = cloud_balls(vertices)
+    ball = primitive(coal.Sphere(radius))
+    assert ball is not None
+    return [ball.placed(np.eye(3), centre) for centre in centres]
 
 
 def _solids(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,33 +19,14 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
+from guidefield.scene.charges import Charges
+from guidefield.scene.cloud import MOST_POINTS, cloud_charges, cloud_surface
 from guidefield.scene.flat import axes_across, bulges, crossing_edges, flat_polygon, flatness_fault
 from guidefield.scene.mesh import MeshSurface, bvh, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
 
 HALF_SPACE_PATCH = 4.0
 """Side of the square that stands for a half-space in drawings [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Charges:
-    """What an obstacle contributes to the field; rows, in the world [m].
-
-    Attributes:
-        triangles: Charged triangles, shape (n, 3, 3).
-        spheres: Centre and radius, shape (n, 4).
-        capsules: Both ends of the axis and the radius, shape (n, 7).
-        planes: Unit normal and offset, shape (n, 4).
-        quads: Flat convex quadrilaterals, shape (n, 4, 3).
-        boxes: Centre, unit axes and full sizes, shape (n, 15).
-    """
-
-    triangles: np.ndarray = field(default_factory=lambda: np.empty((0, 3, 3)))
-    spheres: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    capsules: np.ndarray = field(default_factory=lambda: np.empty((0, 7)))
-    planes: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    quads: np.ndarray = field(default_factory=lambda: np.empty((0, 4, 3)))
-    boxes: np.ndarray = field(default_factory=lambda: np.empty((0, 15)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,8 +220,12 @@ def _polygon(message: messages.Polygon) -> Obstacle:
 
 
 def _point_cloud(message: messages.PointCloud) -> Obstacle:
-    count = len(_points(message.points))
-    raise _UnusableError(f"it is a point cloud (of {count} points); this version doesn't serve point clouds", "")
+    points = np.unique(_points(message.points), axis=0)
+    if len(points) > MOST_POINTS:
+        raise _UnusableError(f"it has {len(points)} points; up to {MOST_POINTS} are served: thin it out", ".points")
+    vertices, triangles = cloud_surface(points, message.radius)
+    bodies = _surface(message, MeshSurface(vertices, triangles, True, None, ()), pin.SE3.Identity())
+    return dataclasses.replace(bodies, charged=lambda: cloud_charges(points, message.radius))
 
 
 BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
@@ -267,7 +252,7 @@ def _convex(
     return Obstacle(message.name, message, shape, placement, True, True, message.charge, surface, charged)
 
 
-def _surface(message: messages.Mesh | messages.Polygon, surface: MeshSurface, placement: Any) -> Obstacle:
+def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -> Obstacle:
     return Obstacle(
         name=message.name,
         message=message,

@@ -104,6 +104,9 @@ def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
         quads=np.concatenate([np.empty((0, 4, 3)), *(one.charges.quads for one in obstacles)]),
         quad_charge=_charge_of_each(obstacles, "quads"),
         boxes=_charged_rows(obstacles, "boxes", 15),
+        cloud=np.concatenate(
+            [np.empty((0, 5)), *(one.charges.cloud * [1.0, 1.0, 1.0, one.charge, 1.0] for one in obstacles)]
+        ),
         opening=at_angle(OPENING),
     )
 

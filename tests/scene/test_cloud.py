@@ -1,0 +1,102 @@
+"""Point clouds: bodies that contain the balls, charges of the surface, and a robot that keeps clear of one."""
+
+from __future__ import annotations
+
+import math
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.charge_cloud import leak_limit, spacings
+from guidefield.geometry.charges import surface_points
+from guidefield.kernels.field import field_at_points
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Float32Array
+from guidefield.scene.cloud import CORNERS, cloud_surface
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.obstacle import build
+from guidefield.scene.scene import build as build_scene
+
+LAWS = settings(deadline=None, max_examples=30)
+RADIUS = 0.03
+SOLID = surfaces.box((0.8, 0.6, 0.4))
+SCAN = surface_points(SOLID.vertices, SOLID.triangles, 0.03).points
+
+
+def cloud(points: np.ndarray, **more: float) -> messages.PointCloud:
+    return messages.PointCloud(name="scan", points=[tuple(p) for p in points.tolist()], radius=RADIUS, **more)
+
+
+@LAWS
+@given(st.integers(0, 2**32 - 1))
+def test_bodies_contain_the_balls_and_little_more(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centre = rng.uniform(-1.0, 1.0, 3)
+    vertices, triangles = cloud_surface(np.array([[9.0, 9.0, 9.0], centre]), RADIUS)
+    body = vertices[CORNERS:] - centre
+    assert np.linalg.norm(body, axis=1) == pytest.approx(np.full(CORNERS, 1.2584 * RADIUS), rel=1e-4)
+    a, b, c = vertices[triangles[20:]].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    heights = ((a - centre) * normals).sum(axis=1) / np.linalg.norm(normals, axis=1)
+    assert heights == pytest.approx(np.full(20, RADIUS))
+
+
+def test_distances_are_those_of_the_balls_to_within_what_is_said() -> None:
+    obstacle = build(cloud(SCAN), 0)
+    assert obstacle.solid
+    rng = np.random.default_rng(1)
+    for point in rng.uniform(-1.0, 1.0, (40, 3)):
+        there = coal.Transform3s(np.eye(3), point)
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        ours = coal.distance(obstacle.shape, coal.Transform3s.Identity(), coal.Sphere(1e-3), there, request, result)
+        exact = float(np.linalg.norm(SCAN - point, axis=1).min()) - RADIUS
+        if exact > 0.05:
+            assert exact - 0.26 * RADIUS - 1e-5 <= ours + 1e-3 <= exact + 1e-5
+
+
+def test_the_barrier_sees_a_ball_for_every_point() -> None:
+    tables = distance_tables(build_scene(messages.Scene(name="s", obstacles=[cloud(SCAN[:50])])))
+    assert len(tables.kinds) == 50
+
+
+def test_spacing_is_what_the_surface_has() -> None:
+    grid = np.stack(np.meshgrid(*[0.02 * np.arange(40)] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    inner = (np.abs(grid[:, :2] - 0.39).max(axis=1) < 0.3).nonzero()[0]
+    assert spacings(grid, 1e-4, 1.0)[inner] == pytest.approx(np.full(len(inner), 0.02), rel=0.05)
+    random = np.random.default_rng(0).uniform(0.0, 1.0, (3000, 2))
+    spread = np.square(spacings(np.c_[random, np.zeros(3000)], 1e-4, 1.0))
+    middle = np.abs(random - 0.5).max(axis=1) < 0.4
+    assert spread[middle].sum() == pytest.approx(0.64, rel=0.25)
+    assert spacings(np.zeros((1, 3)), 1e-4, 0.1).tolist() == [0.1]
+    assert spacings(np.zeros((5, 3)), 1e-4, 0.1).tolist() == [1e-4] * 5
+
+
+def test_its_field_is_about_that_of_the_surface() -> None:
+    scan = build_scene(messages.Scene(name="s", obstacles=[cloud(SCAN, charge=2.0)]))
+    solid = build_scene(messages.Scene(name="s", obstacles=[messages.Box(name="b", size=(0.8, 0.6, 0.4), charge=2.0)]))
+    points = np.array([(0.6, 0.1, 0.0), (0.0, 0.5, 0.1), (0.2, -0.1, 0.35), (1.5, 1.0, 0.5), (-0.7, -0.6, -0.5)])
+    ours, exact = field_at_points(scan.tables, points), field_at_points(solid.tables, points)
+    assert ours.potential == pytest.approx(exact.potential, rel=0.2)
+    cosines = (ours.gradient * exact.gradient).sum(axis=1)
+    cosines /= np.linalg.norm(ours.gradient, axis=1) * np.linalg.norm(exact.gradient, axis=1)
+    assert (cosines > 0.98).all()
+
+
+def test_what_goes_through_its_surface_exceeds_the_leak_limit() -> None:
+    scan = build_scene(messages.Scene(name="s", obstacles=[cloud(SCAN)]))
+    limit = leak_limit(float(spacings(SCAN, 1e-4, 1.0).max()))
+    for y, z in np.random.default_rng(2).uniform(-0.15, 0.15, (20, 2)):
+        through = np.column_stack([np.linspace(0.3, 0.5, 201), np.full(201, y), np.full(201, z)])
+        assert field_at_points(scan.tables, through).potential.max() > limit
+
+
+def test_packed_points_mean_the_same_and_twins_count_once() -> None:
+    twice = np.concatenate([SCAN, SCAN]).astype("<f4")
+    packed = messages.PointCloud(name="scan", points=Float32Array(float32=twice.tobytes()), radius=RADIUS)
+    obstacle = build(packed, 0)
+    assert len(obstacle.vertices) == CORNERS * len(SCAN)
+    assert obstacle.charges.cloud[:, 3].sum() == pytest.approx(2.0 * (0.48 + 0.32 + 0.24), rel=0.3)
+    assert math.isfinite(obstacle.charges.cloud.sum())
