@@ -12,9 +12,8 @@ from typing import NamedTuple
 from numba import types
 
 from guidefield.kernels.chart import subspaces_by_chart
-from guidefield.kernels.distance import INDEX_MATRIX
 from guidefield.kernels.sampled_robot import JOINTS
-from guidefield.kernels.signatures import MATRIX, VECTOR, Floats, inlined
+from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, inlined
 from guidefield.kernels.tree_kinematics import (
     CONTINUOUS,
     FLOATING,
