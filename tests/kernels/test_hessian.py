@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry.charged import field_tables
 from guidefield.kernels.hessian import hessian_at_points
-from tests.kernels.evaluation import field, triangles, vectors
+from tests.kernels.evaluation import field, rigid_motions, triangles, vectors
 from tests.oracles import EPS, PolygonCase, distance_to_triangle, polygon_cases
 
 HESSIAN_ULPS = 64
@@ -52,6 +52,19 @@ def test_trace_and_bound(corners: np.ndarray, point: np.ndarray) -> None:
     expected = -2.0 * float(normal @ at.gradient) / height
     assert np.trace(matrix) == pytest.approx(expected, rel=1e-7, abs=1e-10 * at.potential / near**2)
     assert np.linalg.norm(matrix, 2) <= 12.0 * at.potential / near**2 * (1.0 + 1e-9)
+
+
+@laws
+@given(triangles, vectors(2.0), rigid_motions(), st.floats(-4.0, 4.0))
+def test_scales_and_turns(
+    corners: np.ndarray, point: np.ndarray, motion: tuple[np.ndarray, np.ndarray], exponent: float
+) -> None:
+    assume(distance_to_triangle(point, corners) > 0.05)
+    (rotation, translation), size = motion, 10.0**exponent
+    here = hessian(point, corners[None])
+    there = hessian(size * (rotation @ point + translation), (size * (corners @ rotation.T + translation))[None])
+    expected = rotation @ here @ rotation.T
+    assert size**3 * there == pytest.approx(expected, rel=0.0, abs=1e-9 * np.linalg.norm(here))
 
 
 def test_only_triangles() -> None:

@@ -91,3 +91,19 @@ def test_finite_on_corners_edges_and_the_diagonal() -> None:
         at = field(np.array(point, float), quads=corners[None])
         assert at.potential > 0.0
         assert np.isfinite([at.potential, *at.gradient, at.curvature, at.winding]).all()
+
+
+@laws
+@given(st.floats(0.1, 1.0), st.floats(0.1, 1.0), vectors(1.5), rigid_motions())
+def test_bounds_of_a_rectangle(
+    width: float, height: float, point: np.ndarray, motion: tuple[np.ndarray, np.ndarray]
+) -> None:
+    rotation, translation = motion
+    corners = np.array([(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)]) @ rotation.T + translation
+    p = rotation @ point + translation
+    distance = min(distance_to_triangle(p, triangle) for triangle in fan(corners))
+    assume(distance > 1e-3)
+    w = 0.5 * min(width, height)
+    potential = field(p, quads=corners[None]).potential
+    assert potential >= 0.5 * np.pi * w**2 / (2.0 * distance * (distance + w) ** 2) * (1.0 - 1e-12)
+    assert potential <= min(2.0 * np.pi / distance, width * height / distance**3) * (1.0 + 1e-12)
