@@ -41,7 +41,7 @@ def test_order_of_corners_changes_only_the_side(corners: np.ndarray, point: np.n
 
 
 @laws
-@given(st.lists(st.tuples(triangles, st.floats(0.0, 5.0)), min_size=1, max_size=20), vectors(2.0))
+@given(st.lists(st.tuples(triangles, st.just(0.0) | st.floats(1e-6, 5.0)), min_size=1, max_size=20), vectors(2.0))
 def test_superposition(charged: list[tuple[np.ndarray, float]], point: np.ndarray) -> None:
     assume(all(distance_to_triangle(point, corners) > 0.01 for corners, _ in charged))
     singles = [field(point, corners[None]) for corners, _ in charged]

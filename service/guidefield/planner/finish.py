@@ -6,6 +6,8 @@ certified motions is its limit), and where a relaxed path can't be certified the
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +25,9 @@ from guidefield.planner.trajectory import Trajectory
 
 REPAIRS = 12
 """How often the spline is drawn closer to the path where the certificate refused it."""
+
+LAST_JUDGEMENT = 0.1
+"""For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +92,19 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
 
 def _judged(problem: Problem, pieces: np.ndarray) -> Verdict:
     """Whether a motion is free, and keeps the path constraints."""
-    verdict = certify(problem.world, pieces, problem.min_clearance, stopped=problem.budget.spent)
+    stopped = _at_the_very_end(problem)
+    verdict = certify(problem.world, pieces, problem.min_clearance, stopped=stopped)
     if not (verdict.free and problem.path_constraints):
         return verdict
     turns = problem.world.bodies.turns
-    kept = certify_constraints(problem.constrained_frames, turns, pieces, problem.budget.spent)
+    kept = certify_constraints(problem.constrained_frames, turns, pieces, stopped)
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+
+
+def _at_the_very_end(problem: Problem) -> Callable[[], object]:
+    """Whether time is up, and what is still allowed for a judgement that begins now has passed too."""
+    until = time.monotonic() + LAST_JUDGEMENT
+    return lambda: time.monotonic() >= until and problem.budget.spent()
 
 
 def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
