@@ -60,6 +60,18 @@ def test_the_tree_finds_a_way_round_and_shortcuts_shorten_it(seed: int) -> None:
     np.testing.assert_array_equal(shorter[[0, -1]], connection.path[[0, -1]])
 
 
+def test_what_need_not_be_proven_is_what_lanes_found() -> None:
+    made, start, goal = wall_between()
+    proven, proposed = (
+        connect(made, start, np.array([goal]), np.random.default_rng(3), prove=prove) for prove in (True, False)
+    )
+    assert proven.proven
+    assert proposed.status is Status.SUCCESS
+    assert not proposed.proven
+    np.testing.assert_array_equal(proposed.path[[0, -1]], [start, goal])
+    assert not any(made.world.in_collision(made.group.from_chart(z)) for z in proposed.path)
+
+
 def test_the_same_seed_gives_the_same_path() -> None:
     paths = []
     for _ in range(2):

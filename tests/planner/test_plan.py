@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import numpy as np
@@ -13,10 +14,12 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.relaxation import Relaxed, relax
 from guidefield.planner.trace import StageEntered, StageLeft
 from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
+from tests.planner.test_connect import wall_between
 from tests.robots import box_arm, grouped
 
 
@@ -48,6 +51,24 @@ def check_success(made: Problem, result: Plan) -> None:
     assert is_within_limits(made, result)
     assert np.all(result.trajectory.velocities[[0, -1]] == 0.0)
     np.testing.assert_allclose(result.trajectory.positions[0], made.group.chart(made.q_start), atol=1e-12)
+
+
+def test_where_no_proof_comes_of_relaxing_the_connection_is_proven_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall, start, goal = wall_between()
+    made = dataclasses.replace(
+        wall, q_start=wall.group.from_chart(start), goal=to_configuration(goal, wall.group), guide_planes=()
+    )
+    relaxed_to = [np.array([start, goal])]  # through the wall, the first time
+
+    def misled(problem: Problem, path: np.ndarray, crossings: dict[int, int]) -> Relaxed:
+        result = relax(problem, path, crossings)
+        return dataclasses.replace(result, path=relaxed_to.pop()) if relaxed_to else result
+
+    monkeypatch.setattr("guidefield.planner.finish.relax", misled)
+    result = plan(made, Planner.TREE)
+    check_success(made, result)
+    assert [stage.name for stage in result.stages].count("connect") == 2
+    assert [stage.name for stage in result.stages].count("relax") == 2
 
 
 def test_guide_planes_in_the_bookshelf() -> None:

@@ -1,7 +1,8 @@
-"""Connect two configurations: the straight motion, else a tree, then shortcuts; every motion certified.
+"""Connect two configurations: the straight motion, else a tree, then shortcuts; certified if that is asked for.
 
 The tree grows on the lane kernels where they know the robot and the scene (`LaneTree`), else on Coal (`SampledTree`).
-Both judge motions by samples only: what they find is a proposal to the certificate.
+Both judge motions by samples only: what they find is a proposal to the certificate. A proposal of the lanes that is
+relaxed anyway need not be certified before: relaxing moves it away from where samples overlooked something.
 """
 
 from __future__ import annotations
@@ -38,14 +39,18 @@ class Connection:
         status: SUCCESS, or PLANNING_FAILED, TIMED_OUT, PREEMPTED.
         message: One sentence for a person.
         path: Chart points (n, nv) from start to a goal if it succeeded, else only the start.
+        proven: Whether the path is certified, not only free at samples.
     """
 
     status: Status
     message: str
     path: np.ndarray
+    proven: bool = True
 
 
-def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.random.Generator) -> Connection:
+def connect(
+    problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.random.Generator, *, prove: bool = True
+) -> Connection:
     """Find a free motion from a chart point to one of several.
 
     Args:
@@ -53,17 +58,19 @@ def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.ra
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free.
         rng: Randomness of the tree and the shortcuts.
+        prove: Whether the motion must be certified; if not, one that lanes found free at samples is enough.
 
     Returns:
         What the tree found is shortened.
     """
+    prove = prove or problem.lanes is None
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     for goal in near[np.argsort(np.linalg.norm(near - z_start, axis=1))]:
         way = np.array([z_start, goal])
         if problem.lanes is not None and not problem.lanes.free_until(way, LANE_RESOLUTION, problem.min_clearance):
             continue
-        if _certified(problem, z_start, goal).free:
-            return Connection(Status.SUCCESS, "the straight motion is free", np.array([z_start, goal]))
+        if not prove or _certified(problem, z_start, goal).free:
+            return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
     proposer = SampledTree(problem) if problem.lanes is None else LaneTree(problem, problem.lanes)
     resolution = proposer.resolution
     for _ in range(proposer.attempts):
@@ -71,12 +78,12 @@ def connect(problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.ra
         found = proposer.propose(z_start[None], goals, resolution, rng)
         if found is None:
             break
-        if all(_certified(problem, a, b).free for a, b in pairwise(found)):
+        if not prove or all(_certified(problem, a, b).free for a, b in pairwise(found)):
             for z in found[1:]:
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
             iterations = problem.counters.iterations - before
             short = proposer.shortened(found, rng)
-            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", short)
+            return Connection(Status.SUCCESS, f"found by a tree in {iterations} iterations", short, prove)
         resolution *= proposer.finer
     spent = problem.budget.spent()
     if spent is not None:

@@ -49,7 +49,9 @@ class Finished:
     warnings: tuple[str, ...] = ()
 
 
-def finish(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages) -> Finished:
+def finish(
+    problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages, *, proven: bool = True
+) -> Finished:
     """Make a certified trajectory of a path whose straight pieces are free.
 
     Args:
@@ -57,12 +59,13 @@ def finish(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages
         path: Chart points, shape (n, nv).
         crossings: By index of each guide plane, its index in `path`; kept.
         stages: Where time is counted.
+        proven: Whether the path itself is certified: only then is it worth a try where the relaxed one is refused.
     """
     with stages.entered("relax", "to the middle of the free space") as stage:
         relaxed = relax(problem, path, crossings)
         stage.outcome = relaxed.outcome
     finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
-    if finished.verdict.free:
+    if finished.verdict.free or not proven:
         return finished
     unrelaxed = _certified(problem, path, crossings, stages)
     if not unrelaxed.verdict.free:

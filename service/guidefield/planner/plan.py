@@ -4,34 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.collision.certificate import Verdict, certify
 from guidefield.collision.timed_certificate import certify_timed
 from guidefield.errors import Status
-from guidefield.planner.connect import Connection, connect
-from guidefield.planner.constrained import Keeper, connect_constrained
-from guidefield.planner.ends import check_start, goal_points, tip_points
+from guidefield.planner.ends import check_start, goal_points
 from guidefield.planner.finish import Finished, finish
-from guidefield.planner.guide import PROJECTED, Attempt, Crossing, cross
+from guidefield.planner.guide import PROJECTED, Attempt, cross
 from guidefield.planner.leaving import Left, after, joined, leave
+from guidefield.planner.onward import Found, connect_to_goal, connect_to_plane
 from guidefield.planner.problem import Problem
 from guidefield.planner.refusal import refusal
-from guidefield.planner.stages import Stage, StageFailed, Stages
+from guidefield.planner.stages import StageFailed, Stages
 from guidefield.planner.timed import cross_planes_timed
-from guidefield.planner.tip_reach import inset_of
 from guidefield.planner.trace import Note, StageLeft
 from guidefield.planner.trajectory import Trajectory
-from guidefield.robot.inverse_kinematics import PoseTarget
-
-CLEARANCE_SHARE = 0.5
-"""Share of the time in which a connection with the clearance asked for is looked for; then any that is free will do."""
 
 
 class Planner(enum.Enum):
@@ -73,18 +65,6 @@ class Plan:
     judged_from: float = 0.0
 
 
-@dataclass
-class _Found:
-    """The motion found so far: chart points, and which of them lie on guide planes (by index in the request)."""
-
-    path: np.ndarray
-    crossings: dict[int, int] = field(default_factory=dict)
-
-    def extend(self, points: np.ndarray) -> None:
-        """Go on along chart points whose first is where the path ends."""
-        self.path = np.concatenate([self.path, points[1:]])
-
-
 def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:
     """Plan a motion.
 
@@ -99,7 +79,7 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     try:
         left = leave(problem, stages)
     except StageFailed as failure:
-        return _partial(problem, _Found(problem.group.chart(problem.q_start)[None]), failure, stages)
+        return _partial(problem, Found(problem.group.chart(problem.q_start)[None]), failure, stages)
     if left is None:
         return _planned(problem, planner, attempts)
     return _with_left(problem, left, _planned(after(problem, left), planner, attempts), stages)
@@ -123,7 +103,7 @@ def _with_left(problem: Problem, left: Left, rest: Plan, stages: Stages) -> Plan
 
 def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) -> Plan:
     stages = Stages(problem)
-    found = _Found(problem.group.chart(problem.q_start)[None])
+    found = Found(problem.group.chart(problem.q_start)[None])
     try:
         with stages.entered("ends", "start and goal") as stage:
             check_start(problem)
@@ -136,14 +116,28 @@ def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) ->
         if planner is not Planner.TREE:
             _cross_planes(problem, found, stages, planner, attempts)
         if goals is not None:
-            with stages.entered("connect", "to the goal") as stage:
-                _connect(problem, found, goals, stage)
+            return _to_goal(problem, found, goals, stages)
     except StageFailed as failure:
         return _partial(problem, found, failure, stages)
     return _finished(problem, finish(problem, found.path, found.crossings, stages), stages)
 
 
-def _plan_in_time(problem: Problem, found: _Found, stages: Stages, attempts: Sequence[Attempt]) -> Plan:
+def _to_goal(problem: Problem, found: Found, goals: np.ndarray, stages: Stages) -> Plan:
+    """Connect and finish: what is free at samples is relaxed at once; where that fails, it is proven before."""
+    before = found.path
+    with stages.entered("connect", "to the goal") as stage:
+        proven = connect_to_goal(problem, found, goals, stage, prove=False)
+    finished = finish(problem, found.path, found.crossings, stages, proven=proven)
+    if not (proven or finished.verdict.free or problem.budget.spent()):
+        problem.tell(Note("the relaxed motion was not certified: the connection is certified before it is relaxed"))
+        found.path = before
+        with stages.entered("connect", "to the goal, certified") as stage:
+            connect_to_goal(problem, found, goals, stage)
+        finished = finish(problem, found.path, found.crossings, stages)
+    return _finished(problem, finished, stages)
+
+
+def _plan_in_time(problem: Problem, found: Found, stages: Stages, attempts: Sequence[Attempt]) -> Plan:
     """Among obstacles that move: the guided planner in time, whose schedule is the trajectory's."""
     try:
         timed = cross_planes_timed(problem, stages, attempts)
@@ -168,12 +162,12 @@ def _plan_in_time(problem: Problem, found: _Found, stages: Stages, attempts: Seq
 
 def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
     """The plan of a problem that was not tried: nothing but the start, judged."""
-    start = _Found(problem.group.chart(problem.q_start)[None])
+    start = Found(problem.group.chart(problem.q_start)[None])
     return _partial(problem, start, StageFailed(status, message, **details), Stages(problem))
 
 
 def _cross_planes(
-    problem: Problem, found: _Found, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
+    problem: Problem, found: Found, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
 ) -> None:
     """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
     group = problem.group
@@ -194,58 +188,11 @@ def _cross_planes(
             continue
         else:
             with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
-                _connect_to_plane(problem, found, crossing, index, stage)
+                connect_to_plane(problem, found, crossing, index, stage)
         found.crossings[index] = len(found.path) - 1
 
 
-def _connect_to_plane(problem: Problem, found: _Found, stuck: Crossing, index: int, stage: Stage) -> None:
-    """Reach a guide plane, with any orientation, from where the approach to it began."""
-    plane = problem.guide_planes[index]
-    tip = problem.kinematics.tip_position(stuck.path[-1])
-    place = plane.closest_point(tip, inset_of(problem, plane))
-    target = PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf))
-    try:
-        _connect(problem, found, tip_points(problem, target), stage)
-    except StageFailed as failure:
-        found.extend(problem.group.chart_path(list(stuck.path), found.path[-1]))
-        raise StageFailed(
-            stuck.status, f"{stuck.message}; the tree got no further either: {failure.message}", **stuck.details
-        ) from None
-
-
-def _connect(problem: Problem, found: _Found, goals: np.ndarray, stage: Stage) -> None:
-    rng = np.random.default_rng([problem.seed, 2])
-    if problem.path_constraints:
-        keeper = Keeper(problem, problem.constrained_frames)
-        connection = connect_constrained(problem, keeper, found.path[-1], goals, rng)
-    else:
-        connection = _connected(problem, found, goals, rng)
-    stage.outcome = connection.message
-    if connection.status is not Status.SUCCESS:
-        raise StageFailed(connection.status, connection.message, stage="connect")
-    found.extend(connection.path)
-
-
-def _connected(problem: Problem, found: _Found, goals: np.ndarray, rng: np.random.Generator) -> Connection:
-    """With the clearance asked for if there is such a connection, else any that is free."""
-    connection = connect(_in_part_of_the_time(problem), found.path[-1], goals, rng)
-    if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
-        problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
-        problem = dataclasses.replace(problem, min_clearance=0.0)
-        connection = connect(problem, found.path[-1], goals, rng)
-    return connection
-
-
-def _in_part_of_the_time(problem: Problem) -> Problem:
-    """The problem with a share of the time that is left, if a clearance is asked for: one without comes after."""
-    if problem.min_clearance <= 0.0:
-        return problem
-    left = problem.budget.deadline - time.monotonic()
-    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + CLEARANCE_SHARE * max(left, 0.0))
-    return dataclasses.replace(problem, budget=budget)
-
-
-def _partial(problem: Problem, found: _Found, failure: StageFailed, stages: Stages) -> Plan:
+def _partial(problem: Problem, found: Found, failure: StageFailed, stages: Stages) -> Plan:
     """The best motion so far, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = certify(problem.world, polyline(found.path))
@@ -253,7 +200,7 @@ def _partial(problem: Problem, found: _Found, failure: StageFailed, stages: Stag
     return _failed(found, failure, verdict, stages)
 
 
-def _failed(found: _Found, failure: StageFailed, verdict: Verdict, stages: Stages) -> Plan:
+def _failed(found: Found, failure: StageFailed, verdict: Verdict, stages: Stages) -> Plan:
     return Plan(
         status=failure.status,
         message=failure.message,

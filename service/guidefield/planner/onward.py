@@ -1,0 +1,90 @@
+"""Go on by a connection from the motion found so far, to a goal or to a guide plane that the field didn't reach."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import Status
+from guidefield.planner.connect import Connection, connect
+from guidefield.planner.constrained import Keeper, connect_constrained
+from guidefield.planner.ends import tip_points
+from guidefield.planner.guide import Crossing
+from guidefield.planner.problem import Problem
+from guidefield.planner.stages import Stage, StageFailed
+from guidefield.planner.tip_reach import inset_of
+from guidefield.planner.trace import Note
+from guidefield.robot.inverse_kinematics import PoseTarget
+
+CLEARANCE_SHARE = 0.5
+"""Share of the time in which a connection with the clearance asked for is looked for; then any that is free will do."""
+
+
+@dataclass
+class Found:
+    """The motion found so far.
+
+    Attributes:
+        path: Chart points (n, nv).
+        crossings: By index of each guide plane in the request, its index in `path`.
+    """
+
+    path: np.ndarray
+    crossings: dict[int, int] = field(default_factory=dict)
+
+    def extend(self, points: np.ndarray) -> None:
+        """Go on along chart points whose first is where the path ends."""
+        self.path = np.concatenate([self.path, points[1:]])
+
+
+def connect_to_plane(problem: Problem, found: Found, stuck: Crossing, index: int, stage: Stage) -> None:
+    """Reach a guide plane, with any orientation, from where the approach to it began."""
+    plane = problem.guide_planes[index]
+    tip = problem.kinematics.tip_position(stuck.path[-1])
+    place = plane.closest_point(tip, inset_of(problem, plane))
+    target = PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf))
+    try:
+        connect_to_goal(problem, found, tip_points(problem, target), stage)
+    except StageFailed as failure:
+        found.extend(problem.group.chart_path(list(stuck.path), found.path[-1]))
+        raise StageFailed(
+            stuck.status, f"{stuck.message}; the tree got no further either: {failure.message}", **stuck.details
+        ) from None
+
+
+def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
+    """Go on to a goal; whether that motion is certified."""
+    rng = np.random.default_rng([problem.seed, 2])
+    if problem.path_constraints:
+        keeper = Keeper(problem, problem.constrained_frames)
+        connection = connect_constrained(problem, keeper, found.path[-1], goals, rng)
+    else:
+        connection = _connected(problem, found, goals, rng, prove)
+    stage.outcome = connection.message
+    if connection.status is not Status.SUCCESS:
+        raise StageFailed(connection.status, connection.message, stage="connect")
+    found.extend(connection.path)
+    return connection.proven
+
+
+def _connected(problem: Problem, found: Found, goals: np.ndarray, rng: np.random.Generator, prove: bool) -> Connection:
+    """With the clearance asked for if there is such a connection, else any that is free."""
+    connection = connect(_in_part_of_the_time(problem), found.path[-1], goals, rng, prove=prove)
+    if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
+        problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
+        problem = dataclasses.replace(problem, min_clearance=0.0)
+        connection = connect(problem, found.path[-1], goals, rng, prove=prove)
+    return connection
+
+
+def _in_part_of_the_time(problem: Problem) -> Problem:
+    """The problem with a share of the time that is left, if a clearance is asked for: one without comes after."""
+    if problem.min_clearance <= 0.0:
+        return problem
+    left = problem.budget.deadline - time.monotonic()
+    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + CLEARANCE_SHARE * max(left, 0.0))
+    return dataclasses.replace(problem, budget=budget)
