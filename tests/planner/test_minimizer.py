@@ -7,13 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from guidefield.errors import Status
 from guidefield.kernels.tip_constraint import TipConstraint
 from guidefield.planner.aim import ANYWHERE
+from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.constraints import evaluated, on_plane, reorienting, sliding
+from guidefield.planner.guide import cross
 from guidefield.planner.minimizer import ON_CONSTRAINT, Descent, descend
 from guidefield.planner.problem import Problem
 from guidefield.planner.steps import Walker
-from tests.planner.problems import library_scene, problem
+from tests.planner.problems import library_scene, problem, seed_problem
 from tests.robots import ARMS, group, rest
 
 NORMAL = np.array([1.0, 0.0, 0.0])
@@ -112,3 +115,19 @@ def test_it_is_deterministic() -> None:
         made = problem(group("panda"), library_scene("bookshelf"))
         ends.append(descended(made, made.q_start, constraints(made, made.q_start)["plane"]).path[-1])
     np.testing.assert_array_equal(*ends)
+
+
+def test_close_to_obstacles_it_goes_on_for_clearance() -> None:
+    """The blocked passage: between its walls a thousandth of U is millimetres."""
+    made = seed_problem("seed_c_blocked")
+    q, nearest = made.q_start, np.inf
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index, ATTEMPTS["projected"](made.group))
+        assert crossing.status is Status.SUCCESS, crossing.message
+        q = crossing.path[-1]
+        zs = made.group.chart_path(list(crossing.path))
+        for a, b in pairwise(zs):
+            for t in np.linspace(0.0, 1.0, 20):
+                at = made.group.from_chart(a + t * (b - a))
+                nearest = min(nearest, made.world.clearance(at).obstacle_distance)
+    assert nearest > 0.0145  # without: 0.0116

@@ -19,6 +19,10 @@ ON_CONSTRAINT = 1e-5
 """How near a trial has to come to the constraint [m or rad]."""
 TOLERANCE = 1e-3
 """A descent ends where a step promises, or brings, less than this share of U."""
+CLOSE = 0.015
+"""Where the robot is nearer to obstacles than this when a descent would end, it goes on [m] ..."""
+FINE = 1e-4
+""".. with this tolerance: there the last thousandth of U is millimetres of clearance."""
 MOST_STEPS = 60
 AT_ONCE = 20
 """Steps between two looks at the budget."""
@@ -60,9 +64,6 @@ def descend(
     """
     problem, group = walker.problem, walker.problem.group
     swept, field = swept_world(problem.world), problem.robot_field
-    settings = Settings(
-        REGULARIZATION, ON_CONSTRAINT, tolerance, walker.margin, SELF_MARGIN, FLOOR, int(swept.exact)
-    )  # fmt: skip
     q, planned, longest = group.expand(walker.q), planned_values(group), 1.0
     path: list[np.ndarray] = []
     potentials: list[float] = []
@@ -70,6 +71,9 @@ def descend(
     while True:
         found = np.empty((min(AT_ONCE, most_steps - len(path)), len(q)))
         values = np.empty(len(found) + 1)
+        settings = Settings(
+            REGULARIZATION, ON_CONSTRAINT, tolerance, walker.margin, SELF_MARGIN, FLOOR, int(swept.exact)
+        )  # fmt: skip
         answer = descend_kernel(
             mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard, settings,
             q, longest, found, values, trial, counts,
@@ -87,10 +91,15 @@ def descend(
                 path.append(q[planned])
                 potentials.append(float(trial[1]))
                 if before - potentials[-1] < tolerance * before:
-                    break
+                    answer = ENDED
             else:
                 longest = 0.5 * float(trial[0])
-        if answer == ENDED or len(path) >= most_steps or problem.budget.spent():
+        if len(path) >= most_steps or problem.budget.spent():
             break
+        if answer == ENDED:
+            stands = q[planned]
+            if tolerance <= FINE or walker.keeps(stands, stands, CLOSE):
+                break
+            tolerance = FINE
     problem.counters.iterations += len(path)
     return Descent(tuple(path), tuple(potentials))

@@ -109,18 +109,18 @@ class Walker:
         steps = self.path[since:]
         if len(steps) < 3:
             return
-        if self._wide(steps[0], steps[-1], max(COMFORTABLE, self.margin)):
+        if self.keeps(steps[0], steps[-1], max(COMFORTABLE, self.margin)):
             del self.path[since + 1 : -1]
             return
         for margin in (m for m in WIDE_MARGINS if m > self.margin):
             for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
-                if all(self._wide(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
+                if all(self.keeps(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
                     self.path[since + 1 : -1] = kept
                     return
         if self.free(steps[0], steps[-1]):
             del self.path[since + 1 : -1]
 
-    def _wide(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
+    def keeps(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
         """Whether capsules can tell that the straight joint motion keeps a margin [m]."""
         swept = swept_world(self.problem.world)
         self.problem.counters.collision_checks += 1
