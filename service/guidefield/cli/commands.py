@@ -18,6 +18,7 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
+from guidefield.cli.kept_runs import replay, runs_app
 from guidefield.cli.recording import fetch_recording
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.tables import plan_table
@@ -38,6 +39,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+app.add_typer(runs_app, name="runs")
+app.command()(replay)
 
 out = Console()
 err = Console(stderr=True)

@@ -1,0 +1,59 @@
+"""Two plans beside each other, as a table; and whether their motions are the same to the last bit."""
+
+from __future__ import annotations
+
+import msgspec
+from rich import box
+from rich.console import RenderableType
+from rich.table import Table
+
+from guidefield.messages.replies import PlanReply, Timing
+
+MOTION = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
+"""What of a reply is the plan itself; the rest is measured, or names the run."""
+
+
+def differing(first: PlanReply, second: PlanReply) -> list[str]:
+    """The parts of the plan that aren't the same to the last bit, in the order of the reply; none if it is the same."""
+    return [
+        name
+        for name in MOTION
+        if msgspec.json.encode(getattr(first, name)) != msgspec.json.encode(getattr(second, name))
+    ]
+
+
+def largest_step(first: PlanReply, second: PlanReply) -> float | None:
+    """Largest difference of a coordinate of two paths [rad or m], or None where they aren't of one shape."""
+    if [len(row) for row in first.path] != [len(row) for row in second.path]:
+        return None
+    rows = zip(first.path, second.path, strict=True)
+    return max((abs(a - b) for one, other in rows for a, b in zip(one, other, strict=True)), default=0.0)
+
+
+def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
+    """Outcome, motion, clearance and times of two plans, and what of the plan differs."""
+    table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
+    for name, one, other in zip((row[0] for row in _rows(first)), _rows(first), _rows(second), strict=True):
+        table.add_row(name, one[1], other[1])
+    step = largest_step(first, second)
+    parts = ", ".join(differing(first, second)) or "nothing: the same plan to the last bit"
+    table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")
+    return table
+
+
+def _rows(reply: PlanReply) -> list[tuple[str, str]]:
+    clearance, metrics = reply.clearance, reply.metrics
+    return [
+        ("status", reply.status.name),
+        ("planner", f"{reply.planner}, seed {reply.seed}"),
+        ("waypoints", str(len(reply.path))),
+        ("length [rad]", _number(None if metrics is None else metrics.joint_path_length)),
+        ("duration [s]", _number(None if metrics is None else metrics.duration)),
+        ("clearance [mm]", _number(None if clearance is None else clearance.minimum, 1e3)),
+        ("away from the ends [mm]", _number(None if clearance is None else clearance.inner, 1e3)),
+        *((f"{stage} [ms]", _number(getattr(reply.timing, stage), 1e3)) for stage in msgspec.structs.asdict(Timing())),
+    ]
+
+
+def _number(value: float | None, unit: float = 1.0) -> str:
+    return "-" if value is None else f"{value * unit:.4g}"

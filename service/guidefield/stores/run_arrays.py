@@ -1,0 +1,105 @@
+"""The motion of a run as arrays, and as a file for other programs: CSV, JSON or NumPy's NPZ."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.messages.replies import RunReply
+from guidefield.stores.files import write_atomically
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunArrays:
+    """A run's motion; n knots of nq position and nv velocity coordinates [s, rad or m, per s, per s^2].
+
+    Attributes:
+        run_id: Whose it is.
+        position_names: One for each column of positions, nq.
+        velocity_names: One for each column of velocities and accelerations, nv.
+        times: Shape (n,).
+        positions: Shape (n, nq).
+        velocities: Shape (n, nv).
+        accelerations: Shape (n, nv).
+        path: Waypoints before they were timed, shape (m, nq).
+    """
+
+    run_id: str
+    position_names: tuple[str, ...]
+    velocity_names: tuple[str, ...]
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    path: Array
+
+
+def run_arrays(run: RunReply) -> RunArrays:
+    """The motion of a run.
+
+    Raises:
+        UnknownObject: if it has none: it failed, or is still under way.
+    """
+    if run.reply is None or run.reply.trajectory is None:
+        raise UnknownObject(f"run {run.run_id!r} has no motion", run_id=run.run_id)
+    reply, motion = run.reply, run.reply.trajectory
+    return RunArrays(
+        run_id=run.run_id,
+        position_names=tuple(reply.position_names),
+        velocity_names=tuple(reply.velocity_names),
+        times=_frozen(motion.times),
+        positions=_frozen(motion.positions),
+        velocities=_frozen(motion.velocities),
+        accelerations=_frozen(motion.accelerations),
+        path=_frozen(reply.path),
+    )
+
+
+def write_motion(motion: RunArrays, path: Path) -> None:
+    """Write a motion to a file whose ending says how: `.csv`, `.json` or `.npz`; every number to its last digit.
+
+    Raises:
+        MalformedRequest: if the ending is another one.
+    """
+    kinds = {".csv": _csv, ".json": _json, ".npz": _npz}
+    if path.suffix not in kinds:
+        raise MalformedRequest(f"{path.name!r} must end with one of {', '.join(kinds)}", path=str(path))
+    write_atomically(path, kinds[path.suffix](motion))
+
+
+def _csv(motion: RunArrays) -> bytes:
+    text = io.StringIO(newline="")
+    rates = [f"{kind}:{name}" for kind in ("velocity", "acceleration") for name in motion.velocity_names]
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["time", *(f"position:{name}" for name in motion.position_names), *rates])
+    columns = (motion.times[:, None], motion.positions, motion.velocities, motion.accelerations)
+    table.writerows(np.hstack(columns).tolist())
+    return text.getvalue().encode()
+
+
+def _json(motion: RunArrays) -> bytes:
+    return json.dumps(
+        {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(motion).items()}
+    ).encode()
+
+
+def _npz(motion: RunArrays) -> bytes:
+    file = io.BytesIO()
+    arrays = {name: np.asarray(value) for name, value in vars(motion).items()}
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def _frozen(rows: list[float] | list[list[float]]) -> Array:
+    array = np.asarray(rows, dtype=np.float64)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,112 @@
+"""Kept runs: listed, compared, exported and planned again, as the command line shows them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from guidefield.cli.commands import app
+from guidefield.cli.comparison import differing, largest_step
+from guidefield.engine import Engine
+from guidefield.errors import MalformedRequest, Status, UnknownObject
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import JointsGoal, PlanRequest
+from guidefield.messages.scene import Scene, Sphere
+from guidefield.stores.run_arrays import run_arrays, write_motion
+from guidefield.stores.runs import RunStore
+from tests.replies import plan_reply
+
+REQUEST = PlanRequest(
+    robot="panda",
+    scene=Scene("ball", obstacles=[Sphere(name="ball", radius=0.1, position=(0.5, 0.4, 0.5))]),
+    goal=JointsGoal({"panda_joint1": 1.0}),
+    allowed_planning_time=60.0,
+    recording="off",
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data")
+    store = RunStore(folder / "runs")
+    reply = Engine(runs=store).answer(msgspec.structs.replace(REQUEST, run_id="good"))
+    assert isinstance(reply, PlanReply)
+    for name, path in (("moved", [[x + 0.5 for x in row] for row in reply.path]), ("same", reply.path)):
+        store.begin(name, REQUEST)
+        store.finish(name, msgspec.structs.replace(reply, run_id=name, path=path))
+    store.begin("stuck", REQUEST)
+    store.finish("stuck", plan_reply("stuck", Status.STUCK_IN_MINIMUM))
+    return folder
+
+
+def _said(code: int, *arguments: str) -> str:
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+    assert done.exit_code == code, done.output
+    return done.output
+
+
+def test_runs_are_listed_and_filtered(data: Path) -> None:
+    def names(*options: str) -> set[str]:
+        said = _said(0, "runs", "list", "--data", str(data), "--json", *options)
+        return {run["run_id"] for run in json.loads(said)["runs"]}
+
+    assert names() == {"good", "moved", "same", "stuck"}
+    assert names("--status", "STUCK_IN_MINIMUM") == {"stuck"}
+    assert names("--robot", "ur5") == names("--since", "2999-01-01") == set()
+    assert "STUCK_IN_MINIMUM" in _said(0, "runs", "list", "--data", str(data))
+
+
+def test_two_runs_are_compared(data: Path) -> None:
+    said = _said(0, "runs", "compare", "good", "moved", "--data", str(data))
+    assert "path" in said.splitlines()[-2]
+    assert "waypoints by at most 0.5" in said
+    assert "the same plan to the last bit" in _said(0, "runs", "compare", "good", "same", "--data", str(data))
+
+
+def test_the_sign_of_a_zero_is_a_bit() -> None:
+    first, second = (msgspec.structs.replace(plan_reply("a"), path=[[zero]]) for zero in (0.0, -0.0))
+    assert differing(first, second) == ["path"]
+    assert largest_step(first, second) == 0.0
+    assert largest_step(first, plan_reply("b")) is None
+
+
+def test_a_motion_is_exported_to_the_last_digit(data: Path, tmp_path: Path) -> None:
+    reply = RunStore(data / "runs").read("good").reply
+    assert reply is not None
+    assert reply.trajectory is not None
+    for ending in ("csv", "json", "npz"):
+        _said(0, "runs", "export", "good", str(tmp_path / f"motion.{ending}"), "--data", str(data))
+    with np.load(tmp_path / "motion.npz", allow_pickle=False) as file:
+        assert file["positions"].tolist() == reply.trajectory.positions
+        assert file["position_names"].tolist() == reply.position_names
+    assert json.loads((tmp_path / "motion.json").read_text())["velocities"] == reply.trajectory.velocities
+    with (tmp_path / "motion.csv").open(newline="") as text:
+        rows = list(csv.DictReader(text))
+    assert [float(row["time"]) for row in rows] == reply.trajectory.times
+    joint = reply.position_names[0]
+    assert [float(row[f"position:{joint}"]) for row in rows] == [row[0] for row in reply.trajectory.positions]
+
+
+def test_what_cannot_be_exported_is_said(data: Path, tmp_path: Path) -> None:
+    store = RunStore(data / "runs")
+    with pytest.raises(UnknownObject, match="'stuck' has no motion"):
+        run_arrays(store.read("stuck"))
+    with pytest.raises(MalformedRequest, match=r"must end with one of \.csv"):
+        write_motion(run_arrays(store.read("good")), tmp_path / "motion.bag")
+
+
+def test_a_run_is_planned_again(data: Path) -> None:
+    assert "good: bit-identical, SUCCESS" in _said(0, "replay", "good", "--data", str(data))
+    assert "not the same: path differ; waypoints by at most 0.5" in _said(1, "replay", "moved", "--data", str(data))
+
+
+def test_looking_leaves_no_folder_behind(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["runs", "list", "--data", str(tmp_path / "none")])
+    assert isinstance(done.exception, UnknownObject)
+    assert not (tmp_path / "none").exists()
