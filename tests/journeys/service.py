@@ -18,7 +18,7 @@ import zenoh
 
 STARTED_WITHIN = 300.0
 """The first start ever compiles the kernels [s]."""
-ANSWERED_WITHIN = 120.0
+ANSWERED_WITHIN = 300.0
 """Longer than any answer takes on a busy machine [s]."""
 
 BENT = {"panda_joint2": 0.6, "panda_joint4": -1.2, "panda_joint6": 1.8}

@@ -143,7 +143,8 @@ def test_delta_must_be_positive(delta: float) -> None:
         coverage(robot("panda"), delta)
 
 
-def test_what_is_known_is_told_without_computing_it() -> None:
+def test_what_is_known_is_told_without_computing_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     model, unheard_of = load(box_arm("y", 2, size=0.234567)), 0.0123456
     assert known_coverage(model, unheard_of) == (None, None, None)
     found = coverage(model, unheard_of)
