@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -56,12 +56,12 @@ class Run:
         self._progress = progress
         self._request = request
         self._runs = runs
-        self._warnings: list[str] = []
+        self._warnings = _Warnings(run_id)
         self._recording: _Recording | None = None
         try:
             runs.begin(run_id, request)
         except OSError as error:
-            self._warn(f"the run is not kept: {error}")
+            self._warnings.add(f"the run is not kept: {error}")
             self._runs = NullRunStore()
         kept_at = self._runs.recording_path(run_id)
         self._path = kept_at if record_to is None else record_to
@@ -79,7 +79,7 @@ class Run:
             from guidefield.recorder.recorder import Recorder
 
             recorder = Recorder(self._path, group, scene, self._request, self.run_id)
-            self._recording = _Recording(recorder, self._path, self._place, self._warn)
+            self._recording = _Recording(recorder, self._path, self._place, self._warnings)
         return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:
@@ -88,12 +88,12 @@ class Run:
         if self._recording is not None:
             self._recording.finish(reply, None)
             place = self._recording.written
-        sent = msgspec.structs.replace(reply, recording=place, warnings=[*reply.warnings, *self._warnings])
+        sent = msgspec.structs.replace(reply, recording=place, warnings=[*reply.warnings, *self._warnings.texts])
         try:
             self._runs.finish(self.run_id, sent)
         except OSError as error:
-            self._warn(f"the reply is not kept: {error}")
-            sent = msgspec.structs.replace(sent, warnings=[*reply.warnings, *self._warnings])
+            self._warnings.add(f"the reply is not kept: {error}")
+            sent = msgspec.structs.replace(sent, warnings=[*reply.warnings, *self._warnings.texts])
         return sent
 
     def refuse(self) -> None:
@@ -107,9 +107,22 @@ class Run:
         except OSError:
             _log.exception("the end of run %s is not kept", self.run_id)
 
-    def _warn(self, text: str) -> None:
-        _log.warning("run %s: %s", self.run_id, text)
-        self._warnings.append(text)
+
+class _Warnings:
+    """What could not be kept of a run.
+
+    Its own object: a recording that knew its run would leave both, and the world that was planned in, lying about until
+    cycles are collected.
+    """
+
+    def __init__(self, run_id: str) -> None:
+        self._run_id = run_id
+        self.texts: list[str] = []
+
+    def add(self, text: str) -> None:
+        """Log a warning, and keep it for the reply."""
+        _log.warning("run %s: %s", self._run_id, text)
+        self.texts.append(text)
 
 
 @dataclass(frozen=True)
@@ -134,11 +147,11 @@ class _Observers:
 class _Recording:
     """A recorder that is finished once, and whose failure to write is told, not raised."""
 
-    def __init__(self, recorder: Recorder, path: Path, place: str, warn: Any) -> None:
+    def __init__(self, recorder: Recorder, path: Path, place: str, warnings: _Warnings) -> None:
         self._recorder = recorder
         self._path = path
         self._place = place
-        self._warn = warn
+        self._warnings = warnings
         self._finished = False
         self.written: str | None = None
 
@@ -156,13 +169,15 @@ class _Recording:
             size = self._path.stat().st_size
             if size > LARGEST_RECORDING:
                 self._path.unlink()
-                self._warn(f"the recording is not kept: it has {size} bytes, at most {LARGEST_RECORDING} are kept")
+                self._warnings.add(
+                    f"the recording is not kept: it has {size} bytes, at most {LARGEST_RECORDING} are kept"
+                )
             else:
                 self.written = self._place
         except OSError as error:
-            self._warn(f"the recording was not written: {error}")
+            self._warnings.add(f"the recording was not written: {error}")
         except Exception as error:
             _log.exception("the recorder failed")
-            self._warn(
+            self._warnings.add(
                 f"the recording was not written, because of a bug in guidefield: {type(error).__name__}: {error}"
             )

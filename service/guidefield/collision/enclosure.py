@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.closed import connected_pieces
+from guidefield.kept import kept_with
 from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import triangulation
 from guidefield.scene.mesh import mesh_surface
@@ -87,12 +87,12 @@ def _solids(world: World) -> Sequence[_Solid]:
     ]
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def _of_links(robot: RobotModel) -> tuple[_Solid, ...]:
     return tuple(_solid(shape.geometry) for shape in robot.geometry.geometryObjects)
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def _of_obstacles(scene: Scene) -> tuple[_Solid, ...]:
     return tuple(_solid(obstacle.shape) for obstacle in scene.obstacles)
 

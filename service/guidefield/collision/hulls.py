@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import coal
 import numpy as np
 
 from guidefield.geometry.convex import convex_hull
+from guidefield.kept import kept_with
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import convex, hull, triangulation
@@ -34,14 +34,14 @@ def with_hulls(geometry: Any, group: PlanningGroup, scene: Scene) -> Any:
     return hulls
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def _link_hulls(robot: RobotModel) -> tuple[Any | None, ...]:
     """The hull of each collision shape that is judged as a mesh; None for all others."""
     shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
     return tuple(hull(shape) if isinstance(shape, coal.BVHModelBase) else None for shape in shapes)
 
 
-@functools.lru_cache(maxsize=256)
+@kept_with
 def _obstacle_hull(obstacle: Obstacle) -> Any | None:
     """The hull of an obstacle that is judged as a mesh; None for a flat one, and for all others."""
     if not isinstance(obstacle.shape, coal.BVHModelBase):

@@ -6,7 +6,6 @@ what is between them.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from guidefield.collision.convex_parts import UnservedError
 from guidefield.collision.lane_robot import LaneRobot, lane_robot
 from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
+from guidefield.kept import kept_with
 from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
 from guidefield.kernels.lane_shortcut import shortcut, without_detours
@@ -29,7 +29,7 @@ TRIES = 60
 """Straight ways between places on a path that are looked at, unless told otherwise."""
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def _robot(group: PlanningGroup, pairs: bytes) -> LaneRobot:
     """The tables of a group, made once for the same pairs (int64) that must not touch: scenes change, robots don't."""
     return lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +9,7 @@ import coal
 import numpy as np
 
 from guidefield.collision.world import World
+from guidefield.kept import kept_with
 from guidefield.kernels.chart_values import chart_values
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.swept import motion_apart
@@ -74,7 +74,7 @@ class SweptWorld:
         return np.zeros(self.group.nv)
 
 
-@functools.lru_cache(maxsize=4)
+@kept_with
 def swept_world(world: World) -> SweptWorld:
     """The capsules of a world; computed once for each."""
     group = world.group

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from guidefield.collision.lanes import Lanes
+from guidefield.kept import kept_with
 from guidefield.kernels import lane_tree as kernel
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import packed
@@ -77,7 +77,7 @@ def grow(
     return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]))
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def _sampling(group: PlanningGroup) -> kernel.Sampling:
     """The box that samples of a group fill, not shifted."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)

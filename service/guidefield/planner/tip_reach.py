@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 
 from guidefield.collision.ball import obstacle_touched
+from guidefield.kept import kept_with
 from guidefield.planner.problem import Problem
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.chart import TRANSLATION
@@ -28,7 +28,7 @@ def tip_radius(problem: Problem) -> float:
     return _tip_radius(problem.group)
 
 
-@functools.lru_cache(maxsize=16)
+@kept_with
 def _tip_radius(group: PlanningGroup) -> float:
     charges = robot_charges(group.robot)
     tip = group.model.frames[group.tip_id]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +15,7 @@ from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
 from guidefield.geometry.convex import convex_hull
+from guidefield.kept import kept_with
 from guidefield.robot.model import RobotModel
 from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.shapes import triangulation
@@ -61,7 +61,7 @@ class RobotCharges:
     repelling: tuple[tuple[int, int], ...]
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def robot_charges(robot: RobotModel) -> RobotCharges:
     """Charged points, capsules and repelling pairs of a robot; computed once for each."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]

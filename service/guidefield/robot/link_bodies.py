@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 
 from guidefield.geometry.distance_bodies import Body, body_tables, primitive, triangulated
+from guidefield.kept import kept_with
 from guidefield.kernels.distance import SHEET, SOLID, DistanceTables
 from guidefield.robot.charges import surface
 from guidefield.robot.model import RobotModel
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def link_bodies(robot: RobotModel) -> DistanceTables:
     """A body for every collision shape, in the geometry's order, each in the shape's own frame; without a tree.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 
+from guidefield.kept import kept_with
 from guidefield.kernels.field_tables import frozen
 from guidefield.kernels.mover import Mover
 from guidefield.robot.chart import TRANSLATION
@@ -18,7 +17,7 @@ LARGEST_SLIDE = 0.1
 """None slides more than this in one step [m]."""
 
 
-@functools.lru_cache(maxsize=16)
+@kept_with
 def mover_of(group: PlanningGroup) -> Mover:
     """Tables of a group; computed once for each."""
     E, model = group.expand_velocity, group.model
@@ -54,7 +53,7 @@ def mover_of(group: PlanningGroup) -> Mover:
     )
 
 
-@functools.lru_cache(maxsize=16)
+@kept_with
 def planned_values(group: PlanningGroup) -> np.ndarray:
     """Where a group's configuration stands in its model's, shape (nq,) of indices."""
     at = []

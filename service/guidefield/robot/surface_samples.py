@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 
 from guidefield.geometry.charges import surface_points
+from guidefield.kept import kept_with
 from guidefield.robot.charges import robot_charges, surface
 from guidefield.robot.model import RobotModel
 
@@ -26,7 +25,7 @@ _POINTS_PER_SQUARE = 0.6
 """About how many points of a spacing there are on an area of its square."""
 
 
-@functools.lru_cache(maxsize=32)
+@kept_with
 def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
     """Points of every collision shape, in the geometry's order, each (n, 3) in the shape's own frame [m].
 

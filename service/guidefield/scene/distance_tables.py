@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import coal
 import numpy as np
 
@@ -11,6 +9,7 @@ from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import connected_pieces, volume
 from guidefield.geometry.distance_bodies import Body, body_tables, boxes_in_world, primitive, triangulated
+from guidefield.kept import kept_with
 from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field import field_at_points
 from guidefield.messages.scene import PointCloud
@@ -19,7 +18,7 @@ from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
 
-@functools.lru_cache(maxsize=8)
+@kept_with
 def distance_tables(scene: Scene) -> DistanceTables:
     """Tables of all obstacles of a scene; computed once for each scene.
 
