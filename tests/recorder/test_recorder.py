@@ -70,6 +70,8 @@ def test_holds_what_a_reader_looks_for(recording):
         "/robot/visual/panda_link3_0",
         "/robot/collision/panda_link3_0",
         "/robot/tip",
+        "/field/picture",
+        "/field/slice",
         "/ghosts",
         "/obstacles/box\\ \\/\\ lid",
         "/guide_planes/GP\\ 2/pane",

@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 
 from guidefield.recorder.camera import Eye
 from guidefield.recorder.chunks import STEP
+from guidefield.recorder.field_entities import PANE, PICTURE
 from guidefield.recorder.robot_entities import GHOST_ENTITY
 
 HIDDEN = ("/robot/collision",)
@@ -35,8 +36,9 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
         timeline: The timeline to begin with.
         present: Entities that the recording has: plots of others are left out.
     """
+    field = [_field(eye)] if PICTURE in present else []
     return rrb.Blueprint(
-        rrb.Tabs(_overview(eye, present), _planner(eye), _joints(), _documents(), active_tab=0),
+        rrb.Tabs(_overview(eye, present), _planner(eye), *field, _joints(), _documents(), active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=timeline, loop_mode="all", play_state="playing"),
@@ -78,6 +80,17 @@ def _planner(eye: Eye) -> rrb.Horizontal:
     shown = ["/robot/**", "/planner/tip", "/path/planned/**"]
     steps = _scene("Steps (choose the timeline 'step')", eye, shown, {"/planner/tip": SO_FAR})
     return rrb.Horizontal(steps, words, column_shares=[1.4, 1.0], name="Planner")
+
+
+def _field(eye: Eye) -> rrb.Horizontal:
+    """Dark valleys between bright walls, that the robot follows; lines are where a wall 1, 2, 5 .. cm away acts so."""
+    place = _scene("At its place", eye, ["/robot/**", "/path/**", PANE], {})
+    picture = rrb.Spatial2DView(
+        origin=PICTURE,
+        name="Potential in the plane of the tip's way (dark: far; lines: as of a wall 1, 2, 5, 10 .. cm away)",
+        background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
+    )
+    return rrb.Horizontal(place, picture, column_shares=[1.0, 1.0], name="Field")
 
 
 def _joints() -> rrb.Grid:

@@ -13,7 +13,7 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.trace import Event
-from guidefield.recorder import bodies, documents, log, plots, robot_entities, scene_entities
+from guidefield.recorder import bodies, documents, field_entities, log, plots, robot_entities, scene_entities
 from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies import RobotBodies
 from guidefield.recorder.camera import Eye, choose_eye
@@ -70,6 +70,7 @@ class Recorder:
             *self._moving(reply, profile, motion, at, drawn),
             *self._lasting(reply, motion, eye, drawn),
             *self._planning(reply),
+            *field_entities.picture_of_plane(self._scene, at.tip),
         ]
         timeline = STEP if steps and not motion.timed else PATH_TIME
         present = frozenset(chunk.entity_path for chunk in chunks)
