@@ -114,6 +114,30 @@ def test_near_law(distance: float) -> None:
 
 
 @laws
+@given(triangles, st.floats(-6.0, -3.0))
+def test_near_law_of_any_triangle(corners: np.ndarray, exponent: float) -> None:
+    a, b, c = corners
+    normal = np.cross(b - a, c - a)
+    twice_area = float(np.linalg.norm(normal))
+    longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max())
+    room = twice_area / longest / 6.0  # around each place the face goes on at least so far, but for its own edges
+    distance = 10.0**exponent * room
+    up = distance * normal / twice_area
+    out = np.cross(b - a, up) / np.linalg.norm(b - a)
+    angle = math.atan2(twice_area, float((b - a) @ (c - a)))
+    rounding = 256 * EPS * (longest + float(np.abs(corners).max())) / distance
+    for nearest, away, strength in (
+        (corners.mean(axis=0), up, 2.0 * math.pi),
+        (0.5 * (a + b), up, math.pi),
+        (a, up, angle),
+        (0.5 * (a + b), out, 2.0),
+    ):
+        at = field(nearest + away, corners[None])
+        assert at.potential * distance == pytest.approx(strength, rel=4.0 * distance / room + rounding)
+        assert -at.gradient @ away * distance == pytest.approx(strength, rel=4.0 * distance / room + 2.0 * rounding)
+
+
+@laws
 @given(triangles, vectors(1.0).filter(lambda v: np.linalg.norm(v) > 0.1), st.floats(1.0, 5.0))
 def test_far_law(corners: np.ndarray, direction: np.ndarray, exponent: float) -> None:
     r = 10.0**exponent

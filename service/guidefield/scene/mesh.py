@@ -10,6 +10,7 @@ import coal
 import numpy as np
 
 from guidefield.geometry.closed import compact, connected_pieces, volume
+from guidefield.geometry.crossings import crossings
 
 _FLAT = 1e-9
 """A closed mesh with less volume than this fraction of its size cubed has no inside."""
@@ -54,6 +55,26 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
     for array in (vertices, triangles):
         array.setflags(write=False)
     return MeshSurface(vertices, triangles, solid, hull, tuple(warnings))
+
+
+def crossing_warnings(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str, ...]:
+    """What to tell of triangles that cross each other, by the indices they are given with; nothing if none do.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3), indices of vertices.
+    """
+    distinct, corners, given = compact(vertices, triangles)
+    found = crossings(distinct, corners)
+    warnings = []
+    if len(found.pairs):
+        count = f"{len(found.pairs)} pairs" if len(found.pairs) > 1 else "1 pair"
+        least = "" if found.complete else "at least "
+        first, second = given[found.pairs[0]]
+        warnings.append(f"it intersects itself: {least}{count} of its triangles cross, such as {first} and {second}")
+    if not found.complete:
+        warnings.append("it is too large to look for all places where it intersects itself")
+    return tuple(warnings)
 
 
 def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:

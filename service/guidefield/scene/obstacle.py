@@ -22,7 +22,7 @@ from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import MOST_POINTS, cloud_charges, cloud_surface
 from guidefield.scene.flat import axes_across, bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MeshSurface, bvh, mesh_surface
+from guidefield.scene.mesh import MeshSurface, bvh, crossing_warnings, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
 
 HALF_SPACE_PATCH = 4.0
@@ -194,9 +194,13 @@ def _half_space(message: messages.HalfSpace) -> Obstacle:
 
 
 def _mesh(message: messages.Mesh) -> Obstacle:
-    surface = mesh_surface(_points(message.vertices), np.array(message.triangles))
+    vertices, triangles = _points(message.vertices), np.array(message.triangles)
+    surface = mesh_surface(vertices, triangles)
     if surface is None:
         raise _UnusableError("the mesh has no triangle with an area", ".triangles")
+    if surface.hull is None:
+        faults = crossing_warnings(vertices, triangles)
+        surface = dataclasses.replace(surface, warnings=(*surface.warnings, *faults))
     return _surface(message, surface, _placement(message))
 
 

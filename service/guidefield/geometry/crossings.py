@@ -1,0 +1,135 @@
+"""Faces of a mesh that cross each other: pairs of boxes by a sweep, then intervals on the planes' common line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.geometry.surfaces import Floats, Integers
+
+_TOUCHING = 1e-10
+"""Faces that reach through each other by less than this fraction of the mesh's size only touch."""
+
+SWEPT = 30_000_000
+"""Pairs that overlap along one axis, looked at in one mesh at most."""
+
+EXAMINED = 1_000_000
+"""Pairs whose boxes overlap, looked at in one mesh at most."""
+
+_CHUNK = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Crossing faces.
+
+    Attributes:
+        pairs: Shape (n, 2), indices of triangles, the lower one first, sorted.
+        complete: Whether all pairs were examined: False beyond `SWEPT` or `EXAMINED`.
+    """
+
+    pairs: Integers
+    complete: bool
+
+
+def crossings(vertices: Floats, triangles: Integers) -> Crossings:
+    """Pairs of triangles whose insides cross (T. Moeller, A fast triangle-triangle intersection test, 1997).
+
+    Two cross if each has corners on both sides of the other's plane and the segments in which they meet the planes'
+    common line overlap. Faces that touch do not: in a plane, at an edge, at a corner. Nor do those that another face
+    crosses exactly along an edge.
+
+    Args:
+        vertices: Shape (v, 3) [m], finite, no two at one place.
+        triangles: Shape (t, 3).
+    """
+    corners = vertices[triangles] - vertices.mean(axis=0)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    tolerance = _TOUCHING * size + 32.0 * np.finfo(float).eps * float(np.abs(vertices).max())
+    found, examined, complete = [np.empty((0, 2), np.int64)], 0, True
+    for pairs in _overlapping(low, high):
+        if pairs is None or examined + len(pairs) > EXAMINED:
+            complete = False
+            break
+        examined += len(pairs)
+        found.append(pairs[_cross(corners, triangles, pairs, tolerance)])
+    listed = np.sort(np.concatenate(found), axis=1)
+    return Crossings(listed[np.lexsort((listed[:, 1], listed[:, 0]))], complete)
+
+
+def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
+    """Pairs (n, 2) whose boxes overlap, some at a time, along the best axis; None where too many."""
+    orders = [np.argsort(low[:, axis], kind="stable") for axis in range(3)]
+    ends = [np.searchsorted(low[o, axis], high[o, axis], side="right") for axis, o in enumerate(orders)]
+    axis = int(np.argmin([end.sum() for end in ends]))
+    order = orders[axis]
+    counts = np.maximum(ends[axis] - np.arange(len(order)) - 1, 0)
+    before = np.concatenate([[0], np.cumsum(counts)])
+    start = 0
+    while start < len(order):
+        stop = max(start + 1, int(np.searchsorted(before, before[start] + _CHUNK, side="right")) - 1)
+        if before[stop] > SWEPT:
+            yield None
+            return
+        own = np.repeat(np.arange(start, stop), counts[start:stop])
+        others = np.arange(len(own)) + before[start] - before[own] + own + 1
+        first, second = order[own], order[others]
+        near = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
+        yield np.column_stack([first[near], second[near]])
+        start = stop
+
+
+def _cross(corners: Floats, triangles: Integers, pairs: Integers, tolerance: float) -> np.ndarray:
+    """Which pairs cross, shape (n,)."""
+    one, other = corners[pairs[:, 0]], corners[pairs[:, 1]]
+    shared = triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
+    normal_one, blur_one = _normals(one)
+    normal_other, blur_other = _normals(other)
+    heights_one = _heights(one, other, normal_other, tolerance + blur_other, shared.any(axis=2))
+    heights_other = _heights(other, one, normal_one, tolerance + blur_one, shared.any(axis=1))
+    crossing: np.ndarray = _straddles(heights_one) & _straddles(heights_other)
+    kept = np.flatnonzero(crossing)
+    line = np.cross(normal_one[kept], normal_other[kept])
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300)
+    origin = one[kept, :1]
+    low, high = _segment(np.einsum("nij,nj->ni", one[kept] - origin, line), heights_one[kept])
+    low_other, high_other = _segment(np.einsum("nij,nj->ni", other[kept] - origin, line), heights_other[kept])
+    crossing[kept] = np.minimum(high, high_other) - np.maximum(low, low_other) > tolerance
+    return crossing
+
+
+def _normals(corners: Floats) -> tuple[Floats, Floats]:
+    """Unit normals (n, 3), zero for faces without area; how far rounding lifts a height over a sliver's plane [m]."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    length = np.linalg.norm(normals, axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    flat = length <= 1e-14 * longest**2
+    safe = np.where(flat, 1.0, length)
+    normals = np.where(flat[:, None], 0.0, normals / safe[:, None])
+    return normals, 8.0 * np.finfo(float).eps * longest**3 / safe
+
+
+def _heights(corners: Floats, base: Floats, normals: Floats, tolerance: Floats, shared: np.ndarray) -> Floats:
+    """Heights (n, 3) of corners over the plane of the base; 0 where they only touch it [m]."""
+    heights = np.einsum("nij,nj->ni", corners - base[:, :1], normals)
+    return np.where(shared | (np.abs(heights) <= tolerance[:, None]), 0.0, heights)
+
+
+def _straddles(heights: Floats) -> np.ndarray:
+    above, below = heights.max(axis=1) > 0.0, heights.min(axis=1) < 0.0
+    both: np.ndarray = np.logical_and(above, below)
+    return both
+
+
+def _segment(along: Floats, heights: Floats) -> tuple[Floats, Floats]:
+    """Ends on the common line of triangles given by places along it and heights beside it, each shape (n, 3)."""
+    next_along, next_heights = np.roll(along, -1, axis=1), np.roll(heights, -1, axis=1)
+    cut = heights * next_heights < 0.0
+    share = np.where(cut, heights / np.where(cut, heights - next_heights, 1.0), 0.0)
+    places = np.concatenate([along + share * (next_along - along), along], axis=1)
+    there = np.concatenate([cut, heights == 0.0], axis=1)
+    return np.where(there, places, np.inf).min(axis=1), np.where(there, places, -np.inf).max(axis=1)

@@ -1,0 +1,104 @@
+"""Faces that cross each other: by hand, against trimesh's bodies, and as laws."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings, strategies as st
+
+from guidefield.geometry import crossings as module
+from guidefield.geometry.crossings import crossings
+from guidefield.messages.scene import Mesh
+from guidefield.scene.mesh import crossing_warnings
+from guidefield.scene.obstacle import BUILDERS
+from tests.kernels.evaluation import rigid_motions
+from tests.scene.solids import box_mesh, klein_bottle, l_prism, mesh_message, moebius, room
+
+
+def two_cubes(shift, size=1.0):
+    vertices, triangles = box_mesh()
+    return np.vstack([vertices, size * vertices + shift]), np.vstack([triangles, triangles + 8])
+
+
+def crosses_by_edges(one, other):
+    """Whether an edge of either goes through the inside of the other, each by solving for where."""
+    for edges, face in ((one, other), (other, one)):
+        for start, end in zip(edges, np.roll(edges, -1, axis=0), strict=True):
+            system = np.column_stack([end - start, face[0] - face[1], face[0] - face[2]])
+            if abs(np.linalg.det(system)) < 1e-12:  # beside the face, or within its plane
+                continue
+            t, u, v = np.linalg.solve(system, face[0] - start)
+            if 0.0 < t < 1.0 and u > 0.0 and v > 0.0 and u + v < 1.0:
+                return True
+    return False
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6), rigid_motions())
+def test_random_faces_cross_where_edges_go_through_wherever_they_stand(seed, motion):
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(12, 1, 3)) + rng.normal(size=(12, 3, 3))
+    expected = {(i, j) for j in range(12) for i in range(j) if crosses_by_edges(corners[i], corners[j])}
+    vertices, triangles = corners.reshape(-1, 3), np.arange(36).reshape(-1, 3)
+    assert set(map(tuple, crossings(vertices, triangles).pairs.tolist())) == expected
+    rotation, translation = motion
+    moved = crossings(vertices @ rotation.T + translation, triangles)
+    assert moved.complete
+    assert set(map(tuple, moved.pairs.tolist())) == expected
+    order, names = rng.permutation(12), rng.permutation(36)
+    renamed = np.empty_like(vertices)
+    renamed[names] = vertices
+    shuffled = crossings(renamed, np.roll(names[triangles], 1, axis=1)[order]).pairs
+    assert {tuple(sorted(pair)) for pair in order[shuffled].tolist()} == expected
+
+
+def test_a_cube_through_a_cube():
+    vertices, triangles = two_cubes([0.3, 0.4, 0.45])
+    pairs = crossings(vertices, triangles).pairs
+    assert len(pairs)
+    assert ((pairs[:, 0] < 12) & (pairs[:, 1] >= 12)).all()
+    assert all(crosses_by_edges(vertices[triangles[i]], vertices[triangles[j]]) for i, j in pairs)
+
+
+@pytest.mark.parametrize("shift", [[1, 0, 0], [1, 0.3, 0.2], [1, 1, 0], [1, 1, 1], [1.5, 0, 0]])
+def test_cubes_that_touch_do_not_cross(shift):
+    assert crossing_warnings(*two_cubes(shift)) == ()
+
+
+def test_a_sheet_through_itself_names_its_faces_as_they_were_sent():
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.3, -1], [0.4, 0.5, 1]], float)
+    triangles = np.array([[0, 0, 1], [0, 1, 2], [1, 1, 2], [0, 3, 4]])
+    faults = crossing_warnings(vertices, triangles)
+    assert faults == ("it intersects itself: 1 pair of its triangles cross, such as 1 and 3",)
+    assert any(faults[0] in warning for warning in BUILDERS[Mesh](mesh_message(vertices, triangles)).warnings)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        (np.array(one.vertices), np.array(one.faces))
+        for one in (
+            trimesh.creation.icosphere(subdivisions=3),
+            trimesh.creation.uv_sphere(count=[40, 40]),
+            trimesh.creation.torus(1.0, 0.3),
+            trimesh.creation.capsule(),
+        )
+    ]
+    + [l_prism(), room(2.0, 1.0), moebius()],
+)
+def test_clean_meshes_do_not_cross(mesh):
+    vertices, triangles = mesh
+    rotation = trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7]))[:3, :3]
+    assert crossing_warnings(vertices, triangles) == ()
+    assert crossing_warnings(1e-3 * vertices @ rotation.T + [5.0, -3.0, 1.0], triangles) == ()
+
+
+def test_a_klein_bottle_goes_through_itself():
+    assert len(crossings(*klein_bottle()).pairs)
+
+
+@pytest.mark.parametrize("limit", ["SWEPT", "EXAMINED"])
+def test_what_is_too_large_is_told(monkeypatch, limit):
+    monkeypatch.setattr(module, limit, 20)
+    found = crossings(*two_cubes([0.3, 0.4, 0.45]))
+    assert not found.complete
+    assert "too large" in crossing_warnings(*two_cubes([0.3, 0.4, 0.45]))[-1]
