@@ -6,6 +6,7 @@ import time
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from guidefield.errors import Status
@@ -124,6 +125,31 @@ def test_a_reply_names_them_and_they_can_be_sent_again() -> None:
     assert "derived" in reply.stages[0].outcome
     again = ask("seed_e_L_3", guide_planes=msgspec.to_builtins(reply.guide_planes))
     assert again.path == reply.path
+
+
+@pytest.mark.parametrize("kind", ["joints", "pose"])
+def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str) -> None:
+    """The goal is where a plan through a window ended, told as a configuration and as a pose of the tip."""
+    made = problem("panda", "wall_with_window")
+    q = made.q_start
+    for index, plane in enumerate(made.guide_planes):
+        q = cross(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
+    tip = made.kinematics.frame_placement(q, made.group.tip_id)
+    values = {
+        joint.name: q[joint.idx_q : joint.idx_q + joint.nq].tolist() if joint.nq > 1 else float(q[joint.idx_q])
+        for joint in made.group.joints
+    }
+    goal = {"type": "joints", "positions": values}
+    if kind == "pose":
+        quaternion = pin.Quaternion(tip.rotation).normalized().coeffs().tolist()
+        goal = {"type": "pose", "position": tip.translation.tolist(), "quaternion_xyzw": quaternion}
+    reply = ask("door", scene="wall_with_window", guide_planes="auto", planner="auto", goal=goal)
+    assert reply.status.name == "SUCCESS", reply.status
+    assert reply.certificate.collision_free
+    names = [plane.name for plane in reply.guide_planes]
+    assert names
+    assert names == [f"GP-auto-{i}" for i in range(1, len(names) + 1)]
+    assert reply.stages[0].outcome == f"derived {len(names)} guide planes"
 
 
 def test_where_there_is_no_way_the_reply_says_so() -> None:
