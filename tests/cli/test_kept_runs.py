@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from guidefield.cli.commands import app
@@ -45,8 +46,14 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables don't wrap, whatever the terminal."""
+    monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=200))
+
+
 def _said(code: int, *arguments: str) -> str:
-    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+    done = CliRunner().invoke(app, arguments)
     assert done.exit_code == code, done.output
     return done.output
 

@@ -19,7 +19,6 @@ from guidefield.messages.replies import PlanReply, RunsReply
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.robots import RobotStore
-from guidefield.stores.run_arrays import run_arrays, write_motion
 from guidefield.stores.runs import RunStore
 from guidefield.stores.scenes import SceneStore
 
@@ -70,6 +69,8 @@ def export(
     name: Service = "local",
 ) -> None:
     """Write the motion of a run to a file for other programs."""
+    from guidefield.stores.run_arrays import run_arrays, write_motion
+
     write_motion(run_arrays(_store(data, name).read(run)), file)
 
 

@@ -163,8 +163,11 @@ def _known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
     """The tree of a Coal mesh in convex parts, made once for the same vertices."""
 
     def made(pieces: Pieces) -> MeshTree:
+        own = [(_in_part(pieces, part), part) for part in cut.parts]
         trees = [
-            mesh_tree(_in_part(pieces, part), polytope_about(np.asarray(part.hull.vertices))) for part in cut.parts
+            mesh_tree(corners, polytope_about(np.asarray(part.hull.vertices)))
+            for corners, part in own
+            if len(corners)  # a part of the inside only has nothing of the surface
         ]
         return joined(trees, polytope_about(np.asarray(cut.hull.hull.vertices)))
 

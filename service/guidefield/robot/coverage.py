@@ -141,7 +141,7 @@ def _allowed(area: float, delta: float) -> float:
 
 def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
     body = solid(arrays["vertices"], arrays["triangles"], WIDEST_GAP)
-    return ShapeCoverage(cover(body, _allowed(body.area, delta)), inner_balls(body))
+    return ShapeCoverage(cover(body, _allowed(body.area, delta)), inner_balls(body).reshape(-1, 4))
 
 
 def _mesh_arrays(shape: Any) -> Arrays:
@@ -192,4 +192,4 @@ def _stored(found: ShapeCoverage) -> Arrays:
 
 def _restored(arrays: Arrays) -> ShapeCoverage:
     fields = {name: arrays[name] for name in _FIELDS}
-    return ShapeCoverage(Cover(**fields, solid=bool(arrays["solid"][0])), arrays["inner"])
+    return ShapeCoverage(Cover(**fields, solid=bool(arrays["solid"][0])), arrays["inner"].reshape(-1, 4))
