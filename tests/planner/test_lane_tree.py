@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -81,3 +82,19 @@ def test_one_of_several_goals_is_reached() -> None:
     found = lane_tree.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Budget())
     assert found.path is not None
     assert any(np.array_equal(found.path[-1], goal) for goal in goals)
+
+
+def test_searches_of_two_threads_do_not_share_memory() -> None:
+    alone = [search(seed)[0].path for seed in range(4)]
+    with ThreadPoolExecutor(4) as threads:
+        together = [found.path for found, _ in threads.map(search, range(4))]
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_what_a_path_was_read_from_may_be_used_again() -> None:
+    first = search(0)[0].path
+    assert first is not None
+    kept = first.copy()
+    search(1)
+    np.testing.assert_array_equal(first, kept)

@@ -12,14 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types
 
-from guidefield.kernels.lane_kinematics import Integers
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_motion import WORLD, LaneWorld, motion_free, world_of
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS,
     FLOATS_OUT,
-    INTEGER_POINTER,
     INTEGERS_OUT,
     LANES,
     below,
@@ -50,9 +48,10 @@ DOMAIN_STEP = 1e-4
 UNSEARCHED, MET, FULL, GOING_ON = range(4)
 """How a call ended: the trees met; a tree is full; its iterations were done."""
 
-SIZE, ITERATION, ACTIVE, MEETING, MOTIONS = 0, 2, 3, 4, 6
-"""Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions."""
-COUNTERS = 8
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROOT = 0, 2, 3, 4, 6, 7
+"""Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
+the roots that the path joins."""
+COUNTERS = 9
 
 
 class Sampling(NamedTuple):
@@ -60,14 +59,12 @@ class Sampling(NamedTuple):
 
     Attributes:
         bases: (nv,) prime of each coordinate's Halton sequence.
-        shift: (nv,) added to the sequence, modulo 1.
         lower, width: (nv,) the box that samples fill.
         period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
         frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
     """
 
     bases: np.ndarray
-    shift: np.ndarray
     lower: np.ndarray
     width: np.ndarray
     period: np.ndarray
@@ -83,6 +80,7 @@ class Search(NamedTuple):
         nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
         parents: (2 * capacity,) -1 for roots.
         domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
+        shift: (nv,) added to the sequence of samples, modulo 1.
         digits: (2 * nv,) numerator and denominator of the last sample's coordinates.
         counters: (COUNTERS,).
         sample, target, origin, reached: (nv,) memory.
@@ -93,6 +91,7 @@ class Search(NamedTuple):
     nodes: np.ndarray
     parents: np.ndarray
     domains: np.ndarray
+    shift: np.ndarray
     digits: np.ndarray
     counters: np.ndarray
     sample: np.ndarray
@@ -101,22 +100,23 @@ class Search(NamedTuple):
     reached: np.ndarray
 
 
-SAMPLING = types.NamedTuple([INDICES, *[VECTOR] * 3, *[FLOATS] * 2], Sampling)
+SAMPLING = types.NamedTuple([INDICES, *[VECTOR] * 2, *[FLOATS] * 2], Sampling)
 SEARCH = types.NamedTuple(
-    [*[types.int64] * 2, FLOATS_OUT, INTEGERS_OUT, FLOATS_OUT, *[INTEGERS_OUT] * 2, *[FLOATS_OUT] * 4], Search
+    [*[types.int64] * 2, FLOATS_OUT, INTEGERS_OUT, FLOATS_OUT, VECTOR, *[INTEGERS_OUT] * 2, *[FLOATS_OUT] * 4], Search
 )
 
 _SAMPLING, _SEARCH = pointed(SAMPLING), pointed(SEARCH)
 sampling_of, search_of = unpacked(SAMPLING), unpacked(SEARCH)
 
 
-@lane_step(types.void(_SAMPLING, INTEGER_POINTER, FLOAT_POINTER, int64))
-def _next_sample(sampling: Sampling, digits: Integers, sample_out: Floats32, nv: int) -> None:
+@lane_step(types.void(_SAMPLING, _SEARCH))
+def _next_sample(sampling: Sampling, search: Search) -> None:
     """The next point of the Halton sequence, shifted, in the box.
 
     In base b the sequence counts n / d with d a power of b: the carry turns x = d - n into the next numerator.
     """
-    for j in range(nv):
+    digits = search.digits
+    for j in range(search.nv):
         base, numerator, denominator = sampling.bases[j], digits[2 * j], digits[2 * j + 1]
         left = denominator - numerator
         if left == 1:
@@ -128,8 +128,8 @@ def _next_sample(sampling: Sampling, digits: Integers, sample_out: Floats32, nv:
                 step //= base
             numerator = (base + 1) * step - left
         digits[2 * j], digits[2 * j + 1] = numerator, denominator
-        place = numerator / denominator + sampling.shift[j]
-        sample_out[j] = sampling.lower[j] + (place - math.floor(place)) * sampling.width[j]
+        place = numerator / denominator + search.shift[j]
+        search.sample[j] = sampling.lower[j] + (place - math.floor(place)) * sampling.width[j]
 
 
 @lane_step(int64(_SEARCH, int64, FLOAT_POINTER, _SAMPLING))
@@ -238,7 +238,7 @@ def _grown(
         if counters[SIZE + 1 - a] * 2 <= counters[SIZE + a]:  # the other is much smaller: it goes on
             a = 1 - a
         counters[ACTIVE] = a
-        _next_sample(sampling, search.digits, sample, nv)
+        _next_sample(sampling, search)
         node = _nearest(search, a, sample, sampling)
         distance = _step_towards(search, a, node, sample, sampling)
         domain = domains[a * capacity + node]

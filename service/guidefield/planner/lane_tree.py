@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,9 @@ import numpy as np
 from guidefield.collision.lanes import Lanes
 from guidefield.kept import kept_with
 from guidefield.kernels import lane_tree as kernel
+from guidefield.kernels.lane_branch import joined
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.packing import packed
+from guidefield.kernels.packing import Words, packed
 from guidefield.planner.problem import Budget
 from guidefield.robot.chart import ANGLE
 from guidefield.robot.group import ROAM, PlanningGroup
@@ -59,27 +61,25 @@ def grow(
         rng: Shifts the sequence of samples.
         budget: How long.
     """
-    group = lanes.world.group
-    sampling = _sampling(group)._replace(shift=rng.random(group.nv))
-    sources = packed(sampling)
-    search = _search((starts, goals), max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
-    trees, counters = packed(search), search.counters
+    nv: int = lanes.world.group.nv
+    sampling, sources = _sampling(lanes.world.group)
+    room = _room(nv, max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
+    room.begin((starts, goals), rng.random(nv))
+    counters = room.search.counters
     lanes.forget()
     while counters[kernel.ITERATION] < MOST_ITERATIONS and budget.spent() is None:
-        ended = kernel.grow(lanes.words, sources, trees, clearance, resolution, PIECE)
+        ended = kernel.grow(lanes.words, sources, room.words, clearance, resolution, PIECE)
         if ended == kernel.FULL:
-            search = _roomier(search)
-            trees = packed(search)
+            room = room.roomier()
         if ended == kernel.MET:
-            first, second = (_branch(search, tree) for tree in range(2))
-            path = _joined(group, first, second, starts, goals)
+            path = _joined(room, sampling, sources, starts, goals)
             return Found(path, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]))
     return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]))
 
 
 @kept_with
-def _sampling(group: PlanningGroup) -> kernel.Sampling:
-    """The box that samples of a group fill, not shifted."""
+def _sampling(group: PlanningGroup) -> tuple[kernel.Sampling, Words]:
+    """The box that samples of a group fill, and that packed."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
     origin = group.chart(group.q_origin)
     for joint in group.joints:
@@ -91,10 +91,10 @@ def _sampling(group: PlanningGroup) -> kernel.Sampling:
             lower[at], upper[at] = origin[at] - reach, origin[at] + reach
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
-    sampling = kernel.Sampling(_primes(group.nv), np.zeros(group.nv), lower, upper - lower, period, frequency)
+    sampling = kernel.Sampling(_primes(group.nv), lower, upper - lower, period, frequency)
     for array in sampling:
         array.setflags(write=False)
-    return sampling
+    return sampling, packed(sampling)
 
 
 def _primes(count: int) -> np.ndarray:
@@ -107,71 +107,96 @@ def _primes(count: int) -> np.ndarray:
     return np.array(primes, np.int64)
 
 
-def _search(roots: tuple[np.ndarray, np.ndarray], capacity: int) -> kernel.Search:
-    nv = roots[0].shape[1]
-    # sixteen more: the nearest node is looked for sixteen at a time
-    nodes = np.zeros(2 * nv * capacity + LANES, np.float32)
-    counters = np.zeros(kernel.COUNTERS, np.int64)
-    counters[kernel.ACTIVE] = 1
-    for tree in range(2):
-        counters[kernel.SIZE + tree] = len(roots[tree])
-        nodes[tree * nv * capacity : (tree + 1) * nv * capacity].reshape(nv, capacity)[:, : len(roots[tree])] = roots[
-            tree
-        ].T
-    return kernel.Search(
-        nv=nv,
-        capacity=capacity,
-        nodes=nodes,
-        parents=np.full(2 * capacity, -1, np.int64),
-        domains=np.full(2 * capacity, np.inf, np.float32),
-        digits=np.tile(np.array([0, 1], np.int64), nv),
-        counters=counters,
-        sample=np.zeros(nv, np.float32),
-        target=np.zeros(nv, np.float32),
-        origin=np.zeros(nv, np.float32),
-        reached=np.zeros(nv, np.float32),
-    )
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """Memory of two trees.
+
+    Attributes:
+        search: The trees.
+        words: Those packed.
+    """
+
+    search: kernel.Search
+    words: Words
+
+    @classmethod
+    def build(cls, nv: int, capacity: int) -> _Room:
+        """Room for so many nodes in each tree."""
+        # sixteen more: the nearest node is looked for sixteen at a time
+        search = kernel.Search(
+            nv=nv,
+            capacity=capacity,
+            nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
+            parents=np.full(2 * capacity, -1, np.int64),
+            domains=np.full(2 * capacity, np.inf, np.float32),
+            shift=np.zeros(nv),
+            digits=np.zeros(2 * nv, np.int64),
+            counters=np.zeros(kernel.COUNTERS, np.int64),
+            sample=np.zeros(nv, np.float32),
+            target=np.zeros(nv, np.float32),
+            origin=np.zeros(nv, np.float32),
+            reached=np.zeros(nv, np.float32),
+        )
+        return cls(search, packed(search))
+
+    def begin(self, roots: tuple[np.ndarray, np.ndarray], shift: np.ndarray) -> None:
+        """Leave only the roots (k, nv) of both trees, and begin a sequence of samples that is shifted by (nv,)."""
+        search = self.search
+        search.shift[:] = shift
+        search.digits[::2], search.digits[1::2] = 0, 1
+        search.counters[:] = 0
+        search.counters[kernel.ACTIVE] = 1
+        nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
+        for tree in range(2):
+            first, size = tree * search.capacity, len(roots[tree])
+            search.counters[kernel.SIZE + tree] = size
+            nodes[tree, :, :size] = roots[tree].T
+            search.parents[first : first + size] = -1
+            search.domains[first : first + size] = np.inf
+
+    def roomier(self) -> _Room:
+        """The same trees with room for twice as many nodes."""
+        nv, capacity = self.search.nv, self.search.capacity
+        larger = _Room.build(nv, 2 * capacity)
+        for name in ("nodes", "parents", "domains"):
+            ours, theirs = getattr(self.search, name), getattr(larger.search, name)
+            rows = 2 * nv if name == "nodes" else 2
+            theirs[: 2 * rows * capacity].reshape(rows, 2 * capacity)[:, :capacity] = ours[: rows * capacity].reshape(
+                rows, capacity
+            )
+        kept = {name: getattr(self.search, name) for name in ("shift", "digits", "counters")}
+        search = larger.search._replace(**kept)
+        return _Room(search, packed(search))
 
 
-def _roomier(search: kernel.Search) -> kernel.Search:
-    """The same search with room for twice as many nodes."""
-    capacity, nv = search.capacity, search.nv
-    nodes = np.zeros(4 * nv * capacity + LANES, np.float32)
-    nodes[:-LANES].reshape(2 * nv, 2 * capacity)[:, :capacity] = search.nodes[:-LANES].reshape(2 * nv, capacity)
-    parents, domains = np.full((2, 2 * capacity), -1, np.int64), np.full((2, 2 * capacity), np.inf, np.float32)
-    parents[:, :capacity] = search.parents.reshape(2, capacity)
-    domains[:, :capacity] = search.domains.reshape(2, capacity)
-    return search._replace(capacity=2 * capacity, nodes=nodes, parents=parents.ravel(), domains=domains.ravel())
+class _Rooms(threading.local):
+    """The memory that a thread's searches begin in: to make it takes longer than to find a simple path."""
+
+    def __init__(self) -> None:
+        self.kept: dict[int, _Room] = {}
 
 
-def _branch(search: kernel.Search, tree: int) -> tuple[int, np.ndarray]:
-    """A tree's root that leads to where the trees met, and the chart points (n, nv) from it."""
-    capacity, nv = search.capacity, search.nv
-    nodes = search.nodes[:-LANES].reshape(2, nv, capacity)[tree]
-    index = int(search.counters[kernel.MEETING + tree])
-    indices = []
-    while index >= 0:
-        indices.append(index)
-        index = int(search.parents[tree * capacity + index])
-    return indices[-1], nodes[:, indices[::-1]].T.astype(float)
+_ROOMS = _Rooms()
+
+
+def _room(nv: int, capacity: int) -> _Room:
+    """Room for trees with so many nodes each; that of the usual size is the thread's."""
+    if capacity != FIRST_CAPACITY:
+        return _Room.build(nv, capacity)
+    room = _ROOMS.kept.get(nv)
+    if room is None or room.search.capacity != capacity:
+        room = _ROOMS.kept[nv] = _Room.build(nv, capacity)
+    return room
 
 
 def _joined(
-    group: PlanningGroup,
-    first: tuple[int, np.ndarray],
-    second: tuple[int, np.ndarray],
-    starts: np.ndarray,
-    goals: np.ndarray,
+    room: _Room, sampling: kernel.Sampling, sources: Words, starts: np.ndarray, goals: np.ndarray
 ) -> np.ndarray:
-    """The branch from the start and that from the goal as one path; whole turns are added to the second.
-
-    Trees hold float32: the roots are put back as they were given.
-    """
-    points = list(first[1])
-    points[0] = starts[first[0]]
-    rest = list(second[1])
-    rest[0] = goals[second[0]]
-    # the trees met where a step of the second towards the first one's last point would end
-    for point in rest[::-1]:
-        points.append(group.unwrapped(point, points[-1]))
-    return np.array(points)
+    """The path through where the trees met; they hold float32, so the roots are put back as they were given."""
+    counters = room.search.counters
+    rows = np.empty((counters[kernel.SIZE] + counters[kernel.SIZE + 1], room.search.nv))
+    path = rows[: joined(sources, room.words, rows)].copy()
+    goal = goals[counters[kernel.ROOT + 1]]
+    turns = np.rint((path[-1] - goal) * sampling.frequency)
+    path[0], path[-1] = starts[counters[kernel.ROOT]], goal + 2.0 * np.pi * turns
+    return path
