@@ -27,8 +27,8 @@ def run(folder: Path, out: Console) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     codes = []
     with (
-        service_in_child(lambda line: out.print(line, style="dim", highlight=False)) as endpoint,
-        Client.connect(endpoint) as client,
+        service_in_child(lambda line: out.print(line, style="dim", highlight=False)) as service,
+        Client.connect(service.endpoint) as client,
     ):
         for name, (title, request) in demo.REQUESTS.items():
             out.print(f"\nplanning: {title} …", style="dim", highlight=False)

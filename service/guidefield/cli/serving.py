@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import FrameType
 
 from guidefield import logs
@@ -31,22 +32,34 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
     serve(settings, stop, announce)
 
 
+@dataclass(frozen=True)
+class ChildService:
+    """A service in a child process: where to connect to, and the process that answers there."""
+
+    endpoint: str
+    process: subprocess.Popen[str]
+
+
 @contextlib.contextmanager
-def service_in_child(announce: Callable[[str], None], *, workers: int = 1) -> Iterator[str]:
+def service_in_child(
+    announce: Callable[[str], None], *, workers: int = 1, name: str = "local"
+) -> Iterator[ChildService]:
     """A service of its own, in a child process on a free loopback port, with a data folder that goes with it.
 
     Args:
         announce: Is told what the service tells while it starts.
         workers: Its worker processes.
+        name: Its instance's name.
 
     Yields:
-        The endpoint to connect to.
+        The service, ready for requests.
 
     Raises:
         RuntimeError: if it doesn't start.
     """
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--workers", str(workers)]
+    serve_there += ["--name", name]
     with (
         tempfile.TemporaryDirectory(prefix="guidefield-") as data,
         subprocess.Popen([*serve_there, "--data", data], stdout=subprocess.PIPE, text=True) as child,  # noqa: S603
@@ -54,7 +67,7 @@ def service_in_child(announce: Callable[[str], None], *, workers: int = 1) -> It
         assert child.stdout is not None, "it is piped"
         try:
             _await_ready(child.stdout, announce)
-            yield endpoint
+            yield ChildService(endpoint, child)
         finally:
             child.terminate()
             child.wait()
