@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from guidefield.arrays import RunArrays as RunArrays, run_arrays as run_arrays
     from guidefield.client import AsyncClient as AsyncClient, Client as Client
     from guidefield.endpoint.service import ServiceSettings as ServiceSettings, serve as serve
     from guidefield.engine import Engine as Engine, answer as answer
@@ -109,6 +110,7 @@ _ROOMS = {
         "Sphere",
     ),
     "messages.values": ("Placement",),
+    "arrays": ("RunArrays", "run_arrays"),
 }
 """Public names by the room that holds them."""
 

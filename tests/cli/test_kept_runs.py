@@ -12,14 +12,14 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from guidefield.arrays import run_arrays
 from guidefield.cli.commands import app
-from guidefield.cli.comparison import differing, largest_step
+from guidefield.cli.comparison import differing, largest_step, motion_hash
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.stores.run_arrays import run_arrays, write_motion
 from guidefield.stores.runs import RunStore
 from tests.replies import plan_reply
 
@@ -79,6 +79,8 @@ def test_two_runs_are_compared(data: Path) -> None:
 def test_the_sign_of_a_zero_is_a_bit() -> None:
     first, second = (msgspec.structs.replace(plan_reply("a"), path=[[zero]]) for zero in (0.0, -0.0))
     assert differing(first, second) == ["path"]
+    assert motion_hash(first) != motion_hash(second)
+    assert motion_hash(first) == motion_hash(msgspec.structs.replace(first, run_id="b"))
     assert largest_step(first, second) == 0.0
     assert largest_step(first, plan_reply("b")) is None
 
@@ -101,16 +103,18 @@ def test_a_motion_is_exported_to_the_last_digit(data: Path, tmp_path: Path) -> N
 
 
 def test_what_cannot_be_exported_is_said(data: Path, tmp_path: Path) -> None:
-    store = RunStore(data / "runs")
-    with pytest.raises(UnknownObject, match="'stuck' has no motion"):
-        run_arrays(store.read("stuck"))
-    with pytest.raises(MalformedRequest, match=r"must end with one of \.csv"):
-        write_motion(run_arrays(store.read("good")), tmp_path / "motion.bag")
+    with pytest.raises(UnknownObject, match="'stuck' has no motion: STUCK_IN_MINIMUM"):
+        run_arrays(plan_reply("stuck", Status.STUCK_IN_MINIMUM))
+    done = CliRunner().invoke(app, ["runs", "export", "good", str(tmp_path / "motion.bag"), "--data", str(data)])
+    assert isinstance(done.exception, MalformedRequest)
+    assert "must end with one of .csv" in str(done.exception)
 
 
 def test_a_run_is_planned_again(data: Path) -> None:
-    assert "good: bit-identical, SUCCESS" in _said(0, "replay", "good", "--data", str(data))
-    assert "not the same: path differ; waypoints by at most 0.5" in _said(1, "replay", "moved", "--data", str(data))
+    assert "good: bit-identical: SUCCESS" in _said(0, "replay", "good", "--data", str(data))
+    said = _said(1, "replay", "moved", "--data", str(data))
+    assert "not the same: path differ; waypoints by at most 0.5" in said
+    assert "the versions that it was made with were not recorded" in said
 
 
 def test_looking_leaves_no_folder_behind(tmp_path: Path) -> None:

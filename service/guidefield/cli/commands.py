@@ -18,8 +18,9 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
-from guidefield.cli.kept_runs import replay, runs_app
+from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
+from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.tables import plan_table
 from guidefield.client import Client

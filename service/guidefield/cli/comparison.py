@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import msgspec
 from rich import box
 from rich.console import RenderableType
@@ -13,13 +15,15 @@ MOTION = ("status", "position_names", "velocity_names", "path", "trajectory", "g
 """What of a reply is the plan itself; the rest is measured, or names the run."""
 
 
+def motion_hash(reply: PlanReply) -> str:
+    """SHA-256, in hexadecimal, of the plan itself: equal just where nothing is `differing`."""
+    return hashlib.sha256(b"\n".join(_motion(reply).values())).hexdigest()
+
+
 def differing(first: PlanReply, second: PlanReply) -> list[str]:
     """The parts of the plan that aren't the same to the last bit, in the order of the reply; none if it is the same."""
-    return [
-        name
-        for name in MOTION
-        if msgspec.json.encode(getattr(first, name)) != msgspec.json.encode(getattr(second, name))
-    ]
+    one, other = _motion(first), _motion(second)
+    return [name for name in MOTION if one[name] != other[name]]
 
 
 def largest_step(first: PlanReply, second: PlanReply) -> float | None:
@@ -39,6 +43,10 @@ def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
     parts = ", ".join(differing(first, second)) or "nothing: the same plan to the last bit"
     table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")
     return table
+
+
+def _motion(reply: PlanReply) -> dict[str, bytes]:
+    return {name: msgspec.json.encode(getattr(reply, name)) for name in MOTION}
 
 
 def _rows(reply: PlanReply) -> list[tuple[str, str]]:

@@ -71,8 +71,8 @@ def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, sce
     if reply.clearance is not None and reply.clearance.minimum is not None:
         figures["clearance"] = reply.clearance.minimum
     yield Chunk.from_property("plan", rr.AnyValues(**figures))
-    versions = {name.replace("-", "_"): text for name, text in _versions().items()}
-    yield Chunk.from_property("versions", rr.AnyValues(**versions))
+    made_with = {name.replace("-", "_"): text for name, text in versions().items()}
+    yield Chunk.from_property("versions", rr.AnyValues(**made_with))
 
 
 def readable(value: Any, indent: int = 0) -> str:
@@ -161,20 +161,21 @@ def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene:
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes crossed"),
         ("request", hashlib.sha256(codec.encode(request)).hexdigest()[:12]),
         ("planner, seed", f"{reply.planner}, {reply.seed}"),
-        ("made with", ", ".join(f"{name} {text}" for name, text in _versions().items())),
+        ("made with", ", ".join(f"{name} {text}" for name, text in versions().items())),
     ]
     return _table(("about", ""), rows)
 
 
 @functools.cache
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
+def versions() -> dict[str, str]:
+    """Of each of `PACKAGES`, and of Python."""
+    found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:  # run from the source tree
-            versions[package] = "unknown"
-    return versions
+            found[package] = "unknown"
+    return found
 
 
 def _plane(index: int | None, reply: PlanReply) -> str:

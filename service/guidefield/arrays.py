@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.messages.replies import RunReply
+from guidefield.messages.replies import PlanReply
 from guidefield.stores.files import write_atomically
 
 Array = NDArray[np.float64]
@@ -43,17 +43,27 @@ class RunArrays:
     path: Array
 
 
-def run_arrays(run: RunReply) -> RunArrays:
-    """The motion of a run.
+def run_arrays(run: PlanReply | Path | str) -> RunArrays:
+    """The motion of a run, from its reply, or from nothing but its recording.
+
+    Args:
+        run: A reply, or the path of a recording (`.rrd`), made on any machine.
 
     Raises:
-        UnknownObject: if it has none: it failed, or is still under way.
+        UnknownObject: if there is no such file, or the run has no motion: it failed.
+        MalformedRequest: if the file is no whole recording of guidefield.
     """
-    if run.reply is None or run.reply.trajectory is None:
-        raise UnknownObject(f"run {run.run_id!r} has no motion", run_id=run.run_id)
-    reply, motion = run.reply, run.reply.trajectory
+    if isinstance(run, PlanReply):
+        reply = run
+    else:
+        from guidefield.recorder.reading import read_recording
+
+        reply = read_recording(Path(run)).reply
+    motion = reply.trajectory
+    if motion is None:
+        raise UnknownObject(f"run {reply.run_id!r} has no motion: {reply.status.name}", run_id=reply.run_id)
     return RunArrays(
-        run_id=run.run_id,
+        run_id=reply.run_id,
         position_names=tuple(reply.position_names),
         velocity_names=tuple(reply.velocity_names),
         times=_frozen(motion.times),

@@ -1,0 +1,63 @@
+"""A run that a command line names: by its id in a service's data folder, or by a recording from anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from guidefield.errors import UnknownObject
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest
+from guidefield.stores.files import default_data_folder
+from guidefield.stores.runs import RunStore
+
+Data = Annotated[Path | None, typer.Option(help="The service's data folder; else that of the user.")]
+Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
+RunName = Annotated[str, typer.Argument(help="Id of a kept run, or a recording's file, which ends with .rrd.")]
+
+
+@dataclass(frozen=True)
+class FoundRun:
+    """A run that has ended; `versions` are of the packages that it was made with, empty where they weren't recorded."""
+
+    request: PlanRequest
+    reply: PlanReply
+    versions: dict[str, str]
+
+
+def data_folder(data: Path | None, name: str) -> Path:
+    """The folder that the options mean."""
+    return default_data_folder(name) if data is None else data
+
+
+def run_store(data: Path | None, name: str) -> RunStore:
+    """The runs of a data folder; UnknownObject where there are none, so that looking leaves no folder behind."""
+    folder = data_folder(data, name) / "runs"
+    if not folder.is_dir():
+        raise UnknownObject(f"no service has kept runs in {folder}", path=str(folder))
+    return RunStore(folder)
+
+
+def find_run(run: str, data: Path | None, name: str) -> FoundRun:
+    """The run that an argument means.
+
+    Raises:
+        UnknownObject: if there is no such run or file, or it has no reply.
+        MalformedRequest: if the file is no whole recording of guidefield.
+    """
+    from guidefield.recorder.reading import read_recording
+
+    if run.endswith(".rrd"):
+        recorded = read_recording(Path(run))
+        return FoundRun(recorded.request, recorded.reply, recorded.versions)
+    store = run_store(data, name)
+    kept = store.read(run)
+    if kept.reply is None:
+        why = "is still under way" if kept.error is None else f"ended with an error: {kept.error.message}"
+        raise UnknownObject(f"run {run!r} has no reply: it {why}", run_id=run)
+    path = store.recording_path(run)
+    recorded_too = path is not None and path.is_file()
+    return FoundRun(kept.request, kept.reply, read_recording(path).versions if path and recorded_too else {})

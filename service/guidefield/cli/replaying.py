@@ -1,0 +1,73 @@
+"""`guidefield replay`: a run's request planned again, and whether the plan is the same to the last bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.console import Console
+
+from guidefield.cli.comparison import differing, largest_step, motion_hash
+from guidefield.cli.found_run import Data, RunName, Service, data_folder, find_run
+from guidefield.engine import Engine
+from guidefield.messages.replies import PlanReply
+from guidefield.stores.robots import RobotStore
+from guidefield.stores.scenes import SceneStore
+
+SHOWN_DIGITS = 16
+"""Digits of a hash that are shown."""
+
+out = Console()
+
+Packages = Annotated[
+    list[Path] | None, typer.Option(exists=True, file_okay=False, help="Folder of packages with the robot's meshes.")
+]
+
+
+def replay(run: RunName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
+    """Plan the request of a run again; exit code 0 if the plan is the same to the last bit, else 1.
+
+    Robots and scenes that a client stored are looked for in the data folder.
+    """
+    before = find_run(run, data, name)
+    folder = data_folder(data, name)
+    there = folder.is_dir()  # looking leaves no folder behind
+    engine = Engine(
+        name,
+        scenes=SceneStore(folder / "scenes") if there else None,
+        robots=RobotStore(folder / "robots") if there else None,
+        packages=tuple(one.resolve() for one in packages or ()),
+    )
+    now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
+    assert isinstance(now, PlanReply), "a plan was asked for"
+    parts = differing(before.reply, now)
+    told = f"{now.status.name}, {len(now.path)} waypoints, sha256 {motion_hash(now)[:SHOWN_DIGITS]}"
+    if not parts:
+        _say(f"{run}: bit-identical: {told}")
+        raise typer.Exit(0)
+    step = largest_step(before.reply, now)
+    by = "" if step is None else f"; waypoints by at most {step:.3g}"
+    _say(f"{run}: not the same: {', '.join(parts)} differ{by}")
+    reply = before.reply
+    was = f"{reply.status.name}, {len(reply.path)} waypoints, sha256 {motion_hash(reply)[:SHOWN_DIGITS]}"
+    _say(f"then: {was}\nnow:  {told}\n{versions_that_differ(before.versions)}")
+    raise typer.Exit(1)
+
+
+def versions_that_differ(before: dict[str, str]) -> str:
+    """In a sentence: what a run was made with, where that is not what is here."""
+    from guidefield.recorder.documents import versions
+
+    if not before:
+        return "the versions that it was made with were not recorded"
+    here = versions()
+    others = [
+        f"{name} {text} (here {here.get(name, 'none')})" for name, text in before.items() if here.get(name) != text
+    ]
+    return f"it was made with {', '.join(others)}" if others else "it was made with the same versions as are here"
+
+
+def _say(line: str) -> None:
+    out.print(line, highlight=False, soft_wrap=True)
