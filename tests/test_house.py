@@ -104,6 +104,12 @@ def test_links_within_the_house_lead_somewhere(page: Path) -> None:
         assert (page.parent / target).exists(), target
 
 
+def test_tools_in_python_are_linted_like_the_rest() -> None:
+    tools = [path for path in (HOUSE / "tools").iterdir() if path.is_file() and not path.suffix]
+    written_in_python = {_relative(path) for path in tools if "python" in path.read_text().partition("\n")[0]}
+    assert written_in_python <= set(PROJECT["tool"]["ruff"]["extend-include"])
+
+
 @pytest.mark.parametrize("tool", ["tools/demo", "tools/test", "tools/environment", ".ci/run"])
 def test_tools_can_be_run(tool: str) -> None:
     assert (HOUSE / tool).stat().st_mode & 0o111
