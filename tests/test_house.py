@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from typer.main import get_command
 
 from guidefield.cli import app
@@ -22,6 +26,14 @@ PAGES = sorted(HOUSE.glob("*.md"))
 LONGEST_FILE = 300
 FOREIGN_NAMES = {"get_cache_path"}
 """Methods that other packages ask for by these names."""
+IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
+"""Packages below a folder of their own, which `importlib.metadata` doesn't look into."""
+OPTIONAL = {"ray", "opentelemetry"}
+"""Imported where the extra of that name is installed."""
+UNIMPORTED = {"example-robot-data", "pillow", "pycollada", "scipy"}
+"""Data, and what trimesh needs for the files and questions that we give it."""
+COMES_WITH_NUMBA = {"llvmlite"}
+"""numba demands the one version that fits."""
 HOME_PATH = re.compile(r"(?<![\w.])/(?:root|home|Users)/\w+")
 
 
@@ -54,6 +66,24 @@ def test_every_package_and_its_data_are_in_the_wheel() -> None:
         assert data[f"guidefield.{name}"] == ["**/*"]
         installed = {entry.name for entry in resources.files(f"guidefield.{name}").iterdir()}
         assert {path.name for path in (HOUSE / name).glob("*.json")} <= installed
+
+
+def test_the_packages_that_are_imported_are_those_that_are_declared() -> None:
+    homes = {**packages_distributions(), **IN_CMEEL}
+    imported = {name.split(".")[0] for path in SOURCES for name in _imported(path)}
+    imported -= set(sys.stdlib_module_names) | OPTIONAL | {"guidefield"}
+    used = {canonicalize_name(homes[name][0]) for name in imported}
+    declared = {canonicalize_name(Requirement(line).name) for line in PROJECT["project"]["dependencies"]}
+    assert declared - used == UNIMPORTED
+    assert used - declared == COMES_WITH_NUMBA
+
+
+def _imported(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
 
 
 def test_the_top_level_holds_what_was_agreed() -> None:

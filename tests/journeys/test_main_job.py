@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from tests.journeys.service import PlainClient, Service, plain_client, running_service
+from tests.journeys.service import PlainClient
 
 STEP = 1e-3
 """Between two configurations that are judged, no joint moves further [rad]."""
@@ -48,18 +48,6 @@ JOBS = {
     "planes": {**REQUEST, "run_id": "planes", "goal": {"type": "guide_plane"}},
     "pose": {**REQUEST, "run_id": "pose", "goal": {"type": "pose", **TARGET}, "guide_planes": []},
 }
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
-        yield service
-
-
-@pytest.fixture(scope="module")
-def wire(service: Service) -> Iterator[PlainClient]:
-    with plain_client(service.endpoint) as client:
-        yield client
 
 
 @pytest.fixture(scope="module")

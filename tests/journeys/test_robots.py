@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from guidefield import Client, RobotInvalid
-from tests.journeys.service import PlainClient, Service, plain_client, running_service
+from tests.journeys.service import PlainClient, Service, running_service
 
 CUBE = "\n".join(
     [
@@ -41,18 +41,6 @@ BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     with running_service(tmp_path_factory.mktemp("data"), "--workers", "2") as service:
         yield service
-
-
-@pytest.fixture(scope="module")
-def wire(service: Service) -> Iterator[PlainClient]:
-    with plain_client(service.endpoint) as client:
-        yield client
-
-
-@pytest.fixture(scope="module")
-def client(service: Service) -> Iterator[Client]:
-    with Client.connect(service.endpoint) as client:
-        yield client
 
 
 def test_a_robot_with_its_mesh_is_stored_read_planned_for_and_deleted(wire: PlainClient) -> None:

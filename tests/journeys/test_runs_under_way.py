@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,29 +17,11 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from guidefield import AsyncClient, Client, InvalidGoal, Progress, RobotInvalid
-from tests.journeys.service import ANSWERED_WITHIN, LONG, PlainClient, Service, plain_client, running_service
+from tests.journeys.service import ANSWERED_WITHIN, LONG, PlainClient, Service
 
 HOUSE = Path(__file__).resolve().parent.parent.parent
 SOON = 60.0
 """Longer than anything here takes on a busy machine [s]."""
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
-        yield service
-
-
-@pytest.fixture(scope="module")
-def wire(service: Service) -> Iterator[PlainClient]:
-    with plain_client(service.endpoint) as client:
-        yield client
-
-
-@pytest.fixture(scope="module")
-def client(service: Service) -> Iterator[Client]:
-    with Client.connect(service.endpoint) as client:
-        yield client
 
 
 def test_a_run_is_watched_and_ended(client: Client) -> None:

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,24 +24,6 @@ from tests.journeys.service import PlainClient, Service, await_death, free_port,
 HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
 POTENTIAL = {"type": "potential", "scene": BALL, "points": [[0, 0, 1]]}
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
-        yield service
-
-
-@pytest.fixture(scope="module")
-def wire(service: Service) -> Iterator[PlainClient]:
-    with plain_client(service.endpoint) as client:
-        yield client
-
-
-@pytest.fixture(scope="module")
-def client(service: Service) -> Iterator[Client]:
-    with Client.connect(service.endpoint) as client:
-        yield client
 
 
 # ---- every key, by a client that knows only the wire

@@ -1,0 +1,28 @@
+"""A service for the tests of a module, and those who ask it; a module that wants more workers starts its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from guidefield import Client
+from tests.journeys.service import PlainClient, Service, plain_client, running_service
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def wire(service: Service) -> Iterator[PlainClient]:
+    with plain_client(service.endpoint) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def client(service: Service) -> Iterator[Client]:
+    with Client.connect(service.endpoint) as client:
+        yield client
