@@ -15,7 +15,7 @@ from guidefield.messages import codec, scene as messages
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.auto_planes import derive
 from guidefield.planner.guide import cross
-from guidefield.planner.tip_way import LONGEST, clearances, section, tip_way
+from guidefield.planner.tip_way import LONGEST, clearances, enclosed, section, tip_way
 from guidefield.scene import library
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import build
@@ -81,11 +81,30 @@ def test_a_section_is_convex_free_and_as_large_as_the_window() -> None:
     np.testing.assert_allclose(np.linalg.norm(open_air, axis=1), LONGEST)
 
 
+def test_what_is_enclosed_by_the_window_is_what_is_in_it() -> None:
+    tables = distance_tables(scene_of(*WALL))
+    in_window, across = np.array([0.5, 0.05, 0.0]), np.array([[1.0, 0.0, 0.0]])
+    assert enclosed(tables, in_window, across)
+    assert not enclosed(tables, in_window, np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    assert not enclosed(tables, np.array([0.3, 0.05, 0.0]), across)
+
+
+@pytest.mark.parametrize("title", ["seed_d_passage_3", "seed_d_passage_6"])
+def test_a_goal_inside_a_tube_is_reached_through_the_tube(title: str) -> None:
+    """The tube is open at both ends, and the goal next to the far one: outside there is more room, and a way in."""
+    made = seed_problem(title)
+    planes, tables = derive(made, made.guide_planes[-1]), distance_tables(made.scene)
+    assert planes
+    assert all(enclosed(tables, plane.centroid, plane.normal[None]) for plane in planes)
+    places = [plane.centroid[0] for plane in (*planes, made.guide_planes[-1])]
+    assert places == sorted(places), "the tube leads along x"
+
+
 @pytest.mark.parametrize("title", NINE)
 def test_the_seeds_scenes_are_solved_with_the_goal_plane_alone(title: str) -> None:
     made = seed_problem(title)
     goal = made.guide_planes[-1]
-    planes = derive(made, goal.centroid)
+    planes = derive(made, goal)
     assert planes
     assert [plane.name for plane in planes] == [f"GP-auto-{i}" for i in range(1, len(planes) + 1)]
     tables, q = distance_tables(made.scene), made.q_start
@@ -100,7 +119,7 @@ def test_the_seeds_scenes_are_solved_with_the_goal_plane_alone(title: str) -> No
 
 def test_it_is_deterministic_and_silent_where_the_goal_is_in_sight() -> None:
     made = seed_problem("seed_e_S_3")
-    twice = [derive(made, made.guide_planes[-1].centroid) for _ in range(2)]
+    twice = [derive(made, made.guide_planes[-1]) for _ in range(2)]
     for a, b in zip(*twice, strict=True):
         np.testing.assert_array_equal(a.vertices, b.vertices)
     empty = problem("panda", scene_of())

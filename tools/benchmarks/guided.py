@@ -53,7 +53,7 @@ def solved(problems: Problems, declared: dict) -> tuple[bool, bool, float, float
     )  # fmt: skip
     last = square_about(kinematics.frame_placement(goal, group.tip_id), SIDE * tip_radius(problem))
     begin = time.process_time()
-    derived = derive(problem, last.centroid)
+    derived = derive(problem, last)
     between, q = time.process_time(), start
     why = "" if derived is not None else "no way for the tip"
     for index, plane in enumerate((*(derived or ()), last)):

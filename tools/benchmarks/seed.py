@@ -199,7 +199,7 @@ def derived_planes(scenes: Sequence[str], runs: int) -> None:
         spent = []
         for _ in range(max(runs, 3)):
             begin = time.process_time()
-            planes = derive(problem, problem.guide_planes[-1].centroid)
+            planes = derive(problem, problem.guide_planes[-1])
             spent.append(1000.0 * (time.process_time() - begin))
         milliseconds.append(min(spent))
         report(title, "projected", runs, planes or ())

@@ -68,10 +68,10 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
     return together, Derivation(left)
 
 
-def _goal_place(problem: Problem) -> np.ndarray:
-    """Where the tip is to be in the end, shape (3,) [m]."""
+def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
+    """Where the tip is to be in the end: a point, shape (3,) [m], or a plane."""
     if isinstance(problem.goal, ConfigurationGoal):
         return problem.kinematics.tip_position(problem.goal.configurations[0])
     if isinstance(problem.goal, TipGoal):
         return np.array(problem.goal.target.placement.translation)
-    return problem.guide_planes[-1].centroid
+    return problem.guide_planes[-1]

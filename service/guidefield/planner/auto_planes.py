@@ -7,6 +7,8 @@ free cross-section there, and is moved along the way to the smallest one nearby.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from guidefield.collision.swept import swept_world
@@ -16,7 +18,7 @@ from guidefield.kernels.wavefront import CAP
 from guidefield.messages import scene as messages
 from guidefield.planner.problem import Problem
 from guidefield.planner.tip_reach import arm_reach, tip_radius
-from guidefield.planner.tip_way import TipWay, centroid, clearances, open_area, section, tip_way
+from guidefield.planner.tip_way import TipWay, centroid, clearances, enclosed, open_areas, section, tip_way
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane, build
 
@@ -29,29 +31,43 @@ NEARBY = 3
 APART = 0.1
 """Planes nearer to each other, to the start or to the goal than this are one [m]."""
 CENTRINGS = 2
+NORMALS = np.array([n for n in itertools.product((-1.0, 0.0, 1.0), repeat=3) if n > (0.0, 0.0, 0.0)])
+NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
+"""Normals of planes in which a point may be enclosed, where none is given: along axes and diagonals, shape (13, 3)."""
 SIGHT_STEP = 0.02
 """Spacing of the points that are looked at along a line of sight [m]."""
 
 
-def derive(problem: Problem, goal: np.ndarray) -> tuple[GuidePlane, ...] | None:
-    """Planes that lead the tip from the start to a point; none where it sees it from the start.
+def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
+    """Planes that lead the tip from the start to a point or a plane; none where it sees it from the start.
 
     Args:
         problem: Robot, scene and start.
-        goal: Where the tip is to be in the end, shape (3,) [m].
+        goal: Where the tip is to be in the end: a point, shape (3,) [m], or a plane, for its centroid.
 
     Returns:
         Planes in order, named GP-auto-1, GP-auto-2 ..; None if there is no way for the tip.
     """
     tables = swept_world(problem.world).tables
     start = problem.kinematics.tip_position(problem.q_start)
+    place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
     centre, reach = arm_reach(problem)
-    way = tip_way(tables, start, goal, tip_radius(problem), centre, reach)
+    ample = min(_room(tables, start, NORMALS), _room(tables, place, normals))
+    way = tip_way(tables, start, place, tip_radius(problem), centre, reach, ample)
     if way is None:
         return None
     places = _places(tables, way)
     planes = [_plane(tables, way, place, number) for number, place in enumerate(places, 1)]
     return tuple(plane for plane in planes if plane is not None)
+
+
+def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray) -> float:
+    """Clearance that is ample for a way with such an end [m].
+
+    From a tube no way is roomier than the tube: more clearance elsewhere is worth no detour. So a goal inside a tube
+    is reached through the tube, and not round it and in at its far end.
+    """
+    return float(clearances(tables, end[None])[0]) if enclosed(tables, end, normals) else CAP
 
 
 def _places(tables: DistanceTables, way: TipWay) -> list[int]:
@@ -122,14 +138,12 @@ def _see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
 def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None) -> int:
     """The place near another, and within a stretch of the way, where the section is smallest."""
     first, last = within or (0, len(way.points) - 1)
-    places = range(max(first + 1, place - NEARBY), min(last, place + NEARBY + 1))
-    if not places:
+    places = np.arange(max(first + 1, place - NEARBY), min(last, place + NEARBY + 1))
+    if not len(places):
         return place
-
-    def openness(k: int) -> tuple[float, int]:
-        return open_area(tables, way.points[k], axes_across(way.tangents[k])), abs(k - place)
-
-    return min(places, key=openness)
+    across = np.array([axes_across(way.tangents[k]) for k in places])
+    areas = open_areas(tables, way.points[places], across)
+    return int(places[np.lexsort([np.abs(places - place), areas])[0]])
 
 
 def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> GuidePlane | None:

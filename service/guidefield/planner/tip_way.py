@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.kernels.distance import DistanceTables, distance_at_points
-from guidefield.kernels.wavefront import CAP, ray_lengths, wavefront
+from guidefield.kernels.free_section import free_section, is_enclosed, open_areas as open_areas_kernel
+from guidefield.kernels.wavefront import CAP, wavefront
+from guidefield.scene.flat import axes_across
 
 SPACING = 0.05
 """Of the grid [m]."""
@@ -17,10 +19,14 @@ AROUND = 0.3
 """How far the grid reaches beyond obstacles, start and goal [m]."""
 COMFORTS = (0.2, 0.1, 0.05, 0.02)
 """Clearance at which a way costs twice its length [m]: ways with much of it are looked for first."""
+LEAST_AMPLE = 0.1
+"""Clearance that counts even where an end is in a narrower tube [m]."""
 SMOOTHINGS = 8
 PUSH = 0.3
 """Share of what is missing to free clearance by which a point of the way is pushed off the obstacles."""
 RAYS = 24
+COMPARED_RAYS = 12
+"""By which areas are compared, and points told to be enclosed."""
 LONGEST = 0.4
 """Rays are followed no farther [m]: a plane in the open is this large."""
 
@@ -41,9 +47,12 @@ class TipWay:
 
 
 def tip_way(
-    tables: DistanceTables, start: np.ndarray, goal: np.ndarray, radius: float, centre: np.ndarray, reach: float
-) -> TipWay | None:
+    tables: DistanceTables, start: np.ndarray, goal: np.ndarray, radius: float, centre: np.ndarray, reach: float,
+    ample: float = CAP,
+) -> TipWay | None:  # fmt: skip
     """The way of the tip with most clearance for its length; None if there is none.
+
+    If there is one that an arm is long enough to lie along, it is one of those.
 
     Args:
         tables: The obstacles.
@@ -52,6 +61,7 @@ def tip_way(
         radius: Of the tip's body [m].
         centre: What the tip can't be farther from than `reach`, shape (3,) [m].
         reach: See `centre` [m]; may be infinite.
+        ample: Clearance beyond which more is worth no detour [m].
     """
     low, high = _box(tables, start, goal, centre, reach)
     spacing = max(SPACING, float(np.cbrt(np.prod(high - low) / MOST_POINTS)))
@@ -64,26 +74,14 @@ def tip_way(
         return None
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
-    best: np.ndarray | None = None
-    for comfort in COMFORTS:
-        n = wavefront(tables, low, spacing, counts, first, last, comfort, floor, centre, reach, free, found)
-        if n < 2:
-            return None
-        points = low + spacing * np.stack(np.unravel_index(found[:n][::-1], tuple(counts)), axis=1)
-        best = points if best is None else best
-        if _can_follow(points, centre, reach):
-            best = points
-            break
-    assert best is not None, "there is at least one comfort"
-    best[-1] = goal
-    return _smoothed(tables, best)
-
-
-def _can_follow(points: np.ndarray, centre: np.ndarray, reach: float) -> bool:
-    """Whether an arm that lies along a way, from where the way is nearest to its base, would be long enough."""
-    nearest = int(np.argmin(np.linalg.norm(points - centre, axis=1)))
-    along = float(np.linalg.norm(np.diff(points[nearest:], axis=0), axis=1).sum())
-    return float(np.linalg.norm(points[nearest] - centre)) + along <= reach
+    ample = float(np.clip(ample, LEAST_AMPLE, CAP))
+    for comfort, arm in (*((comfort, reach) for comfort in COMFORTS), (COMFORTS[0], np.inf)):
+        n = wavefront(tables, low, spacing, counts, first, last, comfort, ample, floor, centre, reach, arm, free, found)
+        if n >= 2:
+            points = low + spacing * np.stack(np.unravel_index(found[:n][::-1], tuple(counts)), axis=1)
+            points[-1] = goal
+            return _smoothed(tables, points)
+    return None
 
 
 def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -96,20 +94,26 @@ def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> n
         centre: The point, shape (3,) [m].
         across: Two unit vectors of the plane, shape (2, 3).
     """
-    lengths = _rays(tables, centre, across)
-    angles = 2.0 * np.pi * np.arange(RAYS) / RAYS
-    rays = np.column_stack([np.cos(angles), np.sin(angles)])
-    polygon = LONGEST * rays
-    for k in np.argsort(lengths, kind="stable"):
-        if lengths[k] < LONGEST:
-            polygon = _cut(polygon, rays[k], float(lengths[k]))
-    return polygon
+    corners = np.empty((2 * RAYS, 2))
+    return corners[: free_section(tables, centre, across, LONGEST, corners)]
 
 
-def open_area(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> float:
-    """How much of a plane about a point is seen from there [m^2]; see `section` for the arguments."""
-    lengths = _rays(tables, centre, across)
-    return 0.5 * float(np.sin(2.0 * np.pi / RAYS) * (lengths @ np.roll(lengths, -1)))
+def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """How much of planes about points is seen from there, shape (n,) [m^2].
+
+    Args:
+        tables: The obstacles.
+        centres: The points, shape (n, 3) [m].
+        across: Two unit vectors of each plane, shape (n, 2, 3).
+    """
+    areas = np.empty(len(centres))
+    open_areas_kernel(tables, centres, across, LONGEST, COMPARED_RAYS, areas)
+    return areas
+
+
+def enclosed(tables: DistanceTables, point: np.ndarray, normals: np.ndarray) -> bool:
+    """Whether a point (3,) is in a passage: in one of the planes with unit normals (n, 3) all rays from it hit."""
+    return is_enclosed(tables, point, np.array([axes_across(normal) for normal in normals]), LONGEST, COMPARED_RAYS)
 
 
 def centroid(polygon: np.ndarray) -> np.ndarray:
@@ -124,27 +128,6 @@ def clearances(tables: DistanceTables, points: np.ndarray) -> np.ndarray:
     """Distance of points (n, 3) to the obstacles, at most `CAP`, shape (n,) [m]."""
     clear: np.ndarray = np.minimum(distance_at_points(tables, points, CAP)[0], CAP)
     return clear
-
-
-def _rays(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> np.ndarray:
-    lengths = np.empty(RAYS)
-    ray_lengths(tables, centre, np.ascontiguousarray(across[0]), np.ascontiguousarray(across[1]), LONGEST, lengths)
-    return lengths
-
-
-def _cut(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
-    """What a half-plane ``normal . x <= offset`` leaves of a convex polygon that it reaches into."""
-    heights = polygon @ normal - offset
-    if heights.max() <= 0.0:
-        return polygon
-    corners = []
-    for k in range(len(polygon)):
-        here, there = heights[k - 1], heights[k]
-        if here * there < 0.0:
-            corners.append(polygon[k - 1] + here / (here - there) * (polygon[k] - polygon[k - 1]))
-        if there <= 0.0:
-            corners.append(polygon[k])
-    return np.array(corners)
 
 
 def _box(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import SceneInvalid
+from guidefield.kernels.convex_polygon import inradius
 from guidefield.messages import scene as messages
 from guidefield.scene.flat import PLANARITY, FlatPolygon, flat_polygon, flatness_fault
 
@@ -107,7 +108,7 @@ def build(message: messages.GuidePlane, index: int) -> GuidePlane:
         vertices=flat.vertices,
         normal=flat.normal,
         centroid=centroid,
-        inradius=_inradius(inward, offsets),
+        inradius=inradius(inward, offsets, PLANARITY),
         flat=flat,
         inward=inward,
         offsets=offsets,
@@ -135,45 +136,6 @@ def _area_centroid(corners: np.ndarray) -> np.ndarray:
     cross = corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]
     centroid: np.ndarray = ((corners + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
     return centroid
-
-
-def _inradius(inward: np.ndarray, offsets: np.ndarray) -> float:
-    """Largest inset that leaves something over: edges move inwards, the first to vanish is dropped, until all is gone.
-
-    Each edge's length is linear in the inset between two such events, so each event is exact.
-    """
-    # Edges in line with the next have no corner of their own.
-    bent = _cross(np.roll(inward, 1, axis=0), inward) > PLANARITY
-    normals, offsets = inward[bent], offsets[bent]
-    while True:
-        lengths, next_lengths = (_edge_lengths(normals, offsets + inset) for inset in (0.0, 1.0))
-        shrinking = np.maximum(lengths - next_lengths, 1e-300)
-        vanishing = lengths / shrinking
-        first = int(np.argmin(vanishing))
-        gap = _cross(normals[first - 1], normals[(first + 1) % len(normals)])
-        if len(normals) <= 3 or gap <= 1e-12:
-            return float(vanishing[first])
-        normals, offsets = np.delete(normals, first, axis=0), np.delete(offsets, first)
-
-
-def _edge_lengths(inward: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Lengths (k,) of the edges on lines ``inward . x = offset`` in order; negative where neighbours meet beyond."""
-    before, offsets_before = np.roll(inward, 1, axis=0), np.roll(offsets, 1)
-    turn = _cross(before, inward)
-    corners = np.column_stack(
-        [
-            offsets_before * inward[:, 1] - offsets * before[:, 1],
-            before[:, 0] * offsets - inward[:, 0] * offsets_before,
-        ]
-    )
-    corners /= turn[:, None]
-    edges = np.roll(corners, -1, axis=0) - corners
-    return _cross(edges, inward)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    crossed: np.ndarray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return crossed
 
 
 def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:
