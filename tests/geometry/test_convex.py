@@ -2,10 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.spatial
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.convex import convex_hull, hull_volume
 from tests.geometry.measures import is_closed, volume
 from tests.oracles import EPS
 
@@ -33,6 +34,29 @@ def test_hull_contains_the_points_and_is_convex(drawn: tuple[int, int, float, fl
     a, b, c = hull.corners.transpose(1, 0, 2)
     volumes = np.einsum("tj,tpj->tp", np.cross(b - a, c - a), points[None] - a[:, None])
     assert volumes.max() <= 1e-6 * volume(hull) + 64 * EPS * np.abs(points).max() ** 3
+
+
+@settings(deadline=None, max_examples=80)
+@given(clouds, st.integers(1, 4), st.floats(-18.0, -6.0))
+def test_the_volume_is_that_of_the_hull_whatever_lies_at_one_place(
+    drawn: tuple[int, int, float, float], times: int, noise: float
+) -> None:
+    points = cloud(*drawn)
+    rng = np.random.default_rng(drawn[0])
+    again = [points + rng.normal(size=points.shape) * 10.0 ** (noise + drawn[3]) for _ in range(times)]
+    points = np.concatenate([points, points, *again])  # Coal alone ends the process at many of these
+    size = np.prod(np.ptp(points, axis=0))
+    expected = scipy.spatial.ConvexHull(points, qhull_options="QJ").volume
+    assert hull_volume(points) == pytest.approx(expected, rel=1e-6, abs=1e-7 * size)
+    assert hull_volume(points) == pytest.approx(volume(convex_hull(points)), rel=1e-9, abs=1e-12 * size)
+
+
+def test_what_is_flat_has_no_volume() -> None:
+    flat = np.array([[x, y, 0.3] for x in (0, 1, 2) for y in (0, 1, 2)])
+    for points in (np.zeros((0, 3)), np.zeros((9, 3)), np.eye(3), flat):
+        assert hull_volume(points) == 0.0
+    with pytest.raises(ValueError, match="finite"):
+        hull_volume(np.full((5, 3), np.inf))
 
 
 def test_known_hulls() -> None:

@@ -47,6 +47,19 @@ def test_a_piece_inside_out_in_nothing_is_a_solid() -> None:
     )
 
 
+def test_each_of_many_hollows_is_that_of_the_smallest_solid_around_it() -> None:
+    meshes = [solids.box((9.0, 9.0, 1.0), (1.5, 1.5, 0.0)), solids.turned(solids.box((8.0, 8.0, 0.8), (1.5, 1.5, 0.0)))]
+    places = [(0.3 * i, 0.3 * j, 0.0) for i in range(10) for j in range(10)]
+    for place in places:
+        meshes += [solids.box((0.2, 0.2, 0.2), place), solids.turned(solids.box((0.1, 0.1, 0.1), place))]
+    body = solid(*solids.together(*meshes))
+    assert len(body.spans) == 101
+    middles = np.array(places)
+    assert body.depths(middles) == pytest.approx(-0.05)
+    assert body.depths(middles + np.array([0.0, 0.0, 0.075])) == pytest.approx(0.025)
+    assert body.depths(middles + np.array([0.0, 0.0, 0.45])) == pytest.approx(0.05)
+
+
 def test_a_crack_is_closed_if_it_may_be() -> None:
     mesh = solids.cracked()
     centre = np.zeros((1, 3))

@@ -6,10 +6,11 @@ import coal
 import numpy as np
 import pytest
 
+from guidefield.geometry.convex import convex
 from guidefield.geometry.decomposition import decompose
 from guidefield.geometry.solid import solid
 from guidefield.robot.convex_parts import MOST, TIGHT, convex_parts
-from guidefield.robot.shapes import HULL_STAND_OFF, WIDEST_GAP, convex, triangulation
+from guidefield.robot.shapes import HULL_STAND_OFF, WIDEST_GAP, triangulation
 from tests.geometry import solids
 from tests.robots import robot
 

@@ -7,11 +7,11 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.convex import convex, convex_hull
 from guidefield.kept import kept_with
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
-from guidefield.robot.shapes import convex, hull, triangulation
+from guidefield.robot.shapes import hull, triangulation
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 

@@ -12,11 +12,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 
 from guidefield.geometry.clipping import clipped, corners_of_cell
-from guidefield.geometry.convex import convex_hull, vector
+from guidefield.geometry.convex import convex_hull, hull_volume
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.stand_off import stand_off
@@ -168,15 +167,10 @@ def _samples(cell: _Cell) -> Floats:
 
 
 def _volume(points: Floats) -> float:
-    """Volume of the hull of points [m^3], 0 if they are flat."""
-    if len(points) < 4:
-        return 0.0
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if spread[2] <= 1e-6 * spread[0]:
-        return 0.0
+    """Volume of the hull of points [m^3]."""
     try:
-        return float(coal.Convex.convexHull(vector(points), True, "Qt").computeVolume())
-    except RuntimeError:  # a vertex with too many neighbours: as large as its box
+        return hull_volume(points)
+    except ValueError:  # a vertex with too many neighbours: as large as its box
         return float(np.prod(np.ptp(points, axis=0)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,29 +109,50 @@ def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
         triangles = triangles[:, ::-1]
     _, piece = np.unique(connected_pieces(len(vertices), triangles)[triangles[:, 0]], return_inverse=True)
     piece = piece.reshape(-1)
-    volumes = [volume(vertices, triangles[piece == k]) for k in range(int(piece.max()) + 1)]
-    solids = [k for k, enclosed in enumerate(volumes) if enclosed > 0.0]
-    owner = np.arange(len(volumes))
-    for k, enclosed in enumerate(volumes):
-        if enclosed < 0.0:
-            around = [s for s in solids if _lies_in(vertices, triangles[piece == k], triangles[piece == s])]
-            if around:
-                owner[k] = min(around, key=lambda s: volumes[s])
-            else:
-                triangles[piece == k] = triangles[piece == k][:, ::-1]
+    members = np.split(np.argsort(piece, kind="stable"), np.cumsum(np.bincount(piece))[:-1])
+    volumes = [volume(vertices, triangles[own]) for own in members]
+    owner = np.arange(len(members))
+    around = _Around(vertices, [triangles[own] for own in members], np.array(volumes))
+    for k in np.flatnonzero(np.array(volumes) < 0.0).tolist():
+        holding = around(k)
+        if holding is not None:
+            owner[k] = holding
+        else:
+            triangles[members[k]] = triangles[members[k]][:, ::-1]
     _, owners = np.unique(owner[piece], return_inverse=True)
     return np.ascontiguousarray(triangles), owners.reshape(-1).astype(np.int64)
 
 
-def _lies_in(vertices: Floats, inner: Integers, outer: Integers) -> bool:
-    """Whether a piece of a closed surface, which doesn't cross another, lies within it."""
-    if not _with_area(vertices, outer).any():
-        return False
-    point = np.ascontiguousarray(vertices[inner[0]].mean(axis=0)[None])
-    tables, spans = _tables(vertices, outer, np.zeros(len(outer), np.int64))
-    winding = np.empty(1, np.int64)
-    windings_at(point, tables, tuple(spans[0].tolist()), winding)
-    return bool(winding[0] > 0)
+class _Around:
+    """Finds the smallest solid that a piece of a closed surface, which crosses none, lies within."""
+
+    def __init__(self, vertices: Floats, pieces: list[Integers], volumes: Floats) -> None:
+        self._vertices, self._pieces = vertices, pieces
+        corners = [vertices[piece].reshape(-1, 3) for piece in pieces]
+        self._low = np.array([own.min(axis=0) for own in corners])
+        self._high = np.array([own.max(axis=0) for own in corners])
+        self._solids = np.array([k for k in np.argsort(volumes, kind="stable") if volumes[k] > 0.0], np.int64)
+        self._tables = functools.cache(self._made)
+
+    def __call__(self, piece: int) -> int | None:
+        low, high = self._low[self._solids], self._high[self._solids]
+        boxed = ((low <= self._low[piece]) & (high >= self._high[piece])).all(axis=1)
+        point = np.ascontiguousarray(self._vertices[self._pieces[piece][0]].mean(axis=0)[None])
+        winding = np.empty(1, np.int64)
+        for solid in self._solids[boxed].tolist():
+            tables = self._tables(solid)
+            if tables is not None:
+                windings_at(point, tables[0], tuple(tables[1][0].tolist()), winding)
+                if winding[0] > 0:
+                    return int(solid)
+        return None
+
+    def _made(self, solid: int) -> tuple[SurfaceTables, Integers] | None:
+        """The tables of a solid; None if it has no triangle with an area."""
+        own = self._pieces[solid]
+        if not _with_area(self._vertices, own).any():
+            return None
+        return _tables(self._vertices, own, np.zeros(len(own), np.int64))
 
 
 def _with_area(vertices: Floats, triangles: Integers) -> np.ndarray:
@@ -148,8 +170,7 @@ def _tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[Su
     triangles, owners = triangles[wide], owners[wide]
     nodes, corners, normals, spans = [], [], [], []
     node = first = 0
-    for owner in np.unique(owners):
-        own = triangles[owners == owner]
+    for own in np.split(triangles[np.argsort(owners, kind="stable")], np.cumsum(np.unique_counts(owners).counts)[:-1]):
         a, b, c = np.moveaxis(vertices[own], 1, 0)
         tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
         nodes.append(tree.nodes)

@@ -8,7 +8,7 @@ import coal
 import numpy as np
 
 from guidefield.geometry.cache import Arrays, remembered
-from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.solid import solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import surface
@@ -84,13 +84,3 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
     except ValueError:  # the mesh is flat, or too fine for Coal
         around, distance = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf
     return {"vertices": around.vertices, "triangles": around.triangles, "stand_off": np.array([distance])}
-
-
-def convex(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    """A hull as Coal's shape."""
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in vertices:
-        points.append(vertex)
-    for corners in triangles.tolist():
-        faces.append(coal.Triangle(*corners))
-    return coal.Convex(points, faces)

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 
 from guidefield.geometry.closed import compact, connected_pieces, volume
+from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.crossings import crossings
 
 _FLAT = 1e-9
@@ -191,12 +192,14 @@ def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
         or _deepest_dent(vertices, triangles) > _CONVEX * size
     ):
         return None
-    points = coal.StdVec_Vec3s()
-    for vertex in vertices:
-        points.append(vertex)
-    hull = coal.Convex.convexHull(points, True, "Qt")
-    if abs(hull.computeVolume() - volume(vertices, triangles)) > 1e-6 * hull.computeVolume():
+    try:
+        around = convex_hull(vertices)
+    except ValueError:  # it is flat, or too fine for Coal
         return None
+    enclosed = volume(around.vertices, around.triangles)
+    if abs(enclosed - volume(vertices, triangles)) > 1e-6 * enclosed:
+        return None
+    hull = convex(around.vertices, around.triangles)
     hull.computeLocalAABB()
     return hull
 
