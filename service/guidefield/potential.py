@@ -33,7 +33,8 @@ class Energy:
         potential: U, the weighted sum of the potential over the charged points, and of links on links [m].
         gradient: dU/dv, shape (nv,); the generalised force is its negative.
         metric: Curvature of nearby faces carried to the joints, shape (nv, nv), positive semidefinite.
-        wrenches: (joints of the group's model, 6) force [1] and moment about the world's origin [m] on each link.
+        wrenches: Force [1] and moment about the world's origin [m] on each joint's link, in the world's axes, shape
+            (joints of the group's model, 6).
     """
 
     potential: float
@@ -64,7 +65,11 @@ class RobotField:
         return RobotField(self.group, scene, self._precision)
 
     def evaluate(self, q: np.ndarray) -> Energy:
-        """U, its gradient, the metric and the wrenches at a configuration of the group, shape (nq,)."""
+        """U, its gradient, the metric and the wrenches at a configuration.
+
+        Args:
+            q: Configuration of the group, shape (nq,) [rad or m].
+        """
         nv, n = self.group.model.nv, self.group.model.njoints
         gradient, metric, wrenches = np.empty(nv), np.empty((nv, nv)), np.empty((n, 6))
         potential = energy(self.joints, self.charged, self.tables, self.group.expand(q), gradient, metric, wrenches)
@@ -75,11 +80,18 @@ class RobotField:
         return Energy(float(potential), E.T @ gradient, E.T @ metric @ E, wrenches)
 
     def potential(self, q: np.ndarray) -> float:
-        """U at a configuration [m]."""
+        """U at a configuration of the group, shape (nq,) [m]."""
         return float(self.potentials(q[None])[0])
 
     def potentials(self, qs: np.ndarray) -> np.ndarray:
-        """U at many configurations, shape (m, nq): shape (m,) [m]."""
+        """U at many configurations.
+
+        Args:
+            qs: Configurations of the group, shape (m, nq).
+
+        Returns:
+            Shape (m,) [m].
+        """
         expanded = np.array([self.group.expand(q) for q in qs], dtype=np.float64).reshape(len(qs), -1)
         values = np.empty(len(qs))
         potentials(self.joints, self.charged, self.tables, expanded, values)
@@ -87,13 +99,18 @@ class RobotField:
         return values
 
     def generalized_force(self, q: np.ndarray) -> np.ndarray:
-        """-dU/dv at a configuration, shape (nv,)."""
+        """-dU/dv, shape (nv,), at a configuration of the group, shape (nq,)."""
         return -self.evaluate(q).gradient
 
     def link_wrenches(self, q: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Force and torque on each moving link, by name: F = sum f_i, tau = sum (x_i - J) x f_i.
+        """Force and torque on each moving link: F = sum f_i, tau = sum (x_i - J) x f_i (potential.md).
 
-        Torques are about the origin of the joint that moves the link, in the world's axes.
+        Args:
+            q: Configuration of the group, shape (nq,).
+
+        Returns:
+            By the link's name: force [1], shape (3,), and torque [m], shape (3,), about the origin J of the joint that
+            moves the link; both in the world's axes.
         """
         wrenches = self.evaluate(q).wrenches
         placements = np.empty((self.group.model.njoints, 3, 4))

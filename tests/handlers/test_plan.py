@@ -72,6 +72,19 @@ def test_a_sample_rate_gives_even_samples() -> None:
     np.testing.assert_allclose(np.diff(reply.trajectory.times)[:-1], 0.02, atol=1e-9)
 
 
+def test_the_request_says_how_many_steps_the_relaxation_may_take() -> None:
+    def relaxed(**request) -> tuple[str, int]:
+        reply = ask(start=READY, goal=joints(panda_joint1=1.2, panda_joint4=-1.6), guide_planes=[], **request)
+        assert reply.status.name == "SUCCESS"
+        return next(stage.outcome for stage in reply.stages if stage.name == "relax"), reply.counters.iterations
+
+    assert relaxed(optimization_iterations=0) == ("out of iterations", 0)
+    assert relaxed(optimization_iterations=1) == ("out of iterations", 1)
+    outcome, steps = relaxed()
+    assert outcome == "converged"
+    assert steps > 1
+
+
 def test_limits_of_the_request_are_kept() -> None:
     reply = ask(start=READY, goal=joints(panda_joint1=0.6), limits={"panda_joint1": {"velocity": 0.2}})
     assert reply.trajectory is not None

@@ -36,7 +36,6 @@ REFERENCE_PEAK = {"float64": 122.0, "float32": 244.0}
 """Fused multiply-add peak of the core that they were measured on [GFLOP/s]."""
 
 POINTS = 208
-TRIANGLES_OF_A_BOX = 12
 
 
 def run(arguments: list[str]) -> None:

@@ -67,7 +67,15 @@ class Question(Generic[_R]):
 
 
 def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
-    """A motion, by a request or by its fields; a run id is made where the request has none."""
+    """A motion, by a request or by its fields; a run id is made where the request has none.
+
+    Args:
+        request: The request, or its fields; None takes `fields`.
+        fields: Those of a plan request.
+
+    Raises:
+        MalformedRequest: if that isn't a plan request.
+    """
     given = codec.decode_request(fields if request is None else request)
     if not isinstance(given, PlanRequest):
         raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")

@@ -173,12 +173,6 @@ def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str)
             )
 
 
-def _in_robot(group: PlanningGroup) -> list[slice]:
-    """Where the values of the group's joints stand in a configuration of the whole robot."""
-    whole = {joint.name: slice(joint.idx_q, joint.idx_q + joint.nq) for joint in group.robot.joints}
-    return [whole[joint.name] for joint in group.joints]
-
-
 def _empty_scene() -> Scene:
     return scenes.build(scene_messages.Scene(name="empty"))
 

@@ -101,6 +101,7 @@ def answer_plan(
         path_constraints=constraints_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=_jerk_limits(group, request),
+        optimization_iterations=request.optimization_iterations,
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
     )
@@ -151,7 +152,15 @@ def _start(request: PlanRequest, robot: RobotModel) -> tuple[np.ndarray, list[st
 
 
 def clamp_slight(robot: RobotModel, q: np.ndarray) -> np.ndarray:
-    """The configuration with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
+    """The configuration with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it.
+
+    Args:
+        robot: Whose limits.
+        q: Configuration of the whole robot, shape (nq,) [rad or m].
+
+    Returns:
+        Shape (nq,).
+    """
     slight = [j for f in limit_faults(robot.joints, q) if f.excess <= LIMIT_TOLERANCE and (j := robot.joint(f.joint))]
     return clamp(slight, q)
 

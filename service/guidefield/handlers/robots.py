@@ -57,10 +57,8 @@ def _geometry(model: RobotModel) -> list[GeometryInfo]:
             shape=choice.shape,
             judged_as=choice.judged_as,
             stand_off=choice.stand_off,
-            cover=None
-            if balls is None
-            else CoverInfo(len(balls.cover.spheres), balls.cover.overhang, len(balls.inner)),
-            parts=None if found is None else PartsInfo(len(found.parts), found.stand_off),
+            cover=None if balls is None else _cover(balls),
+            parts=None if found is None else PartsInfo(count=len(found.parts), stand_off=found.stand_off),
         )
         for choice, balls, found in zip(model.geometry_choices, known_coverage(model), known_parts(model), strict=True)
     ]

@@ -30,7 +30,7 @@ MAX_VERTICES = 1_000_000
 
 
 class ObstacleTrajectory(Message):
-    """Where a moving obstacle is: placements at times [s], at rest before the first and after the last."""
+    """Where a moving obstacle is: placements of its frame in the world at times [s]; at rest before them and after."""
 
     times: Annotated[list[float], msgspec.Meta(min_length=1, max_length=100_000)]
     placements: list[Placement]
@@ -44,7 +44,7 @@ class ObstacleTrajectory(Message):
 
 
 class _Obstacle(Message, tag_field="type"):
-    """What every obstacle has: a name and a surface charge per area."""
+    """What every obstacle has: a name, a surface charge per area [1], and how it moves, if it does."""
 
     name: Name
     charge: NonNegative = 1.0
@@ -67,7 +67,7 @@ class _Placed(_Obstacle, kw_only=True):
 
 
 class Box(_Placed, tag="box", kw_only=True):
-    """A box; `size` is its full extents along its own axes [m]."""
+    """A box; `size` is its full extents along its own axes [m], the placement of its middle in the world."""
 
     size: tuple[Positive, Positive, Positive]
 
@@ -77,7 +77,7 @@ class Box(_Placed, tag="box", kw_only=True):
 
 
 class Sphere(_Obstacle, tag="sphere", kw_only=True):
-    """A ball about `position`."""
+    """A ball of `radius` [m] about `position` [m, world]."""
 
     radius: Positive
     position: Vector3 = ORIGIN
@@ -89,7 +89,7 @@ class Sphere(_Obstacle, tag="sphere", kw_only=True):
 
 
 class Cylinder(_Placed, tag="cylinder", kw_only=True):
-    """A cylinder with flat ends along its own z; `length` from end to end [m]."""
+    """A cylinder of `radius` [m] with flat ends along its own z; `length` from end to end [m]."""
 
     radius: Positive
     length: Positive
@@ -100,7 +100,7 @@ class Cylinder(_Placed, tag="cylinder", kw_only=True):
 
 
 class Capsule(_Placed, tag="capsule", kw_only=True):
-    """A capsule along its own z; `length` is that of the straight part, without the caps [m]."""
+    """A capsule of `radius` [m] along its own z; `length` is that of the straight part, without the caps [m]."""
 
     radius: Positive
     length: Positive
@@ -111,7 +111,7 @@ class Capsule(_Placed, tag="capsule", kw_only=True):
 
 
 class Mesh(_Placed, tag="mesh", kw_only=True):
-    """A triangle mesh in its own frame; triangles counter-clockwise from outside. Closed, it is solid."""
+    """A triangle mesh in its own frame [m]; triangles counter-clockwise from outside. Closed, it is solid."""
 
     vertices: Points
     triangles: Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)]
@@ -128,7 +128,7 @@ class Mesh(_Placed, tag="mesh", kw_only=True):
 
 
 class Polygon(_Obstacle, tag="polygon", kw_only=True):
-    """A flat, simple polygon in the world: a thin wall, charged once; it has no inside."""
+    """A flat, simple polygon [m, world]: a thin wall, charged once; it has no inside."""
 
     vertices: Annotated[list[Vector3], msgspec.Meta(max_length=10_000)]
 
@@ -140,7 +140,7 @@ class Polygon(_Obstacle, tag="polygon", kw_only=True):
 
 
 class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
-    """Everything with ``normal . x <= offset``; the normal points to the free side."""
+    """Everything with ``normal . x <= offset`` [m, world]; the normal, of any length but 0, points to the free side."""
 
     normal: Vector3
     offset: float = 0.0
@@ -154,7 +154,7 @@ class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
 
 
 class PointCloud(_Obstacle, tag="point_cloud", kw_only=True):
-    """Points judged as spheres of `radius` [m]."""
+    """Points [m, world] judged as spheres of `radius` [m]."""
 
     points: Points
     radius: Positive

@@ -93,7 +93,8 @@ class Problem:
         leave_start_contact: Whether the start may be in slight contact, which is left first.
         jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
         path_constraints: What frames have to keep all along the motion.
-        seed: Of all randomness.
+        optimization_iterations: Most steps of the relaxation; None leaves that to the relaxation.
+    seed: Of all randomness.
         budget: How long it may take.
         observer: Who watches.
         counters: What is counted on the way.
@@ -113,6 +114,7 @@ class Problem:
     leave_start_contact: bool = False
     jerk_limits: np.ndarray | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
+    optimization_iterations: int | None = None
     seed: int = 0
     budget: Budget = field(default_factory=Budget)
     observer: Observer = field(default_factory=Silent)

@@ -37,6 +37,7 @@ SEGMENT = 0.14
 LEAST_SEGMENTS, MOST_SEGMENTS = 16, 96
 
 MOST_ITERATIONS = 60
+"""Most steps that are tried, unless the problem says how many."""
 
 SETTLED = 1e-2
 """A step that lowers J by less than this share brings little; two in a row end the relaxation."""
@@ -94,25 +95,24 @@ def relax(
     crossings: Mapping[int, int],
     *,
     fixed: np.ndarray | None = None,
-    iterations: int = MOST_ITERATIONS,
 ) -> Relaxed:
-    """Relax a path that was found, within the problem's budget.
+    """Relax a path that was found, within the problem's budget and its number of steps.
 
     Both ends stay bit for bit, and so do waypoints that are fixed. A waypoint on a guide plane keeps its tip on the
     plane, inside the polygon; if it is an end, or on two planes at once, it stays. All others are spread evenly first.
 
     Args:
-        problem: Robot, world, guide planes and budget.
-        path: Chart points, shape (n, nv).
+        problem: Robot, world, guide planes, budget and most steps.
+        path: Chart points, shape (n, nv) [rad or m].
         crossings: By index of each guide plane, its index in `path`.
         fixed: Which waypoints stay besides the ends, shape (n,); None: none.
-        iterations: Most steps that are tried.
     """
     if length_of(path) == 0.0:
         return Relaxed(path, dict(crossings), 0, 0.0, 0.0, Outcome.NOTHING_TO_MOVE)
     kept = KeptWaypoints.of(problem, path, crossings, fixed)
     robot = sampled_robot(problem, distance_tables(problem.scene), path[kept.held])
     chain, shape, kept = _spread(problem, robot, path, kept)
+    iterations = MOST_ITERATIONS if problem.optimization_iterations is None else problem.optimization_iterations
     length, before, tried = chain.length, shape, 0
     while True:
         shape, steps, outcome = _descend(problem, chain, shape, iterations - tried)

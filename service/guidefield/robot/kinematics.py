@@ -28,11 +28,6 @@ class Kinematics:
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
 
-    def tip_and_joints(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Position of the tip (3,) and of every joint (njoints, 3) of `group.model`, in the world [m]."""
-        tip = self.tip_position(q)
-        return tip, np.array([placement.translation for placement in self._data.oMi])
-
     def tip_jacobian(self, q: np.ndarray) -> np.ndarray:
         """Jacobian (6, nv) of the tip: linear rows first, at the tip's origin in the world's axes."""
         model = self.group.model

@@ -24,9 +24,16 @@ _SPHERE = math.sqrt(4.0 * math.pi)
 
 
 def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (12 n, 3) and triangles (20 n, 3) of icosahedra that contain the balls around the points.
+    """Icosahedra that contain the balls around the points.
 
     Their vertices stand 1.26 radii from the points: a cloud is judged that much larger, never smaller.
+
+    Args:
+        points: Shape (n, 3) [m], in any frame.
+        radius: Of the balls [m].
+
+    Returns:
+        Vertices in the points' frame, shape (12 n, 3) [m], and triangles, shape (20 n, 3).
     """
     ball = surfaces.sphere(1.0, subdivisions=0)
     a, b, c = ball.corners[0]
@@ -37,12 +44,24 @@ def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
 
 
 def cloud_balls(vertices: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centres (n, 3) and radius of balls that contain the bodies of a cloud, from the vertices of `cloud_surface`."""
+    """Balls that contain the bodies of a cloud.
+
+    Args:
+        vertices: Those of `cloud_surface`, shape (12 n, 3) [m], in any frame.
+
+    Returns:
+        Centres in that frame, shape (n, 3), and the one radius of all [m].
+    """
     bodies = vertices.reshape(-1, CORNERS, 3)
     centres = bodies.mean(axis=1)
     return centres, float(np.linalg.norm(bodies - centres[:, None], axis=2).max())
 
 
 def cloud_charges(points: np.ndarray, radius: float) -> Charges:
-    """Every point with the area that is nearest to it on the surface, at most that of its own ball."""
+    """Every point with the area that is nearest to it on the surface, at most that of its own ball.
+
+    Args:
+        points: Shape (n, 3) [m, world].
+        radius: Of the balls around them [m].
+    """
     return Charges(cloud=cloud_rows(points, spacings(points, _DENSEST * radius, _SPHERE * radius)))

@@ -43,11 +43,16 @@ class GuidePlane:
     offsets: np.ndarray
 
     def signed_height(self, point: np.ndarray) -> float:
-        """Distance of a point (3,) from the plane [m], positive on the side of the normal."""
+        """Distance of a point (3,) in the world from the plane [m], positive on the side of the normal."""
         return float(self.normal @ (point - self.flat.origin))
 
     def contains(self, point: np.ndarray, inset: float = 0.0) -> bool:
-        """Whether the foot of a point (3,) on the plane lies in the inset polygon, whatever its height."""
+        """Whether the foot of a point on the plane lies in the inset polygon, whatever its height.
+
+        Args:
+            point: Shape (3,) [m, world].
+            inset: How far from the edges [m].
+        """
         depth = self._depth(self.flat.axes @ (point - self.flat.origin))
         return depth >= min(inset, self.inradius) - SLACK * self.flat.size
 
@@ -61,7 +66,12 @@ class GuidePlane:
         return closest
 
     def distance(self, point: np.ndarray, inset: float = 0.0) -> float:
-        """Distance of a point (3,) to the inset polygon [m]."""
+        """Distance of a point to the inset polygon [m].
+
+        Args:
+            point: Shape (3,) [m, world].
+            inset: How far from the edges [m].
+        """
         return float(np.linalg.norm(point - self.closest_point(point, inset)))
 
     def inset_vertices(self, inset: float) -> np.ndarray:

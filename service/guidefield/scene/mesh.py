@@ -45,8 +45,8 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
     Vertices at the same place become one. Where the mesh is closed, triangles that face inwards are turned.
 
     Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3), indices of vertices.
+        vertices: Shape (v, 3) [m], in any frame; the result is in the same.
+        triangles: Indices of vertices, shape (t, 3).
     """
     vertices, triangles, _ = compact(vertices, triangles)
     if not len(triangles) or _areas(vertices, triangles).max() <= 1e-12 * np.ptp(vertices, axis=0).max() ** 2:
@@ -62,8 +62,8 @@ def crossing_warnings(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str,
     """What to tell of triangles that cross each other, by the indices they are given with; nothing if none do.
 
     Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3), indices of vertices.
+        vertices: Shape (v, 3) [m], in any frame.
+        triangles: Indices of vertices, shape (t, 3).
     """
     distinct, corners, given = compact(vertices, triangles)
     found = crossings(distinct, corners)
@@ -79,7 +79,12 @@ def crossing_warnings(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str,
 
 
 def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    """The surface as a Coal tree of oriented boxes: triangles only, no inside."""
+    """The surface as a Coal tree of oriented boxes: triangles only, no inside.
+
+    Args:
+        vertices: Shape (v, 3) [m], in the shape's frame.
+        triangles: Indices of vertices, shape (t, 3).
+    """
     tree = coal.BVHModelOBBRSS()
     tree.beginModel(len(triangles), len(vertices))
     tree.addVertices(np.ascontiguousarray(vertices, float))

@@ -53,7 +53,11 @@ class SlicePlane:
         return corners
 
     def pixels(self, resolution: int) -> tuple[int, int]:
-        """Rows and columns of a picture with so many along its longer side."""
+        """Rows and columns of a picture with so many pixels along its longer side.
+
+        Raises:
+            ValueError: if `resolution` is not positive.
+        """
         if resolution < 1:
             raise ValueError(f"`resolution` must be positive, got {resolution}")
         width, height = self.size
@@ -93,7 +97,7 @@ def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
     the path with a margin on all sides; up in the picture is up in the world, or, seen from above, the world's y.
 
     Args:
-        path: Positions of the tip, shape (n, 3) [m], n >= 1.
+        path: Positions of the tip, shape (n, 3), n >= 1 [m, world].
 
     Raises:
         ValueError: if there are no positions, or one isn't finite.
