@@ -171,14 +171,17 @@ def test_no_time_leaves_the_path_as_it_is() -> None:
 
 def test_whenever_it_is_stopped_it_has_gained() -> None:
     made, path = over_the_wall()
-    energies = [relax(made, path, {}, iterations=n).energy_after for n in (0, 1, 3, 8, 60)]
+    energies = [
+        relax(dataclasses.replace(made, optimization_iterations=n), path, {}).energy_after for n in (0, 1, 3, 8, 60)
+    ]
     assert energies == sorted(energies, reverse=True)
     assert energies[0] > energies[-1]
     polls = iter([False] * 3 + [True] * 100)
     stopped = relax(dataclasses.replace(made, budget=Budget(cancelled=lambda: next(polls))), path, {})
     assert stopped.outcome is Outcome.STOPPED
     assert stopped.iterations == 3
-    np.testing.assert_array_equal(stopped.path, relax(made, path, {}, iterations=3).path)
+    three = relax(dataclasses.replace(made, optimization_iterations=3), path, {})
+    np.testing.assert_array_equal(stopped.path, three.path)
 
 
 def test_a_path_that_goes_nowhere_is_left_as_it_is() -> None:

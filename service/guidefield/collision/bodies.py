@@ -47,7 +47,14 @@ class Bodies:
     box_halves: np.ndarray
 
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
-        """Centres (..., r, 3) [m, world] of the balls, from placements (..., njoints, 4, 4) of the joints."""
+        """Centres of the balls in the world.
+
+        Args:
+            joint_placements: ``T_world_joint`` of every joint of the model, shape (..., njoints, 4, 4) [m].
+
+        Returns:
+            Shape (..., r, 3) [m, world].
+        """
         carriers = joint_placements[..., self.joints, :3, :]
         centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres

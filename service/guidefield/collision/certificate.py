@@ -133,7 +133,7 @@ def certify(
 def motion_free(
     world: World, z0: np.ndarray, z1: np.ndarray, min_clearance: float = 0.0, floor: float = 1e-4
 ) -> Verdict:
-    """Judge the straight motion between two points (nv,) of the group's chart; see `certify`."""
+    """Judge the straight motion between two points, each of shape (nv,), of the group's chart; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
 
 
@@ -172,7 +172,14 @@ def _unfinished(world: World, first: _Stretch, evaluations: int) -> Verdict:
 
 
 def halved(controls: np.ndarray) -> np.ndarray:
-    """Both halves of each Bezier curve, in order, by de Casteljau's scheme: (n, k, nv) to (2 n, k, nv)."""
+    """Both halves of each Bezier curve, in order, by de Casteljau's scheme.
+
+    Args:
+        controls: Control points, shape (n, k, nv).
+
+    Returns:
+        Shape (2 n, k, nv).
+    """
     order = controls.shape[1]
     halves = np.empty((2 * len(controls), *controls.shape[1:]))
     row = controls

@@ -35,9 +35,13 @@ class ClearanceAt:
 
 
 def clearance(world: World, q: np.ndarray) -> ClearanceAt:
-    """Smallest distances at a configuration (group.nq,).
+    """Smallest distances at a configuration.
 
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer.
+
+    Args:
+        world: Robot and obstacles.
+        q: Configuration of the group, shape (nq,).
     """
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
     centres = world.bodies.centres_in_world(joint_placements(world.data))
@@ -58,7 +62,7 @@ def clearance(world: World, q: np.ndarray) -> ClearanceAt:
 
 
 def clearances(world: World, qs: Iterable[np.ndarray]) -> list[ClearanceAt]:
-    """Smallest distances at each of several configurations (group.nq,)."""
+    """Smallest distances at each of several configurations of the group, each of shape (nq,)."""
     return [clearance(world, q) for q in qs]
 
 

@@ -26,7 +26,7 @@ class Contact:
 
 
 def contacts(world: World, q: np.ndarray) -> list[Contact]:
-    """Every pair that touches at a configuration (group.nq,), in the order of the world's pairs."""
+    """Every pair that touches at a configuration of the group, shape (nq,), in the order of the world's pairs."""
     expanded = world.group.expand(q)
     world.hull_margin_data.setSecurityMargins(world.hulls, np.zeros((world.hulls.ngeoms,) * 2), True, True)
     pin.computeCollisions(world.model, world.data, world.hulls, world.hull_margin_data, expanded, False)

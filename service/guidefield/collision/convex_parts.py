@@ -74,7 +74,14 @@ class PartsTable:
         raise UnservedError(type(shape).__name__)
 
     def add_triangles(self, corners: np.ndarray) -> int:
-        """Add triangles, shape (t, 3, 3) [m, the body's frame]; the root of their tree."""
+        """Add triangles.
+
+        Args:
+            corners: Shape (t, 3, 3) [m], in the body's frame.
+
+        Returns:
+            The root of their tree.
+        """
         return self._mesh(mesh_tree(corners), pin.SE3.Identity())
 
     def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
@@ -82,7 +89,7 @@ class PartsTable:
         return self._mesh(_known_pieces(shape, cut), placement)
 
     def pieces(self, root: int) -> np.ndarray:
-        """Nodes that together are all of a body, each nearly convex; the root itself where that is."""
+        """Nodes, shape (k,), that together are all of a body, each nearly convex; the root itself where that is."""
         return self._pieces.get(root, np.array([root]))
 
     def _mesh(self, mesh: MeshTree, placement: Any) -> int:

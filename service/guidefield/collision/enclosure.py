@@ -45,11 +45,12 @@ def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
 def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
     """How often a surface winds around a point: whole numbers for a closed one, 0 outside.
 
-    The sum of the triangles' solid angles over 4 pi (van Oosterom and Strackee, 1983).
+    The sum of the triangles' solid angles over 4 pi (A. van Oosterom and J. Strackee, IEEE Trans. Biomedical
+    Engineering 30(2), 1983).
 
     Args:
-        point: Shape (3,) [m].
-        corners: Triangles, shape (t, 3, 3) [m].
+        point: Shape (3,) [m], in the surface's frame.
+        corners: Triangles in the same frame, shape (t, 3, 3) [m].
     """
     a, b, c = np.moveaxis(corners - point, 1, 0)
     la, lb, lc = (np.linalg.norm(arm, axis=1) for arm in (a, b, c))

@@ -97,11 +97,14 @@ class Lanes:
         """Which of some chart points touch an obstacle or themselves.
 
         Args:
-            zs: Chart points, shape (n, nv).
+            zs: Chart points, shape (n, nv) [rad or m].
             clearance: What to keep from obstacles [m].
 
         Returns:
             Shape (n,), bool.
+
+        Raises:
+            ValueError: if a coordinate is not a finite number.
         """
         if not np.isfinite(zs).all():
             raise ValueError("a chart point has a coordinate that is not a number")

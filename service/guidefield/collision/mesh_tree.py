@@ -18,11 +18,11 @@ class MeshTree:
     """Triangles and a binary tree over them.
 
     Attributes:
-        corners: Shape (t, 3, 3) [m].
-        balls: Ball about each node, shape (n, 4); the root is the first.
+        corners: Shape (t, 3, 3) [m], in the mesh's frame.
+        balls: Centre and radius of the ball about each node, shape (n, 4) [m]; the root is the first.
         links: Children and triangle of each node, shape (n, 3); -1 where there is none.
-        hulls: Vertices of polytopes about all that is below a node, by node.
-        pieces: Nodes that together are all of it, each nearly convex if that is known; else the root.
+        hulls: Vertices of polytopes about all that is below a node, each of shape (k, 3) [m], by node.
+        pieces: Nodes, shape (p,), that together are all of it, each nearly convex if that is known; else the root.
     """
 
     corners: np.ndarray
@@ -105,10 +105,16 @@ def _halved(centres: np.ndarray, members: np.ndarray, sizes: np.ndarray) -> np.n
 
 
 def polytope_about(vertices: np.ndarray) -> np.ndarray:
-    """Vertices of a polytope about points (n, 3) that aren't in a plane: they themselves, if they are few.
+    """A polytope about points that aren't in a plane: their hull's corners are they themselves, if they are few.
 
     Else it is bounded by planes that touch them, spread over all directions: its dual is the hull of their normals,
     each over its plane's distance from a point inside.
+
+    Args:
+        vertices: The points, shape (n, 3) [m], in any frame.
+
+    Returns:
+        The polytope's vertices in that frame, shape (k, 3) [m].
     """
     if len(vertices) <= MOST_VERTICES:
         return vertices

@@ -43,7 +43,15 @@ class SweptWorld:
     exact: bool
 
     def ends(self, q0: np.ndarray, q1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Chart points (nv,) of two configurations (nq,), the second next to the first."""
+        """Chart points of two configurations, the second next to the first.
+
+        Args:
+            q0: Configuration of the group, shape (nq,).
+            q1: Another, shape (nq,).
+
+        Returns:
+            Two of shape (nv,) [rad or m].
+        """
         group = self.group
         if group.space is not group.model:
             z0 = group.chart(q0)
@@ -54,13 +62,13 @@ class SweptWorld:
         return z0, z1
 
     def apart(self, z0: np.ndarray, z1: np.ndarray, margin: float) -> bool:
-        """Whether all stays apart along the straight motion between two points (nv,) of the group's chart.
+        """Whether all stays apart along the straight motion between two points of the group's chart.
 
         True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
 
         Args:
-            z0: Start.
-            z1: End.
+            z0: Start, shape (nv,) [rad or m].
+            z1: End, shape (nv,).
             margin: What robot and obstacles have to keep apart [m].
         """
         if self.group.space is not self.group.model:

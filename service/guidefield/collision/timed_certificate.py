@@ -77,7 +77,15 @@ def certify_timed(
 def certify_moving(
     worlds: TimedWorld, pieces: np.ndarray, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
 ) -> Verdict:
-    """`certify_timed` for the obstacles that move alone."""
+    """`certify_timed` for the obstacles that move alone.
+
+    Args:
+        worlds: As there.
+        pieces: Control points of Bezier curves in the group's chart, shape (n, k, nv).
+        times: When each piece begins, and the last ends, shape (n + 1,) [s].
+        min_clearance: What to keep from the obstacles [m].
+        floor: As there.
+    """
     judge = _Judge(worlds, min_clearance, floor)
     for index, piece in enumerate(np.asarray(pieces, float)):
         every = list(range(len(worlds.pairs)))

@@ -159,21 +159,24 @@ class World:
         return self.body_names[first], self.body_names[second]
 
     def in_collision(self, q: np.ndarray) -> bool:
-        """Whether any pair touches at a configuration (group.nq,)."""
+        """Whether any pair touches at a configuration of the group, shape (nq,)."""
         return bool(pin.computeCollisions(self.model, self.data, self.broad_phase, self.group.expand(q), True))
 
     def contacts(self, q: np.ndarray) -> list[Contact]:
-        """Every pair that touches at a configuration (group.nq,)."""
+        """Every pair that touches at a configuration of the group, shape (nq,)."""
         return contacts(self, q)
 
     def clearance(self, q: np.ndarray) -> ClearanceAt:
-        """Exact smallest distances at a configuration (group.nq,)."""
+        """Exact smallest distances [m] at a configuration of the group, shape (nq,)."""
         return clearance(self, q)
 
     def enclosed(self, q: np.ndarray) -> PairNames | None:
         """A pair of which one body lies wholly inside the other, a closed mesh that Coal judges as a surface; or None.
 
         A motion without contact can't change this: it is asked once, at the start.
+
+        Args:
+            q: Configuration of the group, shape (nq,).
         """
         return enclosed(self, q)
 

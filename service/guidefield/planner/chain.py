@@ -32,7 +32,15 @@ class WaypointKeeper(Protocol):
     """Keeps a waypoint where it may be: on a guide plane, or within path constraints."""
 
     def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
-        """Directions of the chart in which the waypoint at z (nv,) must not move, orthonormal rows, shape (r, nv)."""
+        """Directions of the chart in which a waypoint must not move.
+
+        Args:
+            z: The waypoint, a chart point, shape (nv,).
+            descent: Where it wants to go, shape (nv,).
+
+        Returns:
+            Orthonormal rows, shape (r, nv).
+        """
         ...
 
     def brought_back(self, z: np.ndarray) -> np.ndarray | None:
@@ -125,7 +133,7 @@ class Chain:
         )
 
     def at(self, path: np.ndarray) -> Shape:
-        """The objective of waypoints (n, nv) and its derivatives."""
+        """The objective of waypoints, chart points of shape (n, nv), and its derivatives."""
         n, nv = path.shape
         gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
         value = objective(
@@ -163,8 +171,13 @@ class Chain:
     def moved(self, path: np.ndarray, step: np.ndarray, stride: float) -> np.ndarray | None:
         """Waypoints after a step that is taken `stride` times, or as far as the largest step lets it be.
 
+        Args:
+            path: The waypoints, shape (n, nv) [rad or m].
+            step: The step, shape (n, nv) [rad or m].
+            stride: How many times it is taken.
+
         Returns:
-            Within limits, on guide planes, what stays bit for bit; None if a waypoint can't be brought back.
+            Shape (n, nv): within limits, on guide planes, what stays bit for bit; None if one can't be brought back.
         """
         longest = max(float(np.abs(step / self.units).max()), 1e-300)
         moved: np.ndarray = np.clip(path + step * min(stride, LARGEST_STEP / longest), self.lower, self.upper)

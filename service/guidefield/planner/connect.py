@@ -157,7 +157,7 @@ class LaneTree:
     def propose(
         self, starts: np.ndarray, goals: np.ndarray, resolution: float, rng: np.random.Generator
     ) -> np.ndarray | None:
-        """See `Proposer`."""
+        """See `Proposer`, with the same shapes."""
         problem = self._problem
         found = lane_tree.grow(self._lanes, starts, goals, resolution, problem.min_clearance, rng, problem.budget)
         problem.counters.iterations += found.iterations
@@ -180,7 +180,7 @@ class SampledTree:
     def propose(
         self, starts: np.ndarray, goals: np.ndarray, resolution: float, rng: np.random.Generator
     ) -> np.ndarray | None:
-        """See `Proposer`."""
+        """See `Proposer`, with the same shapes."""
         problem = self._problem
         free = _Sampled(problem, 1.0 / resolution).free
         found, iterations = tree.grow(problem.group, starts, goals, free, rng, problem.budget)

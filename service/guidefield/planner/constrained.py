@@ -48,7 +48,15 @@ class Keeper:
     frames: ConstrainedFrames
 
     def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
-        """Directions of the chart, orthonormal rows (r, nv), in which a descent would leave the constraints."""
+        """Directions of the chart in which a descent would leave the constraints.
+
+        Args:
+            z: Where it is, a chart point, shape (nv,).
+            descent: Where it wants to go, shape (nv,).
+
+        Returns:
+            Orthonormal rows, shape (r, nv).
+        """
         values, rows = self.frames.values_and_rows(z)
         leaving = rows[(values >= ROOM * self.frames.limits * (1.0 - 1e-3)) & (rows @ descent > 0.0)]
         _, strengths, directions = np.linalg.svd(leaving, full_matrices=False)
@@ -73,11 +81,19 @@ class Keeper:
         return None
 
     def keeps(self, z: np.ndarray) -> bool:
-        """Whether a chart point keeps the constraints."""
+        """Whether a chart point, shape (nv,), keeps the constraints."""
         return bool((self.frames.values(z) <= self.frames.limits).all())
 
     def steps(self, origin: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
-        """Free configurations, a stride apart, from one towards another, as far as they come nearer to it."""
+        """Free chart points, a stride apart, from one towards another, as far as they come nearer to it.
+
+        Args:
+            origin: Where they start, shape (nv,); not among them.
+            target: Where they lead, shape (nv,).
+
+        Returns:
+            Each of shape (nv,).
+        """
         taken, here = [], origin
         while (left := float(np.linalg.norm(target - here))) > 1e-9:
             if left <= STRIDE:

@@ -13,22 +13,42 @@ _NONE = frozen(np.eye(3))
 
 
 def on_plane(point: np.ndarray, normal: np.ndarray) -> TipConstraint:
-    """The tip stays on a plane through a point (3,) with a unit normal (3,): slide and reorient at once."""
+    """The tip stays on a plane: slide and reorient at once.
+
+    Args:
+        point: On the plane, shape (3,) [m, world].
+        normal: Its unit normal, shape (3,), in the world.
+    """
     return TipConstraint(ON_PLANE, _held(point), _held(normal), _NONE)
 
 
 def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipConstraint:
-    """The tip stays on a plane and keeps its orientation (3, 3): the seed's slide."""
+    """The tip stays on a plane and keeps its orientation: the seed's slide.
+
+    Args:
+        point: On the plane, shape (3,) [m, world].
+        normal: Its unit normal, shape (3,), in the world.
+        rotation: Of the tip in the world, shape (3, 3).
+    """
     return TipConstraint(SLIDING, _held(point), _held(normal), _held(rotation))
 
 
 def reorienting(point: np.ndarray) -> TipConstraint:
-    """The tip stays where it is, at a point (3,): the seed's reorient."""
+    """The tip stays where it is, at a point (3,) [m, world]: the seed's reorient."""
     return TipConstraint(HELD, _held(point), _held(np.zeros(3)), _NONE)
 
 
 def evaluated(constraint: TipConstraint, group: PlanningGroup, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A constraint's numbers [m or rad], shape (rows,), and their derivative by the tangent, shape (rows, nv)."""
+    """A constraint's numbers and their derivative by the tangent.
+
+    Args:
+        constraint: The constraint.
+        group: The joints.
+        q: Configuration, shape (nq,).
+
+    Returns:
+        Shape (rows,) [m or rad], and shape (rows, nv).
+    """
     error, rows = np.empty(constraint.kind), np.empty((constraint.kind, group.nv))
     constraint_at(constraint, mover_of(group), group.expand(q), error, rows)
     return error, rows

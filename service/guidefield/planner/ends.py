@@ -70,7 +70,12 @@ def tip_points(problem: Problem, target: PoseTarget) -> np.ndarray:
 
 
 def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
-    """Why a configuration can't be an end of a motion: the deepest contact, as a sentence and values; else None."""
+    """Why a configuration can't be an end of a motion: the deepest contact, as a sentence and values; else None.
+
+    Args:
+        problem: Robot and world.
+        q: Configuration of the group, shape (nq,).
+    """
     contacts = problem.world.contacts(q)
     if contacts:
         worst = max(contacts, key=lambda contact: contact.depth or 0.0)

@@ -37,7 +37,7 @@ class Finished:
     Attributes:
         trajectory: What the robot would execute.
         verdict: The certificate's judgement of it.
-        path: Chart points (n, nv) that it runs through.
+        path: Chart points that it runs through, shape (n, nv) [rad or m].
         crossings: By index of each guide plane, its index in `path`.
         warnings: What was odd but harmless.
     """

@@ -196,6 +196,11 @@ def _given_up(status: Status, message: str, walker: Walker, aim: Aim, index: int
 
 
 def margin_at(problem: Problem, q: np.ndarray) -> float:
-    """Distance that steps keep from obstacles [m]: what is asked for, a little more where the start allows it."""
+    """Distance that steps keep from obstacles [m]: what is asked for, a little more where the start allows it.
+
+    Args:
+        problem: Robot, world and what is asked for.
+        q: Where the robot starts, shape (nq,).
+    """
     start = max(problem.world.clearance(q).obstacle_distance, 0.0)
     return max(problem.min_clearance, min(MARGIN, 0.5 * start))

@@ -37,12 +37,23 @@ class Found:
     crossings: dict[int, int] = field(default_factory=dict)
 
     def extend(self, points: np.ndarray) -> None:
-        """Go on along chart points whose first is where the path ends."""
+        """Go on along chart points, shape (n, nv), whose first is where the path ends."""
         self.path = np.concatenate([self.path, points[1:]])
 
 
 def connect_to_plane(problem: Problem, found: Found, stuck: Crossing, index: int, stage: Stage) -> None:
-    """Reach a guide plane, with any orientation, from where the approach to it began."""
+    """Reach a guide plane, with any orientation, from where the approach to it began.
+
+    Args:
+        problem: Robot, world and guide planes.
+        found: The motion so far; extended, also by how far the approach came where this fails.
+        stuck: The approach that didn't arrive.
+        index: Of the plane among the problem's.
+        stage: What it is counted as.
+
+    Raises:
+        StageFailed: if no connection is found; with the approach's status and reason.
+    """
     plane = problem.guide_planes[index]
     tip = problem.kinematics.tip_position(stuck.path[-1])
     place = plane.closest_point(tip, inset_of(problem, plane))
@@ -57,7 +68,18 @@ def connect_to_plane(problem: Problem, found: Found, stuck: Crossing, index: int
 
 
 def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
-    """Go on to a goal; whether that motion is certified."""
+    """Go on to a goal; whether that motion is certified.
+
+    Args:
+        problem: Robot and world.
+        found: The motion so far; extended.
+        goals: Chart points of which one is to be reached, shape (m, nv).
+        stage: What it is counted as.
+        prove: Whether the connection is to be certified.
+
+    Raises:
+        StageFailed: if no connection is found, or time is up.
+    """
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)

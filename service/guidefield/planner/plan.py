@@ -236,7 +236,10 @@ def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
 
 
 def polyline(path: np.ndarray) -> np.ndarray:
-    """Straight pieces (n - 1, 2, nv) between chart points, as Bezier control points; a single point is one piece."""
+    """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
+
+    A single point is one piece.
+    """
     if len(path) == 1:
         return np.repeat(path[None], 2, axis=1)
     return np.stack([path[:-1], path[1:]], axis=1)

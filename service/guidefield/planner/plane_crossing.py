@@ -36,7 +36,13 @@ class PlaneCrossing:
 
     @classmethod
     def through(cls, problem: Problem, plane: GuidePlane, z: np.ndarray) -> PlaneCrossing:
-        """The crossing of a plane at chart coordinates (nv,), with half the guide's inset or what it has, if less."""
+        """The crossing of a plane at a chart point, with half the guide's inset or what it has, if less.
+
+        Args:
+            problem: Robot and guide planes.
+            plane: The plane.
+            z: Chart point with the tip on it, shape (nv,).
+        """
         tip = problem.kinematics.tip_position(problem.group.from_chart(z))
         depth = float((plane.inward @ _foot(plane, tip) - plane.offsets).min())
         return cls(problem, plane, min(0.5 * inset_of(problem, plane), max(depth, 0.0)))

@@ -44,7 +44,16 @@ class Projected:
         return f"projected in {self.blocks.value}"
 
     def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterator[np.ndarray]:
-        """The one configuration that changes the joints least."""
+        """The one configuration with the tip at a point that changes the joints least, if there is one near.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+
+        Yields:
+            Shape (nq,).
+        """
         reached = reach_point(problem, q, point)
         if reached is not None:
             yield reached

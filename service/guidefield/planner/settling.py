@@ -25,14 +25,20 @@ class Minimizer(Protocol):
         """Its name, for reports."""
 
     def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterable[np.ndarray]:
-        """Configurations near q whose tip is at a point (3,) [m]: those that an advance tries, in order."""
+        """Configurations near one whose tip is at a point: those that an advance tries, in order.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+        """
 
     def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane until U falls no more; the walker takes every step.
 
         Args:
             walker: The robot, with its tip on the plane.
-            point: A point of the plane, shape (3,) [m].
-            normal: The plane's unit normal, shape (3,).
+            point: A point of the plane, shape (3,) [m, world].
+            normal: The plane's unit normal, shape (3,), in the world.
             guard: Where the tip may be.
         """

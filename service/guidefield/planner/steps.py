@@ -64,7 +64,7 @@ class Walker:
 
     @property
     def q(self) -> np.ndarray:
-        """Where the robot is now."""
+        """Where the robot is now, shape (nq,)."""
         return self.path[-1]
 
     @property
@@ -75,7 +75,7 @@ class Walker:
         return self._tip
 
     def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
-        """Whether the straight joint motion between two configurations is free over its whole length."""
+        """Whether the straight motion between two configurations (nq,) is free over its whole length."""
         swept = swept_world(self.problem.world)
         z0, z1 = swept.ends(q0, q1)
         self.problem.counters.collision_checks += 1
@@ -87,7 +87,7 @@ class Walker:
         return self.judged(q0, q1)
 
     def judged(self, q0: np.ndarray, q1: np.ndarray) -> bool:
-        """`free` by the certificate, where capsules can't tell."""
+        """`free` by the certificate, where capsules can't tell; each configuration of shape (nq,)."""
         z0, z1 = swept_world(self.problem.world).ends(q0, q1)
         verdict = motion_free(self.problem.world, z0, z1, self.margin)
         self.problem.counters.collision_checks += verdict.evaluations
@@ -121,7 +121,7 @@ class Walker:
             del self.path[since + 1 : -1]
 
     def keeps(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
-        """Whether capsules can tell that the straight joint motion keeps a margin [m]."""
+        """Whether capsules can tell that the straight motion between configurations (nq,) keeps a margin [m]."""
         swept = swept_world(self.problem.world)
         self.problem.counters.collision_checks += 1
         return swept.apart(*swept.ends(q0, q1), margin)
@@ -136,7 +136,14 @@ class Walker:
         return motion_free(self.problem.world, *self._refused, self.margin)
 
     def take(self, q: np.ndarray, kind: str, message: str, potential: float | None = None) -> None:
-        """Accept a configuration."""
+        """Accept a configuration.
+
+        Args:
+            q: Where the robot goes, shape (nq,).
+            kind: What kind of step it is.
+            message: What an observer is told of it.
+            potential: U there [m], if it is known.
+        """
         self.path.append(q)
         self._tip = None
         self.problem.tell(Step(kind, q, message, potential, self.plane))
@@ -167,7 +174,7 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
     Args:
         problem: Robot and limits.
         q: Where the robot is, shape (nq,).
-        point: Where its tip shall be, shape (3,) [m].
+        point: Where its tip shall be, shape (3,) [m, world].
 
     Returns:
         A configuration within the limits, shape (nq,), or None if Newton's method does not get there.

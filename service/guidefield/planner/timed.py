@@ -40,7 +40,7 @@ class TimedPath:
     """Chart points and when the robot is there, at rest.
 
     Attributes:
-        points: Each of shape (nv,).
+        points: Each of shape (nv,) [rad or m].
         times: Increasing [s].
         crossings: By index of each guide plane that was reached, its index in the path.
     """
@@ -179,7 +179,13 @@ def _from_rest_to_rest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def duration(problem: Problem, start: np.ndarray, end: np.ndarray) -> float:
-    """How long the cubic from rest to rest takes within the limits [s]: 3/2 d/T is its velocity, 6 d/T^2 its ends'."""
+    """How long the cubic from rest to rest takes within the limits [s]: 3/2 d/T is its velocity, 6 d/T^2 its ends'.
+
+    Args:
+        problem: Whose limits.
+        start: Chart point, shape (nv,) [rad or m].
+        end: Chart point, shape (nv,).
+    """
     way = np.abs(end - start)
     group = problem.group
     by_velocity = 1.5 * way / (NOMINAL * group.velocity_limits)

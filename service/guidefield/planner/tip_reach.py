@@ -68,7 +68,7 @@ def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
 
 
 def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
-    """Origin of the first planned joint, shape (3,), and the sum of lengths to the tip [m]; infinite if it roams."""
+    """Origin of the first planned joint, shape (3,) [m, world], and the sum of lengths to the tip [m]."""
     group = problem.group
     tip_frame = group.model.frames[group.tip_id]
     chain = [index for index in group.model.supports[tip_frame.parentJoint] if index]

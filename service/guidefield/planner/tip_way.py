@@ -56,10 +56,10 @@ def tip_way(
 
     Args:
         tables: The obstacles.
-        start: Where the tip is, shape (3,) [m].
-        goal: Where it is to be, shape (3,) [m].
+        start: Where the tip is, shape (3,) [m, world].
+        goal: Where it is to be, shape (3,) [m, world].
         radius: Of the tip's body [m].
-        centre: What the tip can't be farther from than `reach`, shape (3,) [m].
+        centre: What the tip can't be farther from than `reach`, shape (3,) [m, world].
         reach: See `centre` [m]; may be infinite.
         ample: Clearance beyond which more is worth no detour [m].
     """

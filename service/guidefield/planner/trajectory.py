@@ -136,12 +136,12 @@ class Trajectory:
 def piece_accelerations(
     times: np.ndarray, positions: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations at the two ends of every Hermite piece, each of shape (n - 1, nv).
+    """Accelerations at the two ends of every Hermite piece, each of shape (n - 1, nv) [rad/s^2 or m/s^2].
 
     Args:
         times: Shape (n,) [s].
-        positions: Shape (n, nv).
-        velocities: Shape (n, nv).
+        positions: Chart points, shape (n, nv) [rad or m].
+        velocities: Shape (n, nv) [rad/s or m/s].
     """
     dt = np.diff(times)[:, None]
     mean = np.diff(positions, axis=0) / dt

@@ -28,7 +28,7 @@ class Tree:
         self.size = len(roots)
 
     def add(self, point: np.ndarray, parent: int) -> int:
-        """Add a node; its index."""
+        """Add a chart point, shape (nv,), as a node below another one; its index."""
         if self.size == len(self._points):
             self._points = np.concatenate([self._points, np.empty_like(self._points)])
             self._parents = np.concatenate([self._parents, np.full(self.size, -1)])
@@ -37,7 +37,12 @@ class Tree:
         return self.size - 1
 
     def nearest(self, point: np.ndarray, period: np.ndarray) -> int:
-        """Index of the node nearest to a point; `period` (nv,) is 2 pi for angles that wrap, else infinite."""
+        """Index of the node nearest to a point.
+
+        Args:
+            point: Chart point, shape (nv,) [rad or m].
+            period: 2 pi for angles that wrap, else infinite, shape (nv,).
+        """
         apart = self._points[: self.size] - point
         wraps = np.isfinite(period)
         apart[:, wraps] -= period[wraps] * np.round(apart[:, wraps] / period[wraps])
@@ -49,7 +54,7 @@ class Tree:
         return point
 
     def branch(self, index: int) -> list[np.ndarray]:
-        """Chart points from the root to a node."""
+        """Chart points, each of shape (nv,), from the root to a node."""
         points = []
         while index >= 0:
             points.append(self._points[index].copy())
@@ -71,7 +76,8 @@ def grow(
         budget: How long.
 
     Returns:
-        Chart points from a start to a goal (angles unwrapped along the way), or None; and the iterations used.
+        Chart points from a start to a goal, each of shape (nv,), angles unwrapped along the way, or None; and the
+        iterations used.
     """
     period = np.full(group.nv, np.inf)
     for joint in group.joints:

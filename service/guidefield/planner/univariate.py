@@ -52,7 +52,16 @@ class Univariate:
         return "univariate"
 
     def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterator[np.ndarray]:
-        """A floating chain as a whole; a fixed one with its last link's rotation held, then by the least change."""
+        """A floating chain as a whole; a fixed one with its last link's rotation held, then by the least change.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+
+        Yields:
+            Shape (nq,).
+        """
         joints, rotations = self.chain.places(q)
         n = self.chain.n
         if self.chain.leads:
@@ -70,7 +79,7 @@ class Univariate:
     def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
         """Slide and reorient on a plane until U falls by next to nothing, or rounds are over.
 
-        Every step is parallel to the plane: its point is not needed.
+        Every step is parallel to the plane: its point is not needed. See `Minimizer`, with the same shapes.
         """
         problem, field = walker.problem, walker.problem.robot_field
         before = field.potential(walker.q)

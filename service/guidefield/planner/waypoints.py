@@ -16,12 +16,12 @@ def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndar
     Each stretch between two kept waypoints is cut evenly, into at least one segment.
 
     Args:
-        path: Chart points, shape (n, nv), n >= 2.
+        path: Chart points, shape (n, nv), n >= 2 [rad or m].
         kept: Indices of waypoints that stay, ascending, the first and the last among them, shape (m,).
         segments: About how many segments there are to be.
 
     Returns:
-        Chart points (k, nv), the kept ones bit for bit what they were; their indices, shape (m,).
+        Chart points, shape (k, nv), the kept ones bit for bit what they were; their indices, shape (m,).
     """
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
     at = lengths[kept]

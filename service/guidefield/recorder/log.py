@@ -45,7 +45,7 @@ class EventLog:
 
     Attributes:
         events: Those that are kept.
-        seconds: When each came, since the log began.
+        seconds: When each came, since the log began [s].
         dropped: How many came after the log was full.
     """
 
@@ -68,7 +68,10 @@ class EventLog:
 
 
 def shown_steps(count: int) -> np.ndarray:
-    """Indices of the steps at which the robot is shown: all of them, or `MOST_FRAMES` evenly chosen."""
+    """Indices of the steps at which the robot is shown, ascending, shape (k,).
+
+    All `count` of them, or `MOST_FRAMES` evenly chosen.
+    """
     return np.unique(np.linspace(0, max(count - 1, 0), min(count, MOST_FRAMES)).round().astype(int))
 
 

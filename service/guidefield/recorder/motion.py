@@ -83,8 +83,8 @@ class Curves:
 
     Attributes:
         times: Shape (n,) [s].
-        positions: In the wire's position columns, shape (n, k).
-        velocities, accelerations: In the tangent space, shape (n, nv).
+        positions: In the wire's position columns, shape (n, k) [rad, m, or entries of a quaternion].
+        velocities, accelerations: In the tangent space, shape (n, nv) [rad/s or m/s, and per s].
     """
 
     times: np.ndarray
@@ -181,7 +181,7 @@ def poses(group: PlanningGroup, configurations: Sequence[np.ndarray] | np.ndarra
 
 
 def link_placements(group: PlanningGroup, q: np.ndarray, links: Sequence[str]) -> dict[str, Any]:
-    """``T_world_link`` (pinocchio.SE3) of some links at a configuration (nq,)."""
+    """``T_world_link`` (pinocchio.SE3) of some links at a configuration of the group, shape (nq,)."""
     data = group.model.createData()
     pin.framesForwardKinematics(group.model, data, group.expand(q))
     return {link: data.oMf[frame_index(group.model, link)].copy() for link in links}

@@ -72,7 +72,17 @@ def robot_charges(robot: RobotModel) -> RobotCharges:
 
 
 def surface(shape: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and triangles (t, 3) of a collision shape, in its own frame [m]."""
+    """Triangulation of a collision shape.
+
+    Args:
+        shape: A Coal shape.
+
+    Returns:
+        Vertices in the shape's own frame, shape (v, 3) [m], and triangles, shape (t, 3).
+
+    Raises:
+        TypeError: if it is of a kind that no robot's shape has.
+    """
     for kind, triangulate in _SURFACES.items():
         if isinstance(shape, kind):
             return triangulate(shape)

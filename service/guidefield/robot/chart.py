@@ -38,12 +38,12 @@ TRANSLATION = {JointKind.PRISMATIC: slice(0, 1), JointKind.PLANAR: slice(0, 2), 
 
 
 def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Chart coordinates (nv,) of a joint's configuration values (nq,).
+    """Chart coordinates, shape (nv,), of a joint's configuration values.
 
     Args:
         joint: The joint.
-        values: Its part of a configuration.
-        reference: Its part of the configuration that rotation vectors start from.
+        values: Its part of a configuration, shape (nq,).
+        reference: Its part of the configuration that rotation vectors start from, shape (nq,).
     """
     if joint.kind is JointKind.CONTINUOUS:
         return np.array([np.arctan2(values[1], values[0])])
@@ -56,7 +56,13 @@ def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndar
 
 
 def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Configuration values (nq,) of a joint's chart coordinates (nv,); the inverse of `to_chart`."""
+    """Configuration values, shape (nq,), of a joint's chart coordinates; the inverse of `to_chart`.
+
+    Args:
+        joint: The joint.
+        z: Its chart coordinates, shape (nv,) [rad or m].
+        reference: As in `to_chart`, shape (nq,).
+    """
     if joint.kind is JointKind.CONTINUOUS:
         return np.array([np.cos(z[0]), np.sin(z[0])])
     if joint.kind is JointKind.PLANAR:
@@ -68,7 +74,13 @@ def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray
 
 
 def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """The same configuration's chart coordinates nearest to others: whole turns are added."""
+    """The same configuration's chart coordinates nearest to others, shape (nv,): whole turns are added.
+
+    Args:
+        joint: The joint.
+        z: Its chart coordinates, shape (nv,) [rad or m].
+        near: Those others, shape (nv,).
+    """
     turned = z.copy()
     if joint.kind in ANGLE:
         i = ANGLE[joint.kind]
@@ -84,9 +96,14 @@ def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 
 def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Matrix (nv, nv) from chart velocities to the joint's tangent velocities, in the moved frame, at z.
+    """Matrix, shape (nv, nv), from chart velocities to the joint's tangent velocities, in the moved frame.
 
     The rotation vector's part is the right Jacobian of the exponential map; positions are turned into the moved frame.
+
+    Args:
+        joint: The joint.
+        z: Its chart coordinates, shape (nv,) [rad or m].
+        reference: As in `to_chart`, shape (nq,).
     """
     matrix = np.eye(joint.nv)
     if joint.kind is JointKind.PLANAR:

@@ -47,8 +47,8 @@ def configuration_from_wire(
 
     Args:
         robot: The robot.
-        positions: Values by joint name; joints left out keep the base's value.
-        base: Configuration to start from; None for the robot's rest configuration.
+        positions: Values by joint name [rad or m]; joints left out keep the base's value.
+        base: Configuration to start from, shape (nq,); None for the robot's rest configuration.
         error: What to raise.
 
     Raises:
@@ -75,7 +75,12 @@ def configuration_from_wire(
 
 
 def follow(joints: Sequence[Joint], q: np.ndarray) -> None:
-    """Set the joints that mimic others, in place, to what they must be; what they mimic is among `joints`."""
+    """Set the joints that mimic others, in place, to what they must be.
+
+    Args:
+        joints: The joints, with what they mimic among them.
+        q: Configuration in their order, shape (nq,).
+    """
     by_name = {joint.name: joint for joint in joints}
     pending = [joint for joint in joints if joint.mimic is not None]
     while pending:
@@ -88,19 +93,19 @@ def follow(joints: Sequence[Joint], q: np.ndarray) -> None:
 
 
 def scalar(joint: Joint, q: np.ndarray) -> float:
-    """Value of a joint with one degree of freedom [rad or m]."""
+    """Value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
     if joint.kind is JointKind.CONTINUOUS:
         return float(np.arctan2(q[joint.idx_q + 1], q[joint.idx_q]))
     return float(q[joint.idx_q])
 
 
 def configuration_to_wire(joints: Sequence[Joint], q: np.ndarray) -> Positions:
-    """Joint names and values of a configuration; joints that follow others are left out."""
+    """Joint names and values of a configuration, shape (nq,); joints that follow others are left out."""
     return {joint.name: _to_wire(joint, q) for joint in joints if joint.mimic is None}
 
 
 def limit_faults(joints: Sequence[Joint], q: np.ndarray) -> list[LimitFault]:
-    """Values beyond their limits, in the joints' order."""
+    """Values of a configuration, shape (nq,), beyond their limits, in the joints' order."""
     faults = []
     for joint in joints:
         if joint.kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
@@ -112,7 +117,7 @@ def limit_faults(joints: Sequence[Joint], q: np.ndarray) -> list[LimitFault]:
 
 
 def clamp(joints: Sequence[Joint], q: np.ndarray) -> np.ndarray:
-    """The configuration with every value brought within its limits."""
+    """A configuration, shape (nq,), with every value of these joints brought within its limits; a copy."""
     clamped = q.copy()
     for joint in joints:
         if joint.kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):

@@ -89,26 +89,26 @@ class PlanningGroup:
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
     def part_of(self, q_whole: np.ndarray) -> np.ndarray:
-        """The planned joints' part, shape (nq,), of a configuration of the whole robot."""
+        """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
         return reference_of(self.space, self.robot, q_whole)
 
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Configuration reached from q along the tangent v."""
+        """Configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
         reached: np.ndarray = pin.integrate(self.space, q, v)
         return reached
 
     def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
-        """Tangent that leads from q0 to q1 the short way."""
+        """Tangent, shape (nv,), that leads from q0 to q1, each of shape (nq,), the short way."""
         tangent: np.ndarray = pin.difference(self.space, q0, q1)
         return tangent
 
     def interpolate(self, q0: np.ndarray, q1: np.ndarray, t: float) -> np.ndarray:
-        """Configuration at the fraction t of the way from q0 to q1."""
+        """Configuration, shape (nq,), at the fraction t of the way from q0 to q1, each of shape (nq,)."""
         between: np.ndarray = pin.interpolate(self.space, q0, q1, t)
         return between
 
     def expand(self, q: np.ndarray) -> np.ndarray:
-        """Configuration of `model`, followers included."""
+        """Configuration of `model`, shape (model.nq,), followers included, of one of the group, shape (nq,)."""
         if self.space is self.model:
             return q
         z = self.expand_velocity @ self.chart(q) + self.expand_offset
@@ -126,20 +126,23 @@ class PlanningGroup:
         return expanded
 
     def chart(self, q: np.ndarray) -> np.ndarray:
-        """Chart coordinates of a configuration; angles in (-pi, pi], rotation vectors at most pi long."""
+        """Chart coordinates, shape (nv,), of a configuration, shape (nq,).
+
+        Angles are in (-pi, pi], rotation vectors at most pi long.
+        """
         if self.nq == self.nv:
             return q.copy()
         parts = [chart.to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
         return np.concatenate(parts)
 
     def from_chart(self, z: np.ndarray) -> np.ndarray:
-        """Configuration of chart coordinates."""
+        """Configuration, shape (nq,), of chart coordinates, shape (nv,)."""
         if self.nq == self.nv:
             return np.array(z, float)
         return np.concatenate([chart.from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
 
     def clamped(self, q: np.ndarray) -> np.ndarray:
-        """The configuration with every value brought within its limits."""
+        """A configuration, shape (nq,), with every value brought within its limits; a copy."""
         clamped = q.copy()
         if not self.limited:
             return clamped
@@ -149,11 +152,11 @@ class PlanningGroup:
         return clamped
 
     def chart_path(self, qs: Sequence[np.ndarray], start: np.ndarray | None = None) -> np.ndarray:
-        """Chart coordinates (n, nv) along configurations, each next to the one before: angles unwrapped.
+        """Chart coordinates, shape (n, nv), along configurations, each next to the one before: angles unwrapped.
 
         Args:
-            qs: Configurations in order.
-            start: Chart coordinates near which the first is to be; None: its own.
+            qs: Configurations in order, each of shape (nq,).
+            start: Chart coordinates near which the first is to be, shape (nv,); None: its own.
         """
         zs = [self.chart(qs[0]) if start is None else self.unwrapped(self.chart(qs[0]), start)]
         for q in qs[1:]:
@@ -161,13 +164,13 @@ class PlanningGroup:
         return np.array(zs)
 
     def unwrapped(self, z: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """The same configuration's chart coordinates nearest to others: whole turns added."""
+        """Chart coordinates of the same configuration as z nearest to others, both (nv,): whole turns added."""
         if self.nq == self.nv:
             return z.copy()
         return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
 
     def tangent_map(self, z: np.ndarray) -> np.ndarray:
-        """Matrix (nv, nv) from chart velocities at z to tangent velocities."""
+        """Matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
         matrix = np.zeros((self.nv, self.nv))
         for joint in self.joints:
             at = _at_v(joint)
@@ -175,7 +178,7 @@ class PlanningGroup:
         return matrix
 
     def wire_positions(self, z: np.ndarray) -> list[float]:
-        """A chart point as the wire's position columns: quaternions for rotations, unwrapped angles."""
+        """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
         row: list[float] = []
         for joint in self.joints:
             if joint.kind in chart.ROTATION:
@@ -251,7 +254,16 @@ def _random_rotation(rng: np.random.Generator) -> np.ndarray:
 
 
 def reference_of(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:
-    """The part of a whole configuration that a reduced model has."""
+    """The part of a whole configuration that a reduced model has.
+
+    Args:
+        model: Pinocchio model of some of the robot's joints.
+        robot: The robot.
+        q_reference: Configuration of the whole robot, shape (robot.model.nq,).
+
+    Returns:
+        Shape (model.nq,).
+    """
     q: np.ndarray = pin.neutral(model)
     for index in range(1, model.njoints):
         joint, whole = model.joints[index], robot.joint(model.names[index])

@@ -18,18 +18,30 @@ class Kinematics:
         self._data = group.model.createData()
 
     def frame_placement(self, q: np.ndarray, frame_id: int) -> Any:
-        """``T_world_frame`` (pinocchio.SE3, its own copy) of a frame of `group.model` at a configuration."""
+        """Where a frame is.
+
+        Args:
+            q: Configuration of the group, shape (nq,).
+            frame_id: Index of a frame of `group.model`.
+
+        Returns:
+            ``T_world_frame``, a pinocchio.SE3 of its own [m].
+        """
         model = self.group.model
         pin.forwardKinematics(model, self._data, self.group.expand(q))
         return pin.updateFramePlacement(model, self._data, frame_id).copy()
 
     def tip_position(self, q: np.ndarray) -> np.ndarray:
-        """Position of the tip in the world, shape (3,) [m]."""
+        """Position of the tip in the world, shape (3,) [m], at a configuration of the group, shape (nq,)."""
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
 
     def tip_jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Jacobian (6, nv) of the tip: linear rows first, at the tip's origin in the world's axes."""
+        """Jacobian of the tip at a configuration of the group, shape (nq,).
+
+        Returns:
+            Shape (6, nv): linear rows first, at the tip's origin in the world's axes.
+        """
         model = self.group.model
         J = pin.computeFrameJacobian(
             model, self._data, self.group.expand(q), self.group.tip_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

@@ -46,7 +46,11 @@ class Chain:
         return len(self.carriers)
 
     def places(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n + 1, 3) of joints [m] and rotations (n, 3, 3) of links in the world, at a configuration (nq,)."""
+        """Where joints and links are at a configuration, shape (nq,).
+
+        Returns:
+            Places of the joints and of the end, shape (n + 1, 3) [m, world]; rotations of the links, shape (n, 3, 3).
+        """
         placements = np.empty((len(self.joints.parents), 3, 4))
         parents, kinds, axes, fixed, idx_q, _, _ = self.joints
         joint_placements(parents, kinds, axes, fixed, idx_q, q, placements)

@@ -44,7 +44,14 @@ class PathConstraint(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """An axis of a frame stays within a cone about a direction of the world; both of unit length, shape (3,)."""
+    """An axis of a frame stays within a cone about a direction of the world.
+
+    Attributes:
+        frame: Name of the frame.
+        axis: Unit vector in the frame, shape (3,).
+        target: Unit vector in the world, shape (3,).
+        limit: Largest angle between them [rad].
+    """
 
     frame: str
     axis: np.ndarray
@@ -99,12 +106,26 @@ class Near:
 
 
 def plane(frame: str, point: np.ndarray, normal: np.ndarray, tolerance: float) -> Near:
-    """The origin of a frame stays near a plane."""
+    """The origin of a frame stays near a plane.
+
+    Args:
+        frame: Name of the frame.
+        point: On the plane, shape (3,) [m, world].
+        normal: Of the plane, shape (3,), of any length.
+        tolerance: Largest distance [m].
+    """
     return Near(frame, point, (normal / np.linalg.norm(normal))[None], tolerance)
 
 
 def line(frame: str, point: np.ndarray, direction: np.ndarray, tolerance: float) -> Near:
-    """The origin of a frame stays near a line."""
+    """The origin of a frame stays near a line.
+
+    Args:
+        frame: Name of the frame.
+        point: On the line, shape (3,) [m, world].
+        direction: Of the line, shape (3,), of any length.
+        tolerance: Largest distance [m].
+    """
     return Near(frame, point, np.linalg.svd(direction[None])[2][1:], tolerance)
 
 
@@ -119,11 +140,11 @@ class ConstrainedFrames:
         self._data = group.model.createData()
 
     def values(self, z: np.ndarray) -> np.ndarray:
-        """The numbers at a chart point (nv,), shape (k,)."""
+        """The constraints' numbers [rad or m] at a chart point, shape (nv,): shape (k,)."""
         return np.array([c.value(placed) for c, placed in zip(self.constraints, self._placed(z), strict=True)])
 
     def values_and_rows(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The numbers at a chart point (nv,), shape (k,), and their derivatives by the chart, shape (k, nv)."""
+        """The numbers at a chart point, shape (nv,): shape (k,), and their derivatives by the chart, shape (k, nv)."""
         placed, jacobians = self._placed(z), self.jacobians(z)
         map_to_tangent = self.group.expand_velocity @ self.group.tangent_map(z)
         values = np.array([c.value(T) for c, T in zip(self.constraints, placed, strict=True)])
@@ -131,7 +152,10 @@ class ConstrainedFrames:
         return values, np.array(rows)
 
     def jacobians(self, z: np.ndarray) -> list[np.ndarray]:
-        """Jacobian (6, nv of the model) of each constraint's frame at a chart point, at its origin, world's axes."""
+        """Jacobian, shape (6, model.nv), of each constraint's frame at a chart point, shape (nv,).
+
+        At the frame's origin in the world's axes, linear rows first.
+        """
         model, q = self.group.model, self.group.expand(self.group.from_chart(z))
         return [
             pin.computeFrameJacobian(model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)
