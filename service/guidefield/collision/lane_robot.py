@@ -6,19 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.kernels.enclosing_ball import ball_around_balls
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
-from guidefield.kernels.lane_tables import LaneBodies
+from guidefield.kernels.lane_tables import BAND, LaneBodies
 from guidefield.kernels.separation import Parts
 from guidefield.kernels.tree_kinematics import PRISMATIC
 from guidefield.robot.convex_parts import convex_parts
 from guidefield.robot.coverage import ShapeCoverage
 from guidefield.robot.group import PlanningGroup
+from guidefield.robot.shapes import triangulation
 from guidefield.robot.tables import joint_table
+
+SURFACE_POINTS = 24
+"""Points of its surface that stand for an open mesh's inside, which it doesn't have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,8 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
             roots.append(table.add_pieces(shape.geometry, cut, placement))
         pieces.append(table.pieces(roots[-1]))
         covers.append(_moved(placement, ball.cover.spheres))
-        inners.append(_moved(placement, ball.inner))
+        open_mesh = len(ball.inner) == 0 and isinstance(shape.geometry, coal.BVHModelBase)
+        inners.append(_moved(placement, _surface_points(shape.geometry) if open_mesh else ball.inner))
         grouped.append(_moved(placement, ball.cover.groups))
         sizes.append(np.diff(ball.cover.first))
         bounds.append(_moved(placement, ball.cover.bound[None]))
@@ -102,6 +108,20 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
     for array in bodies[4:]:
         array.setflags(write=False)
     return LaneRobot(_joints(group, turns), bodies, parts, int(places[-1]))
+
+
+def _surface_points(shape: Any) -> np.ndarray:
+    """Balls (n, 4) that stand for those inside of an open mesh: points of its surface, far from each other.
+
+    An obstacle that contains one touches the mesh; the radius takes back what the kernels take off for rounding.
+    """
+    vertices, faces = triangulation(shape)
+    candidates = np.concatenate([vertices[np.unique(faces)], vertices[faces].mean(axis=1)])
+    chosen, away = [], np.linalg.norm(candidates - candidates.mean(axis=0), axis=1)
+    for _ in range(min(SURFACE_POINTS, len(candidates))):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(candidates - candidates[chosen[-1]], axis=1))
+    return np.column_stack([candidates[chosen], np.full(len(chosen), 1.5 * BAND)])
 
 
 def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
