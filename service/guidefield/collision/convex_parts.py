@@ -11,19 +11,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.mesh_tree import MeshTree, joined, mesh_tree, polytope_about
-from guidefield.geometry.decomposition import Decomposition, Part
-from guidefield.geometry.elements import Pieces, bisected
+from guidefield.collision.mesh_pieces import pieces_tree, remembered_tree
+from guidefield.collision.mesh_tree import MeshTree, mesh_tree
+from guidefield.geometry.decomposition import Decomposition
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import PART, POLYTOPE, TRIANGLE, Parts
 from guidefield.robot.shapes import triangulation
-
-LONGEST = 0.08
-"""Longest edge of a mesh's triangles, as a share of its extent."""
-
-ROUNDING = 1e-6
-"""By how much a triangle has to be beyond a part's plane to be left out [m]."""
 
 
 class UnservedError(Exception):
@@ -163,44 +157,21 @@ _MOST_KNOWN = 128
 
 def _known_mesh(shape: Any) -> MeshTree:
     """The tree of a Coal mesh, made once for the same vertices."""
-    return _known(shape, lambda pieces: mesh_tree(pieces.corners))
+    return _known(shape, pieces_tree)
 
 
 def _known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
-    """The tree of a Coal mesh in convex parts, made once for the same vertices."""
-
-    def made(pieces: Pieces) -> MeshTree:
-        own = [(_in_part(pieces, part), part) for part in cut.parts]
-        trees = [
-            mesh_tree(corners, polytope_about(np.asarray(part.hull.vertices)))
-            for corners, part in own
-            if len(corners)  # a part of the inside only has nothing of the surface
-        ]
-        return joined(trees, polytope_about(np.asarray(cut.hull.hull.vertices)))
-
-    return _known(shape, made)
+    """The tree of a Coal mesh in convex parts, made once for the same vertices, and kept on disk."""
+    return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut))
 
 
-def _in_part(pieces: Pieces, part: Part) -> np.ndarray:
-    """Those of a mesh's pieces that come into a part, shape (t, 3, 3): not those beyond one of its planes."""
-    corners = pieces.corners[np.isin(pieces.sources, part.triangles)]
-    a, b, c = np.moveaxis(np.asarray(part.hull.vertices)[part.hull.triangles], 1, 0)
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    beyond = corners.reshape(-1, 3) @ normals.T - np.einsum("ij,ij->i", normals, a)
-    kept: np.ndarray = corners[~(beyond.reshape(-1, 3, len(normals)).min(axis=1) > ROUNDING).any(axis=1)]
-    return kept
-
-
-def _known(shape: Any, make: Callable[[Pieces], MeshTree]) -> MeshTree:
-    """The tree of a Coal mesh. Long triangles are cut first: balls about them would be about everything."""
+def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree]) -> MeshTree:
+    """The tree of a Coal mesh."""
     key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris))
     if key not in _KNOWN:
         while len(_KNOWN) >= _MOST_KNOWN:
             del _KNOWN[next(iter(_KNOWN))]
-        vertices, faces = triangulation(shape)
-        pieces = Pieces(vertices[faces], np.arange(len(faces)))
-        _KNOWN[key] = make(bisected(pieces, LONGEST * float(np.ptp(vertices, axis=0).max())))
+        _KNOWN[key] = make(*triangulation(shape))
     return _KNOWN[key]
 
 

@@ -1,0 +1,82 @@
+"""The tree of a mesh that is cut into convex parts, kept on disk: it takes seconds for links of many triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.collision.mesh_tree import MeshTree, joined, mesh_tree, polytope_about
+from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.decomposition import Decomposition, Part
+from guidefield.geometry.elements import Pieces, bisected
+from guidefield.kernels.beyond_planes import not_beyond
+
+LONGEST = 0.08
+"""Longest edge of a mesh's triangles, as a share of its extent."""
+
+ROUNDING = 1e-6
+"""By how much a triangle has to be beyond a part's plane to be left out [m]."""
+
+
+def pieces_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition | None = None) -> MeshTree:
+    """The tree of a mesh, over its convex parts if it is cut. Long triangles are halved: balls about them are large.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        faces: Corners of each triangle, shape (t, 3).
+        cut: Convex parts that together contain it.
+    """
+    whole = Pieces(vertices[faces], np.arange(len(faces)))
+    pieces = bisected(whole, LONGEST * float(np.ptp(vertices, axis=0).max()))
+    if cut is None:
+        return mesh_tree(pieces.corners)
+    own = [(_in_part(pieces, part), part) for part in cut.parts]
+    trees = [
+        mesh_tree(corners, polytope_about(np.asarray(part.hull.vertices)))
+        for corners, part in own
+        if len(corners)  # a part of the inside only has nothing of the surface
+    ]
+    return joined(trees, polytope_about(np.asarray(cut.hull.hull.vertices)))
+
+
+def remembered_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition) -> MeshTree:
+    """`pieces_tree` of a mesh that is cut, from disk if it was asked for before."""
+    parts = (cut.hull, *cut.parts)
+    inputs = {
+        "vertices": vertices,
+        "faces": faces,
+        "hulls": np.concatenate([np.asarray(part.hull.vertices) for part in parts]),
+        "triangles": np.concatenate([np.asarray(part.triangles) for part in parts]),
+        "counts": np.array([[len(part.hull.vertices), len(part.triangles)] for part in parts]),
+    }
+    return _restored(remembered("tree", inputs, lambda: _stored(pieces_tree(vertices, faces, cut))))
+
+
+def _in_part(pieces: Pieces, part: Part) -> np.ndarray:
+    """Those of a mesh's pieces that come into a part, shape (t, 3, 3): not those beyond one of its planes."""
+    corners = np.ascontiguousarray(pieces.corners[np.isin(pieces.sources, part.triangles)])
+    a, b, c = np.moveaxis(np.asarray(part.hull.vertices)[part.hull.triangles], 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, a)])
+    kept = np.empty(len(corners), np.bool_)
+    not_beyond(corners.reshape(-1, 3), planes, ROUNDING, kept)
+    return corners[kept]
+
+
+def _stored(tree: MeshTree) -> Arrays:
+    """A tree's arrays, its polytopes one after the other."""
+    return {
+        "corners": tree.corners,
+        "balls": tree.balls,
+        "links": tree.links.astype(np.int64),
+        "pieces": tree.pieces,
+        "hulls": np.concatenate([np.empty((0, 3)), *tree.hulls.values()]),
+        "nodes": np.array(list(tree.hulls), np.int64),
+        "counts": np.array([len(vertices) for vertices in tree.hulls.values()], np.int64),
+    }
+
+
+def _restored(arrays: Arrays) -> MeshTree:
+    hulls = np.split(arrays["hulls"], np.cumsum(arrays["counts"])[:-1])
+    polytopes = dict(zip(arrays["nodes"].tolist(), hulls, strict=False))
+    return MeshTree(arrays["corners"], arrays["balls"], arrays["links"], polytopes, arrays["pieces"])
