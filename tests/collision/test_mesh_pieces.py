@@ -1,0 +1,47 @@
+"""A mesh in convex parts as a tree: from disk it is what was computed, and parts hold the triangles that reach them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from guidefield.collision.mesh_pieces import pieces_tree, remembered_tree
+from guidefield.geometry.decomposition import Decomposition, decompose
+from guidefield.geometry.solid import solid
+from guidefield.kernels.beyond_planes import not_beyond
+from tests.collision.test_lanes import torus
+
+
+def ring() -> tuple[np.ndarray, np.ndarray, Decomposition]:
+    vertices, triangles = (np.array(rows) for rows in torus(8, 5))
+    return vertices, triangles, decompose(solid(vertices, triangles), 0.005, 4)
+
+
+def test_a_tree_from_disk_is_the_one_that_was_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    vertices, triangles, cut = ring()
+    made = pieces_tree(vertices, triangles, cut)
+    for _ in range(2):
+        found = remembered_tree(vertices, triangles, cut)
+        for name in ("corners", "balls", "links", "pieces"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
+        assert list(found.hulls) == list(made.hulls)
+        for node, hull in made.hulls.items():
+            np.testing.assert_array_equal(found.hulls[node], hull)
+    assert len(made.pieces) > 1
+    assert len(list(tmp_path.rglob("tree-*"))) == 1
+
+
+def test_triangles_beyond_a_plane_are_left_out() -> None:
+    rng = np.random.default_rng(0)
+    corners = rng.normal(size=(500, 3, 3))
+    normals = rng.normal(size=(6, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    planes = np.column_stack([normals, np.full(6, 0.4)])
+    kept = np.empty(500, np.bool_)
+    not_beyond(corners.reshape(-1, 3), planes, 1e-6, kept)
+    beyond = corners @ normals.T > 0.4 + 1e-6
+    np.testing.assert_array_equal(kept, ~beyond.all(axis=1).any(axis=1))
+    assert 0 < kept.sum() < 500
