@@ -191,8 +191,8 @@ class _Recorder:
 
     finished: list[str | None] = []
 
-    def __init__(self, path: Path, *_about: object) -> None:
-        self._path = path
+    def __init__(self, place: Any, *_about: object) -> None:
+        self._path: Path = place.file
 
     def observe(self, event: object) -> None: ...
 

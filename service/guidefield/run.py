@@ -63,8 +63,7 @@ class Run:
         except OSError as error:
             self._warnings.add(f"the run is not kept: {error}")
             self._runs = NullRunStore()
-        kept_at = self._runs.recording_path(run_id)
-        self._path = kept_at if record_to is None else record_to
+        self._record_to = record_to
         self._place = recording_key if record_to is None else str(record_to)
 
     def cancelled(self) -> bool:
@@ -75,11 +74,16 @@ class Run:
         """An observer of this run that tells its progress, and writes its recording when it is finished."""
         if self._progress is not None:
             self._progress.begin(group, scene)
-        if self._path is not None and self._request.recording != "off":
-            from guidefield.recorder.recorder import Recorder
+        kept_at = self._runs.recording_path(self.run_id) if self._record_to is None else self._record_to
+        if kept_at is not None and self._request.recording != "off":
+            from guidefield.recorder.bodies_file import cache_folder
+            from guidefield.recorder.recorder import Place, Recorder
 
-            recorder = Recorder(self._path, group, scene, self._request, self.run_id)
-            self._recording = _Recording(recorder, self._path, self._place, self._warnings)
+            # in a store the robots' meshes are kept once for all runs
+            shared = self._runs.bodies_folder() if self._record_to is None else None
+            place = Place(kept_at, shared or cache_folder(), whole=shared is None)
+            recorder = Recorder(place, group, scene, self._request, self.run_id)
+            self._recording = _Recording(recorder, kept_at, self._place, self._warnings)
         return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:
@@ -123,6 +127,19 @@ class _Warnings:
         """Log a warning, and keep it for the reply."""
         _log.warning("run %s: %s", self._run_id, text)
         self.texts.append(text)
+
+
+def whole_recording(runs: Runs, run_id: str) -> bytes:
+    """The recording of a run that is kept, with its robot's meshes: one file that anybody can open.
+
+    Raises:
+        UnknownObject: if there is no such run, or it has no recording, or not yet.
+        OSError: if the disk refuses.
+    """
+    from guidefield.recorder.whole import self_contained
+
+    file, folder = runs.recording(run_id), runs.bodies_folder()
+    return file.read_bytes() if folder is None else self_contained(file, folder)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import pinocchio as pin
 import pytest
 
 from tests.journeys.service import PlainClient
+from tests.recorder.runs import Recording
 
 STEP = 1e-3
 """Between two configurations that are judged, no joint moves further [rad]."""
@@ -215,6 +216,9 @@ def test_the_run_is_kept_with_a_recording_that_can_be_opened(
         [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)], check=False, capture_output=True, text=True
     )
     assert verified.returncode == 0, verified.stderr
+    opened = Recording(recording)
+    assert {"/robot/visual/panda_hand_0", "/robot/frames", "/documents/reply"} <= opened.entities
+    assert len(opened.stores()[1]) == 1, "its layout is in it"
 
 
 def test_the_same_request_gives_the_same_path(replies: dict[str, dict[str, Any]], wire: PlainClient) -> None:

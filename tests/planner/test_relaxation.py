@@ -17,7 +17,7 @@ from guidefield.planner.plane_crossing import ON_PLANE
 from guidefield.planner.problem import Budget, Problem
 from guidefield.planner.relaxation import LEAST_SEGMENTS, MOST_SEGMENTS, SEGMENT, SHRUNK, Outcome, relax
 from guidefield.planner.spline import interpolate
-from guidefield.planner.trace import Note, Step
+from guidefield.planner.trace import Note, PathRelaxed
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of
@@ -327,13 +327,15 @@ def test_links_are_not_driven_together() -> None:
     assert after >= min(straight, 0.02) - 1e-3
 
 
-def test_the_observer_hears_of_the_result_only() -> None:
+def test_the_observer_hears_of_each_step_that_was_taken() -> None:
     made, path = over_the_wall()
     made.observer.events.clear()
     relaxed = relax(made, path, {})
     notes = [event for event in made.observer.events if isinstance(event, Note)]
-    steps = [event for event in made.observer.events if isinstance(event, Step)]
+    taken = [event for event in made.observer.events if isinstance(event, PathRelaxed)]
     assert len(notes) == 1
     assert str(relaxed.iterations) in notes[0].text
-    assert [step.kind for step in steps] == ["relax"] * len(relaxed.path)
-    assert len(made.observer.events) == len(notes) + len(steps)
+    assert 0 < len(taken) <= relaxed.iterations
+    assert np.array_equal(taken[-1].path, relaxed.path)
+    assert all((event.path[[0, -1]] == path[[0, -1]]).all() for event in taken)
+    assert len(made.observer.events) == len(notes) + len(taken)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +16,9 @@ from rerun.chunk import Chunk, RrdReader
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.trace import Event, Note, StageEntered, StageLeft, Step
+from guidefield.planner.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
 from guidefield.planner.trajectory import Trajectory
-from guidefield.recorder.recorder import Recorder
+from guidefield.recorder.recorder import Place, Recorder
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.selection import select
 from guidefield.scene.scene import Scene, build
@@ -32,6 +34,12 @@ def placed_group(name: str) -> PlanningGroup:
     """A robot's default group at `PLACEMENT`."""
     model = robot(name)
     return select(model, None, None, model.rest, PLACEMENT)
+
+
+@functools.cache
+def robots_folder() -> Path:
+    """Where robots are kept prepared while tests run."""
+    return Path(tempfile.mkdtemp(prefix="guidefield-robots-"))
 
 
 def every_kind() -> messages.Scene:
@@ -71,9 +79,10 @@ class MadeUp:
     reply: replies.PlanReply
     profile: ClearanceProfile
 
-    def recorder(self, path: Path) -> Recorder:
-        """A recorder that has heard all events."""
-        recorder = Recorder(path, self.group, self.scene, self.request, self.reply.run_id)
+    def recorder(self, path: Path, place: Place | None = None) -> Recorder:
+        """A recorder that has heard all events, of a whole recording if no place is told."""
+        place = place or Place(path, robots_folder(), whole=True)
+        recorder = Recorder(place, self.group, self.scene, self.request, self.reply.run_id)
         for event in self.events:
             recorder.observe(event)
         return recorder
@@ -101,10 +110,20 @@ def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeU
                 zip(("start", "advance", "slide", "reorient", "advance"), waypoints, strict=False)
             )
         ),
+        TreeGrown(lambda: grown_trees(group)),
+        PathRelaxed(waypoints, 2.5),
+        PathRelaxed(0.9 * waypoints, 1.5),
         Note("something odd", warning=True),
         StageLeft("guide", "reached", 0.008, plane=1),
     )
     return MadeUp(group, scene, request, events, trajectory, reply, profile)
+
+
+def grown_trees(group: PlanningGroup) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Two trees of chart points that nobody searched with: a chain, and two roots with three children each."""
+    rng = np.random.default_rng(7)
+    chain, bushes = rng.uniform(-0.5, 0.5, (12, group.nv)), rng.uniform(-0.5, 0.5, (8, group.nv))
+    return (chain, np.arange(-1, 11)), (bushes, np.array([-1, -1, 0, 0, 0, 1, 1, 1]))
 
 
 def _profile(group: PlanningGroup, trajectory: Trajectory, rng: np.random.Generator) -> ClearanceProfile:

@@ -8,10 +8,12 @@ import pytest
 import trimesh
 
 from guidefield.messages.requests import UrdfFile
-from guidefield.recorder import bodies
+from guidefield.recorder import bodies, surface
+from guidefield.recorder.spheres import cover_spheres
 from guidefield.recorder.surface import GREY, Surface
 from guidefield.recorder.visuals import visual_bodies
 from guidefield.robot.catalog import Catalog
+from guidefield.robot.coverage import coverage
 from guidefield.robot.model import RobotSource
 from tests.robots import ARMS, robot
 
@@ -86,8 +88,22 @@ def test_a_robot_without_looks_is_drawn_as_it_is_judged(tmp_path):
     path.write_text(f'<robot name="arm">{link.format("a")}{link.format("b")}{joint}</robot>')
     prepared = bodies.prepare(Catalog().load(UrdfFile(path=str(path))))
     paths = {chunk.entity_path for chunk in prepared.chunks}
-    assert paths == {f"/robot/{tree}/{link}_0" for tree in ("visual", "collision") for link in "ab"}
+    assert paths - {"/robot/spheres/a", "/robot/spheres/b"} == {
+        f"/robot/{tree}/{link}_0" for tree in ("visual", "collision") for link in "ab"
+    }
 
 
-def test_a_robot_is_prepared_once():
-    assert bodies.prepare(robot("panda")) is bodies.prepare(robot("panda"))
+def test_balls_that_are_drawn_contain_each_link():
+    """Pinocchio's own hulls of the shapes: every vertex is in a ball of its link."""
+    model = robot("panda")
+    coverage(model)
+    drawn = {chunk.entity_path: chunk.to_record_batch() for chunk in cover_spheres(model)}
+    for index, shape in enumerate(model.geometry.geometryObjects):
+        link = model.link_of_geometry(index)
+        batch = drawn[f"/robot/spheres/{link}"]
+        assert batch.column("CoordinateFrame:frame").to_pylist() == [[f"link {link}"]]
+        centers, radii = (np.array(batch.column(f"Points3D:{name}").to_pylist()[0]) for name in ("positions", "radii"))
+        in_link = model.model.frames[model.frame_id(link)].placement.inverse() * shape.placement
+        vertices = surface.of_shape(shape.geometry).moved(in_link).vertices
+        inside = np.linalg.norm(vertices[:, None] - centers[None], axis=2) <= radii + 1e-5
+        assert inside.any(axis=1).all(), link

@@ -48,7 +48,7 @@ def test_the_files_are_where_the_layout_says(store: RunStore, tmp_path: Path) ->
     path.write_bytes(b"recording")
     store.finish("r1", plan_reply("r1"))
     assert sorted(file.name for file in path.parent.iterdir()) == ["recording.rrd", "reply.json", "request.json"]
-    assert store.recording("r1") == b"recording"
+    assert store.recording("r1") == path
 
 
 def test_a_run_id_is_used_once(store: RunStore) -> None:

@@ -31,6 +31,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import Done, error_reply
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Answer, Deadline, Task
+from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import Runs
 from guidefield.worker import Job
@@ -133,7 +134,7 @@ class Endpoint:
         with asked.answering_failures():
             try:
                 if keys.is_recording(read):
-                    asked.answer((True, self._runs.recording(read.key[1])), "application/octet-stream")
+                    asked.answer((True, whole_recording(self._runs, read.key[1])), "application/octet-stream")
                 else:
                     asked.answer((True, codec.encode(self._engine.answer(keys.request_of(read)), read.encoding)))
             finally:

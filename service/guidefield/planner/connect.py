@@ -18,7 +18,7 @@ from guidefield.collision.lanes import Lanes
 from guidefield.errors import Status
 from guidefield.planner import lane_tree, tree
 from guidefield.planner.problem import Problem
-from guidefield.planner.trace import Step
+from guidefield.planner.trace import Step, TreeGrown
 
 LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
 """Samples per length [1/rad or 1/m] by which a tree on lanes judges a motion; how often the certificate may refuse what
@@ -162,6 +162,7 @@ class LaneTree:
         found = lane_tree.grow(self._lanes, starts, goals, resolution, problem.min_clearance, rng, problem.budget)
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
+        problem.tell(TreeGrown(found.trees))
         return None if found.path is None else self._lanes.shortened(found.path, resolution, problem.min_clearance)
 
     def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002 - lanes need none
@@ -183,9 +184,10 @@ class SampledTree:
         """See `Proposer`, with the same shapes."""
         problem = self._problem
         free = _Sampled(problem, 1.0 / resolution).free
-        found, iterations = tree.grow(problem.group, starts, goals, free, rng, problem.budget)
-        problem.counters.iterations += iterations
-        return None if found is None else np.array(found)
+        found = tree.grow(problem.group, starts, goals, free, rng, problem.budget)
+        problem.counters.iterations += found.iterations
+        problem.tell(TreeGrown(found.trees))
+        return None if found.path is None else np.array(found.path)
 
     def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """See `Proposer`."""

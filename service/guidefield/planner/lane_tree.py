@@ -34,11 +34,23 @@ class Found:
         path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
         iterations: Samples drawn.
         motions: Straight motions judged.
+        search: Its trees, until this thread begins another search.
     """
 
     path: np.ndarray | None
     iterations: int
     motions: int
+    search: kernel.Search
+
+    def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
+        search = self.search
+        nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
+        parents = search.parents.reshape(2, search.capacity)
+        sizes = search.counters[[kernel.SIZE, kernel.SIZE + 1]].tolist()
+        return tuple(
+            (nodes[tree, :, :size].T.astype(float), parents[tree, :size].copy()) for tree, size in enumerate(sizes)
+        )
 
 
 def grow(
@@ -73,8 +85,8 @@ def grow(
             room = room.roomier()
         if ended == kernel.MET:
             path = _joined(room, sampling, sources, starts, goals)
-            return Found(path, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]))
-    return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]))
+            return Found(path, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]), room.search)
+    return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]), room.search)
 
 
 @kept_with

@@ -27,7 +27,7 @@ from guidefield.planner.constrained import Keeper
 from guidefield.planner.kept_waypoints import KeptWaypoints
 from guidefield.planner.problem import Problem
 from guidefield.planner.sampled_robot import sampled_robot
-from guidefield.planner.trace import Note, Step
+from guidefield.planner.trace import Note, PathRelaxed
 from guidefield.planner.waypoints import length_of
 from guidefield.scene.distance_tables import distance_tables
 
@@ -164,6 +164,7 @@ def _descend(problem: Problem, chain: Chain, shape: Shape, iterations: int) -> t
             continue
         damping, fall = max(damping / 4.0, LEAST_DAMPING), 1.0 - trial.value / shape.value
         shape = trial
+        problem.tell(PathRelaxed(shape.path, shape.value))
         settled = settled + 1 if fall < SETTLED else 0
         if settled == 2:
             return shape, tried + 1, Outcome.CONVERGED
@@ -175,5 +176,3 @@ def _descend(problem: Problem, chain: Chain, shape: Shape, iterations: int) -> t
 def _report(problem: Problem, relaxed: Relaxed) -> None:
     fell = f"the objective fell from {relaxed.energy_before:.3g} to {relaxed.energy_after:.3g}"
     problem.tell(Note(f"relaxed in {relaxed.iterations} steps ({relaxed.outcome}): {fell}"))
-    for z in relaxed.path:
-        problem.tell(Step("relax", problem.group.from_chart(z), "relaxed"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -36,7 +37,7 @@ class Step:
     """One accepted change of configuration.
 
     Attributes:
-        kind: What was done: start, advance, descend, slide, reorient, tree, shortcut, relax.
+        kind: What was done: start, advance, descend, slide, reorient, tree.
         q: Configuration after it, shape (nq,), of the planning group.
         message: One sentence for a person.
         potential: Potential of the robot there, if it was evaluated [m].
@@ -58,7 +59,33 @@ class Note:
     warning: bool = False
 
 
-Event = StageEntered | StageLeft | Step | Note
+@dataclass(frozen=True, eq=False)
+class TreeGrown:
+    """The trees of a search when it ended, met or not.
+
+    Attributes:
+        trees: Gives, for each tree, its nodes in the order in which it grew, chart points, shape (n, nv), and the index
+            of each one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks
+            while it is told, as the next search begins in the same memory.
+    """
+
+    trees: Callable[[], tuple[tuple[np.ndarray, np.ndarray], ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class PathRelaxed:
+    """One accepted step of the relaxation.
+
+    Attributes:
+        path: The whole path after it, chart points, shape (n, nv).
+        objective: J, what is descended (planner/relaxation.py), dimensionless.
+    """
+
+    path: np.ndarray
+    objective: float
+
+
+Event = StageEntered | StageLeft | Step | Note | TreeGrown | PathRelaxed
 
 
 class Observer(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +17,25 @@ MOST_ITERATIONS = 100_000
 
 Valid = Callable[[np.ndarray, np.ndarray], bool]
 """Whether the straight motion between two chart points (nv,) may be taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search came to.
+
+    Attributes:
+        path: Chart points from a start to a goal, angles unwrapped along the way; None if there is none.
+        iterations: Samples drawn.
+        grown: The trees from the starts and from the goals.
+    """
+
+    path: list[np.ndarray] | None
+    iterations: int
+    grown: tuple[Tree, Tree]
+
+    def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
+        return tuple(tree.nodes() for tree in self.grown)
 
 
 class Tree:
@@ -48,6 +68,10 @@ class Tree:
         apart[:, wraps] -= period[wraps] * np.round(apart[:, wraps] / period[wraps])
         return int(np.argmin(np.einsum("ij,ij->i", apart, apart)))
 
+    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Chart points (n, nv) and the indices of their parents (n,), -1 for a root."""
+        return self._points[: self.size].copy(), self._parents[: self.size].copy()
+
     def point(self, index: int) -> np.ndarray:
         """The chart point of a node, shape (nv,)."""
         point: np.ndarray = self._points[index]
@@ -64,7 +88,7 @@ class Tree:
 
 def grow(
     group: PlanningGroup, starts: np.ndarray, goals: np.ndarray, valid: Valid, rng: np.random.Generator, budget: Budget
-) -> tuple[list[np.ndarray] | None, int]:
+) -> Found:
     """Grow two trees towards each other until they meet.
 
     Args:
@@ -74,10 +98,6 @@ def grow(
         valid: Judge of straight motions.
         rng: Randomness.
         budget: How long.
-
-    Returns:
-        Chart points from a start to a goal, each of shape (nv,), angles unwrapped along the way, or None; and the
-        iterations used.
     """
     period = np.full(group.nv, np.inf)
     for joint in group.joints:
@@ -86,7 +106,7 @@ def grow(
     trees = (Tree(starts), Tree(goals))
     for iteration in range(1, MOST_ITERATIONS + 1):
         if budget.spent():
-            return None, iteration
+            return Found(None, iteration, trees)
         active = 0 if trees[0].size <= trees[1].size else 1  # balanced: the smaller tree grows
         growing, other = trees[active], trees[1 - active]
         sample = group.chart(group.random(rng))
@@ -98,8 +118,8 @@ def grow(
             continue
         branches = (growing.branch(reached), other.branch(met))
         first, second = branches if active == 0 else branches[::-1]
-        return _joined(group, first, second), iteration
-    return None, MOST_ITERATIONS
+        return Found(_joined(group, first, second), iteration, trees)
+    return Found(None, MOST_ITERATIONS, trees)
 
 
 def _extend(tree: Tree, target: np.ndarray, period: np.ndarray, valid: Valid) -> int | None:

@@ -10,16 +10,11 @@ import rerun.blueprint as rrb
 
 from guidefield.recorder.camera import Eye
 from guidefield.recorder.chunks import STEP
-from guidefield.recorder.field_entities import PANE, PICTURE
 from guidefield.recorder.robot_entities import GHOST_ENTITY
-
-HIDDEN = ("/robot/collision",)
-"""Entities that are there but switched off."""
 
 FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))
 """Ghosts where the robot itself is shown too."""
 
-BACKGROUND = (32, 36, 43)
 LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
 
 SO_FAR = rrb.VisibleTimeRanges(
@@ -34,11 +29,15 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
     Args:
         eye: From where to look at the scene.
         timeline: The timeline to begin with.
-        present: Entities that the recording has: plots of others are left out.
+        present: Entities that the recording has: tabs and plots of others are left out.
     """
-    field = [_field(eye)] if PICTURE in present else []
+    tabs = [_overview(eye, present)]
+    if "/planner/log" in present:
+        tabs.append(_planner(eye, present))
+    if "/field/picture" in present:
+        tabs.append(_field(eye))
     return rrb.Blueprint(
-        rrb.Tabs(_overview(eye, present), _planner(eye), *field, _joints(), _documents(), active_tab=0),
+        rrb.Tabs(*tabs, _joints(present), _documents(), active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=timeline, loop_mode="all", play_state="playing"),
@@ -48,14 +47,10 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
 
 
 def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
+    potentials = ["/plots/potential", "/planner/potential"]
     plots = [
-        (1.0, _plot("/plots/clearance", "Clearance [m]"), ["/plots/clearance/obstacles"]),
-        (
-            0.8,
-            _plot("/", "Potential of the robot [m]", ["/plots/potential", "/planner/potential"], legend=False),
-            ["/plots/potential", "/planner/potential"],
-        ),
-        (0.9, _plot("/plots/position", "Joint positions [rad, m]", legend=False), ["/plots/position"]),
+        (1.0, _plot("/plots/clearance", "Clearance [m]"), ["/plots/clearance"]),
+        (0.8, _plot("/", "Potential of the robot [m]", potentials, legend=False), potentials),
     ]
     shown = [(share, view) for share, view, entities in plots if not present.isdisjoint(entities)]
     figures = rrb.Vertical(
@@ -63,45 +58,41 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
         *(view for _, view in shown),
         row_shares=[2.4, *(share for share, _ in shown)],
     )
+    moving = ["/robot/**", "/path/**", GHOST_ENTITY]
     pictures = rrb.Tabs(
-        _scene("Motion", eye, ["/robot/**", "/path/**", GHOST_ENTITY], {GHOST_ENTITY: FAINT_GHOSTS}),
+        _scene("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, "/robot/collision": _off()}),
         _scene("Whole way", eye, [GHOST_ENTITY, "/path/tip"], {}),
         active_tab=0,
     )
     return rrb.Horizontal(pictures, figures, column_shares=[1.75, 1.0], name="Overview")
 
 
-def _planner(eye: Eye) -> rrb.Horizontal:
-    words = rrb.Vertical(
-        rrb.TextLogView(origin="/planner/log", name="What the planner did", columns=LOG_COLUMNS),
-        _plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False),
-        row_shares=[2.0, 1.0],
+def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
+    words = [rrb.TextLogView(origin="/planner/log", name="What the planner did", columns=LOG_COLUMNS)]
+    if "/planner/potential" in present:
+        words.append(_plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False))
+    shown = ["/robot/visual/**", "/robot/at_fault/**", "/planner/**", "/path/planned"]
+    so_far = {path: SO_FAR for path in ("/planner/tip", "/planner/tree") if path in present}
+    steps = _scene("Steps (choose the timeline 'step')", eye, shown, so_far)
+    return rrb.Horizontal(
+        steps, rrb.Vertical(*words, row_shares=[2.0, 1.0][: len(words)]), column_shares=[1.4, 1.0], name="Planner"
     )
-    shown = ["/robot/**", "/planner/tip", "/path/planned/**"]
-    steps = _scene("Steps (choose the timeline 'step')", eye, shown, {"/planner/tip": SO_FAR})
-    return rrb.Horizontal(steps, words, column_shares=[1.4, 1.0], name="Planner")
 
 
 def _field(eye: Eye) -> rrb.Horizontal:
-    """Dark valleys between bright walls, that the robot follows; lines are where a wall 1, 2, 5 .. cm away acts so."""
-    place = _scene("At its place", eye, ["/robot/**", "/path/**", PANE], {})
-    picture = rrb.Spatial2DView(
-        origin=PICTURE,
-        name="Potential in the plane of the tip's way (dark: far; lines: as of a wall 1, 2, 5, 10 .. cm away)",
-        background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
-    )
-    return rrb.Horizontal(place, picture, column_shares=[1.0, 1.0], name="Field")
+    shown = ["/robot/collision/**", "/field/charges/**", "/field/forces", "/field/slice", "/path/tip"]
+    forces = _scene("Charged points and forces", eye, shown, {})
+    picture = rrb.Spatial2DView(origin="/field/picture", name="Potential in the plane along the tip's way")
+    return rrb.Horizontal(forces, picture, column_shares=[1.6, 1.0], name="Field")
 
 
-def _joints() -> rrb.Grid:
-    return rrb.Grid(
-        _plot("/plots/position", "Positions [rad, m]"),
-        _plot("/plots/velocity", "Velocities [rad/s, m/s]"),
-        _plot("/plots/use/velocity", "Velocities as shares of their limits"),
-        _plot("/plots/use/acceleration", "Accelerations as shares of their limits"),
-        grid_columns=2,
-        name="Joints",
-    )
+def _joints(present: Set[str]) -> rrb.Vertical:
+    plots = [
+        ("/plots/position", "Positions [rad, m]"),
+        ("/plots/use/velocity", "Velocities as shares of their limits"),
+        ("/plots/use/acceleration", "Accelerations as shares of their limits"),
+    ]
+    return rrb.Vertical(*(_plot(origin, name) for origin, name in plots if origin in present), name="Joints")
 
 
 def _documents() -> rrb.Horizontal:
@@ -121,14 +112,16 @@ def _plot(origin: str, name: str, contents: Sequence[str] = ("/**",), *, legend:
     )
 
 
+def _off() -> rrb.EntityBehavior:
+    """There, but switched off."""
+    return rrb.EntityBehavior(visible=False)
+
+
 def _scene(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="/",
         name=name,
-        contents=[f"+ {path}" for path in ("/obstacles/**", "/guide_planes/**", *contents)],
-        overrides={**{path: rrb.EntityBehavior(visible=False) for path in HIDDEN}, **overrides},
-        background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)
-        ),
+        contents=[f"+ {path}" for path in ("/obstacles/**", "/guide_planes", *contents)],
+        overrides=overrides,
+        eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
@@ -11,13 +10,11 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.recorder import surface
-from guidefield.recorder.chunks import entity, implicit_frame, still
+from guidefield.recorder.chunks import entity, link_frame, still
+from guidefield.recorder.spheres import cover_spheres
 from guidefield.recorder.surface import Surface
 from guidefield.recorder.visuals import Body, visual_bodies
 from guidefield.robot.model import RobotModel
-
-KEPT = 8
-"""Robots kept prepared in a process."""
 
 SKETCHED_APART = 2
 """Bodies of one link that are sketched one by one."""
@@ -36,28 +33,20 @@ class RobotBodies:
     """A robot ready to be drawn.
 
     Attributes:
-        chunks: Meshes of `/robot/visual/<body>` and `/robot/collision/<body>`, each in the frame of its link's entity.
-        judged: The bodies that are judged for collisions.
+        chunks: `/robot/visual/<body>`, `/robot/collision/<body>` and `/robot/spheres/<link>`, each in its link's frame.
         links: Links that carry something.
         sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
         faults: What can't be drawn.
     """
 
     chunks: tuple[Chunk, ...]
-    judged: tuple[Body, ...]
     links: tuple[str, ...]
     sketch: tuple[tuple[str, Surface], ...]
     faults: tuple[str, ...]
 
 
-def link_entity(link: str) -> str:
-    """The entity that stands for a link's frame."""
-    return entity("robot", "links", link)
-
-
-@functools.lru_cache(maxsize=KEPT)
 def prepare(robot: RobotModel) -> RobotBodies:
-    """Read a robot's meshes and turn them into chunks; a second call with the same robot is free.
+    """Read a robot's meshes and turn them into chunks, which may take seconds; `bodies_file.prepared` keeps them.
 
     A robot without visual geometry, or none that can be read, is drawn as its collision geometry.
     """
@@ -65,27 +54,28 @@ def prepare(robot: RobotModel) -> RobotBodies:
     judged = _collision_bodies(robot)
     chunks = [_chunk("visual", body) for body in seen or judged]
     chunks += [_chunk("collision", body, COLLISION_COLOR) for body in judged]
+    chunks += cover_spheres(robot)
     return RobotBodies(
         chunks=tuple(chunks),
-        judged=judged,
         links=tuple(dict.fromkeys(body.link for body in (*seen, *judged))),
         sketch=_sketch(judged),
         faults=faults,
     )
 
 
-def highlighted(drawn: RobotBodies, links: Collection[str]) -> Iterator[Chunk]:
+def highlighted(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
     """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`."""
-    for body in drawn.judged:
-        if body.link in links:
-            yield _chunk("at_fault", body, FAULT_COLOR)
+    for body in _collision_bodies(robot, links):
+        yield _chunk("at_fault", body, FAULT_COLOR)
 
 
-def _collision_bodies(robot: RobotModel) -> tuple[Body, ...]:
-    """The shapes that are judged, in their links' frames."""
+def _collision_bodies(robot: RobotModel, links: Collection[str] | None = None) -> tuple[Body, ...]:
+    """The shapes that are judged, in their links' frames; of some links only, if any are named."""
     bodies = []
     for index, shape in enumerate(robot.geometry.geometryObjects):
         link = robot.link_of_geometry(index)
+        if links is not None and link not in links:
+            continue
         in_link = robot.model.frames[robot.frame_id(link)].placement.inverse() * shape.placement
         bodies.append(Body(shape.name, link, surface.of_shape(shape.geometry).moved(in_link), pin.SE3.Identity()))
     return tuple(bodies)
@@ -105,7 +95,7 @@ def _sketch(judged: tuple[Body, ...]) -> tuple[tuple[str, Surface], ...]:
 
 
 def _chunk(tree: str, body: Body, color: tuple[int, int, int, int] | None = None) -> Chunk:
-    frame = rr.CoordinateFrame(implicit_frame(link_entity(body.link)))
+    frame = rr.CoordinateFrame(link_frame(body.link))
     path = entity("robot", tree, body.name)
     if isinstance(body.surface, bytes):
         pose = rr.InstancePoses3D(

@@ -21,9 +21,18 @@ def entity(*parts: str) -> str:
     return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
 
 
-def implicit_frame(path: str) -> str:
-    """Name of the coordinate frame that Rerun gives to an entity."""
-    return f"tf#{path}"
+WORLD = "tf#/"
+"""Name of the world's coordinate frame: the one that Rerun gives to the root of all entities."""
+
+
+def link_frame(link: str) -> str:
+    """Name of a link's coordinate frame."""
+    return f"link {link}"
+
+
+def joint_frame(joint: str) -> str:
+    """Name of the coordinate frame that a joint moves."""
+    return f"joint {joint}"
 
 
 def still(path: str, *archetypes: Any) -> Chunk:

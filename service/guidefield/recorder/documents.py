@@ -19,13 +19,18 @@ from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply, as_plain_data
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
+from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import Scene
+
+REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
+PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
+"""Entities of the documents and of what identifies a run; its component that names packages and their versions."""
 
 PACKAGES = ("guidefield", "pin", "coal", "numpy", "numba", "rerun-sdk")
 """Whose versions are recorded."""
 
-SHORTENED = "*Rounded and shortened to be read; the message itself is this entity's component `json`.*"
+SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in this entity's component `message`.*"
 
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
@@ -38,10 +43,10 @@ WIDTH = 110
 
 
 def message_document(path: str, message: msgspec.Struct) -> Chunk:
-    """A message to read, and beside it, in the component `json`, to the last digit for programs."""
-    text = codec.encode(message).decode()
+    """A message to read, and beside it, in the component `message`, to the last bit for programs (packing.py)."""
+    kept = {MESSAGE_COMPONENT: packed(message)}
     shown = f"{SHORTENED}\n\n```json\n{readable(as_plain_data(message))}\n```"
-    return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(json=text))
+    return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(**kept))
 
 
 def summary_document(
@@ -50,7 +55,18 @@ def summary_document(
     """How the plan ended, in figures; what it was about; what it was made with."""
     parts = [*_headline(reply), *_figures(reply), *_stages(reply), *_remarks((*reply.warnings, *remarks))]
     parts += _origin(request, reply, group, scene)
-    return still("/documents/summary", rr.TextDocument("\n".join(parts), media_type=rr.MediaType.MARKDOWN))
+    return still(SUMMARY, rr.TextDocument("\n".join(parts), media_type=rr.MediaType.MARKDOWN))
+
+
+def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
+    """A recording's chunks, its summary beginning with a warning."""
+    kept = [chunk for chunk in chunks if chunk.entity_path != SUMMARY]
+    for chunk in chunks:
+        if chunk.entity_path == SUMMARY:
+            (summary,) = chunk.to_record_batch().column("TextDocument:text").to_pylist()[0]
+            warned = "\n".join([*_remarks([text]), summary])
+            kept.append(still(SUMMARY, rr.TextDocument(warned, media_type=rr.MediaType.MARKDOWN)))
+    return kept
 
 
 def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene) -> Iterator[Chunk]:
@@ -70,9 +86,8 @@ def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, sce
         figures["duration"] = reply.metrics.duration
     if reply.clearance is not None and reply.clearance.minimum is not None:
         figures["clearance"] = reply.clearance.minimum
+    figures[MADE_WITH] = ", ".join(f"{name} {text}" for name, text in versions().items())
     yield Chunk.from_property("plan", rr.AnyValues(**figures))
-    made_with = {name.replace("-", "_"): text for name, text in versions().items()}
-    yield Chunk.from_property("versions", rr.AnyValues(**made_with))
 
 
 def readable(value: Any, indent: int = 0) -> str:

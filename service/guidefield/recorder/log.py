@@ -12,13 +12,14 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.trace import Event, Note, StageEntered, StageLeft, Step
+from guidefield.planner.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
 from guidefield.recorder.chunks import PATH_TIME, STEP, timed
+from guidefield.recorder.search import GROWTH
 
 MOST_EVENTS = 20_000
 """Events that are kept; what comes after is counted only."""
 
-MOST_FRAMES = 300
+MOST_FRAMES = 120
 """Steps at which the robot is shown: of more, as many, evenly chosen."""
 
 STEP_COLORS = {
@@ -28,7 +29,6 @@ STEP_COLORS = {
     "slide": (120, 220, 160, 255),
     "reorient": (235, 150, 220, 255),
     "tree": (150, 150, 150, 255),
-    "shortcut": (250, 220, 90, 255),
     "relax": (190, 160, 250, 255),
 }
 """Colour by kind of step (RGBA)."""
@@ -55,32 +55,52 @@ class EventLog:
     began: float = field(default_factory=time.perf_counter)
 
     def add(self, event: Event) -> None:
-        """Keep an event; costs next to nothing."""
+        """Keep an event; costs next to nothing, trees some microseconds."""
         if len(self.events) < MOST_EVENTS:
-            self.events.append(event)
+            self.events.append(_kept(event))
             self.seconds.append(time.perf_counter() - self.began)
         else:
             self.dropped += 1
 
-    def steps(self) -> list[Step]:
-        """The accepted steps."""
-        return [event for event in self.events if isinstance(event, Step)]
+    def steps(self) -> list[tuple[int, Step]]:
+        """The accepted steps, each with its number on the timeline `STEP`."""
+        return [(number, event) for number, event in self.numbered() if isinstance(event, Step)]
+
+    def numbered(self) -> Iterator[tuple[int, Event]]:
+        """Each event with its number on the timeline: that of the last step before it, its own if it is one."""
+        number = -1
+        for event in self.events:
+            before, number = number, number + _STEPS.get(type(event), 0)
+            yield max(before + 1 if number > before else number, 0), event
 
 
-def shown_steps(count: int) -> np.ndarray:
-    """Indices of the steps at which the robot is shown, ascending, shape (k,).
+def _kept(event: Event) -> Event:
+    """An event that stays as it is: trees lie in memory that is used again."""
+    if not isinstance(event, TreeGrown):
+        return event
+    trees = event.trees()
+    return TreeGrown(lambda: trees)
 
-    All `count` of them, or `MOST_FRAMES` evenly chosen.
+
+_STEPS: dict[type, int] = {Step: 1, PathRelaxed: 1, TreeGrown: GROWTH}
+"""How many numbers of the timeline an event takes."""
+
+
+def shown_steps(count: int, most: int = MOST_FRAMES) -> np.ndarray:
+    """Indices of the steps at which something is shown, ascending, shape (k,): all of them, or `most` evenly chosen.
+
+    Args:
+        count: How many steps there are.
+        most: How many are shown at most.
     """
-    return np.unique(np.linspace(0, max(count - 1, 0), min(count, MOST_FRAMES)).round().astype(int))
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
 
 
 def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
     """One line per event, with the milliseconds since the planning began, and one for how it ended."""
     planes = [plane.name for plane in reply.guide_planes]
     lines = [_line(event, 1e3 * seconds, planes) for event, seconds in zip(log.events, log.seconds, strict=True)]
-    steps = np.cumsum([isinstance(event, Step) for event in log.events], dtype=int) - 1
-    numbers = np.maximum(steps, 0).tolist()
+    numbers = [number for number, _ in log.numbered()]
     if log.dropped:
         lines.append(("WARN", f"{log.dropped} more events were not kept", (230, 160, 60, 255)))
     good = reply.status.code == Status.SUCCESS
@@ -96,9 +116,10 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
 
 def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
     """Where the steps brought the tip (n, 3) [m, world], coloured by kind of step."""
-    colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for step in log.steps()]
+    steps = log.steps()
+    colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for _, step in steps]
     if colors:
-        times = [rr.TimeColumn(STEP, sequence=np.arange(len(colors)))]
+        times = [rr.TimeColumn(STEP, sequence=[number for number, _ in steps])]
         radii = np.full(len(tip), POINT_RADIUS)
         yield timed("/planner/tip", times, rr.Points3D.columns(positions=tip, colors=colors, radii=radii))
 
@@ -117,4 +138,9 @@ def _told(event: Event, planes: Sequence[str]) -> tuple[str, str, tuple[int, int
         return "INFO", f"{event.name}{about}: {event.outcome}, {1e3 * event.seconds:.1f} ms", OTHER_COLOR
     if isinstance(event, Note):
         return "WARN" if event.warning else "INFO", event.text, OTHER_COLOR
+    if isinstance(event, TreeGrown):
+        sizes = " and ".join(f"{len(points)}" for points, _ in event.trees())
+        return "INFO", f"trees of {sizes} nodes", STEP_COLORS["tree"]
+    if isinstance(event, PathRelaxed):
+        return "DEBUG", f"relax: objective {event.objective:.4g}", STEP_COLORS["relax"]
     return "DEBUG", f"{event.kind}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)

@@ -21,7 +21,7 @@ from guidefield.robot.group import PlanningGroup
 SHOWN_SPEED = 1.0
 """How fast the quickest joint moves along a path that has no times [rad/s or m/s]."""
 
-SHOWN_STEP = 0.02
+SHOWN_STEP = 0.05
 """Largest change of a joint between two frames of such a path [rad or m]."""
 
 

@@ -12,8 +12,9 @@ from rerun.chunk import Chunk
 
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
+from guidefield.planner.trace import Step
 from guidefield.recorder.chunks import STEP, path_times, still, timed
-from guidefield.recorder.motion import Motion, curves, position_rows
+from guidefield.recorder.motion import Curves, Motion, curves, position_rows
 from guidefield.robot.group import PlanningGroup
 
 Color = tuple[int, int, int, int]
@@ -21,6 +22,12 @@ Color = tuple[int, int, int, int]
 
 CLEAR = 0.10
 """Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
+
+PLOTTED = 1000
+"""Numbers in a plot of all joints, about."""
+
+LEAST_PLOTTED = 60
+"""Rows in such a plot, if there are as many."""
 
 OBSTACLE_COLOR = (94, 184, 255, 255)
 SELF_COLOR = (190, 160, 250, 255)
@@ -30,17 +37,15 @@ LIMIT_COLOR = (150, 150, 150, 255)
 
 
 def clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
-    """Distance to obstacles and to the robot itself over the motion, and what was asked for [m]."""
+    """Distance to obstacles and to the robot itself over the motion, and what was asked for [m]; the potential [m]."""
     times = path_times(profile.times)
-    for name, label, distances, color in (
-        ("obstacles", "to obstacles", profile.obstacle_distance, OBSTACLE_COLOR),
-        ("self", "to itself", profile.self_distance, SELF_COLOR),
-    ):
-        yield from _curves(f"/plots/clearance/{name}", times, distances, [label], [color])
+    names, colors = ["to obstacles", "to itself"], [OBSTACLE_COLOR, SELF_COLOR]
+    rows = [profile.obstacle_distance, profile.self_distance]
     if required > 0.0:
-        ends = path_times(profile.times[[0, -1]])
-        yield from _curves("/plots/clearance/required", ends, np.full(2, required), ["required"], [REQUIRED_COLOR])
-    yield from _curves("/plots/potential", times, profile.potential, ["potential of the robot"], [POTENTIAL_COLOR])
+        names, colors = [*names, "asked for"], [*colors, REQUIRED_COLOR]
+        rows.append(np.full(len(profile.times), required))
+    yield from _curves("/plots/clearance", times, np.column_stack(rows), names, colors)
+    yield from _curves("/plots/potential", times, profile.potential, ["U, along the motion"], [POTENTIAL_COLOR])
 
 
 def closest_pair(profile: ClearanceProfile) -> Chunk:
@@ -62,37 +67,44 @@ def closest_pair(profile: ClearanceProfile) -> Chunk:
 
 
 def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
-    """Joint positions and velocities, and velocities and accelerations as shares of their limits."""
+    """Joint positions, velocities and accelerations, the latter two also as shares of their limits."""
     names, rates = group.position_names, group.velocity_names
     if trajectory is None or not trajectory.times:
         rows = position_rows(group, motion.configurations)
         yield from _curves("/plots/position", path_times(motion.times), rows, names, palette(len(names)))
         return
-    curve = curves(group, trajectory)
-    times, ends = path_times(curve.times), path_times(curve.times[[0, -1]])
+    curve = thinned(curves(group, trajectory), PLOTTED // len(names))
+    times = path_times(curve.times)
     yield from _curves("/plots/position", times, curve.positions, names, palette(len(names)))
-    yield from _curves("/plots/velocity", times, curve.velocities, rates, palette(len(rates)))
-    for kind, values in (
-        ("velocity", curve.velocities / group.velocity_limits),
-        ("acceleration", curve.accelerations / group.acceleration_limits),
+    for kind, values, limits in (
+        ("velocity", curve.velocities, group.velocity_limits),
+        ("acceleration", curve.accelerations, group.acceleration_limits),
     ):
-        yield from _curves(f"/plots/use/{kind}", times, values, rates, palette(len(rates)))
-        bounds = np.tile([-1.0, 1.0], (2, 1))
-        yield from _curves(f"/plots/use/{kind}/limits", ends, bounds, ["limit", "limit"], [LIMIT_COLOR] * 2)
+        yield from _curves(f"/plots/{kind}", times, values, rates, palette(len(rates)))
+        bounded = np.column_stack([values / limits, np.tile([-1.0, 1.0], (len(values), 1))])
+        colors = [*palette(len(rates)), LIMIT_COLOR, LIMIT_COLOR]
+        yield from _curves(f"/plots/use/{kind}", times, bounded, [*rates, "- limit", "limit"], colors)
 
 
-def step_positions(group: PlanningGroup, configurations: np.ndarray, times: rr.TimeColumn) -> Chunk:
-    """Joint positions at the planner's steps, configurations (n, nq): `/plots/position` on another timeline."""
+def thinned(curve: Curves, most: int) -> Curves:
+    """Every so manieth row of curves, their first and last among them, so that there are at most so many or 60."""
+    rows = np.unique(np.linspace(0, len(curve.times) - 1, max(most, LEAST_PLOTTED)).round().astype(int))
+    return Curves(curve.times[rows], curve.positions[rows], curve.velocities[rows], curve.accelerations[rows])
+
+
+def step_positions(group: PlanningGroup, configurations: np.ndarray, numbers: np.ndarray) -> Chunk:
+    """`/plots/position` over `STEP`: configurations (n, nq) after steps of the planner of these numbers (n,)."""
+    times = rr.TimeColumn(STEP, sequence=numbers)
     return timed("/plots/position", [times], _rows(position_rows(group, configurations)))
 
 
-def step_potential(potentials: Sequence[float | None]) -> Iterator[Chunk]:
+def step_potential(steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
     """Potential of the robot after each of the planner's steps, where it was evaluated."""
-    steps = [index for index, value in enumerate(potentials) if value is not None]
-    values = np.array([value for value in potentials if value is not None], float)
-    if steps:
-        times = rr.TimeColumn(STEP, sequence=steps)
-        yield from _curves("/planner/potential", times, values, ["potential after the step"], [POTENTIAL_COLOR])
+    known = [(number, step.potential) for number, step in steps if step.potential is not None]
+    if known:
+        numbers, values = zip(*known, strict=True)
+        times = rr.TimeColumn(STEP, sequence=numbers)
+        yield from _curves("/planner/potential", times, np.array(values), ["U, after the step"], [POTENTIAL_COLOR])
 
 
 def palette(count: int) -> list[Color]:
@@ -111,7 +123,7 @@ def _curves(
     """Values (n,) or (n, k) over n times, with the names of the k curves; what isn't finite is left open."""
     rows = np.asarray(values, float).reshape(len(values), -1)
     rows = np.where(np.isfinite(rows), rows, np.nan)
-    yield still(path, rr.SeriesLines(names=list(names), colors=list(colors), widths=[1.5] * len(names)))
+    yield still(path, rr.SeriesLines(names=list(names), colors=list(colors)))
     yield timed(path, [times], _rows(rows))
 
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import msgspec
 from rerun.chunk import Chunk, RrdReader
 
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-
-_M = TypeVar("_M", bound=msgspec.Struct)
+from guidefield.recorder.documents import MADE_WITH, PROPERTIES, REPLY, REQUEST
+from guidefield.recorder.packing import MESSAGE_COMPONENT, unpacked
 
 
 @dataclass(frozen=True)
@@ -46,23 +45,18 @@ def read_recording(path: Path) -> Recorded:
             warnings.simplefilter("ignore")  # what is wrong with a file is raised below, in one sentence
             chunks = RrdReader(str(path)).stream().filter(content=["/documents/**", "/__properties/**"])
             found = {chunk.entity_path: chunk for chunk in chunks}
+        (packages,) = _values(found[PROPERTIES], MADE_WITH)
         return Recorded(
-            request=_message(found["/documents/request"], PlanRequest),
-            reply=_message(found["/documents/reply"], PlanReply),
-            versions={name.replace("_", "-"): str(text) for name, text in _values(found["/__properties/versions"])},
+            request=unpacked(bytes(_values(found[REQUEST], MESSAGE_COMPONENT)), PlanRequest),
+            reply=unpacked(bytes(_values(found[REPLY], MESSAGE_COMPONENT)), PlanReply),
+            versions=dict(package.split(" ", 1) for package in packages.split(", ")),
         )
-    except (RuntimeError, ValueError, LookupError, msgspec.DecodeError) as error:
+    except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"
         raise MalformedRequest(f"{path.name!r} is no whole recording of guidefield: {why}", path=str(path)) from None
 
 
-def _message(document: Chunk, kind: type[_M]) -> _M:
-    """The message beside a document's text (documents.message_document)."""
-    return msgspec.json.decode(dict(_values(document))["json"], type=kind)
-
-
-def _values(chunk: Chunk) -> list[tuple[str, Any]]:
-    """Components of a chunk of one row that have one value."""
-    batch = chunk.to_record_batch()
-    rows = {name: batch.column(name)[0].as_py() for name in batch.schema.names if ":" not in name and "." not in name}
-    return [(name, row[0]) for name, row in rows.items()]
+def _values(chunk: Chunk, component: str) -> list[Any]:
+    """What a component of a chunk of one row holds."""
+    (row,) = chunk.to_record_batch().column(component).to_pylist()
+    return list(row)

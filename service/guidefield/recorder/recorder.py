@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,42 +13,71 @@ from rerun.chunk import Chunk
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.trace import Event
-from guidefield.recorder import bodies, documents, field_entities, log, plots, robot_entities, scene_entities
+from guidefield.planner.trace import Event, PathRelaxed, Step, TreeGrown
+from guidefield.recorder import (
+    bodies,
+    bodies_file,
+    documents,
+    field_entities,
+    log,
+    plots,
+    robot_entities,
+    scene_entities,
+    search,
+)
 from guidefield.recorder.blueprint import layout
-from guidefield.recorder.bodies import RobotBodies
+from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import Eye, choose_eye
 from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
 from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, shown_motion
+from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a recording goes.
+
+    Attributes:
+        file: The recording.
+        bodies: Folder of robots that are kept prepared (bodies_file.py).
+        whole: Whether the robot's meshes and the layout are put into the recording; else it is for a store (whole.py).
+    """
+
+    file: Path
+    bodies: Path
+    whole: bool
+
+
 class Recorder:
     """Watches one plan being made and writes its recording at the end.
 
-    While the plan is made, events are only kept; drawing and writing wait for `finish`.
+    While the plan is made, events are only kept; drawing and writing wait for `finish`. With `recording: "summary"`
+    the recording holds the motion among the obstacles and how it went; "full" adds the field and the planner's life.
 
     Args:
-        path: File to write.
+        place: Where to write.
         group: The joints that are planned for, with the limits that hold for this request.
         scene: The scene that is planned in.
         request: The request as it came.
         run_id: Name of the run; identifies the recording.
     """
 
-    def __init__(self, path: Path, group: PlanningGroup, scene: Scene, request: PlanRequest, run_id: str) -> None:
-        self._path = path
+    def __init__(self, place: Place, group: PlanningGroup, scene: Scene, request: PlanRequest, run_id: str) -> None:
+        self._place = place
         self._group = group
         self._scene = scene
         self._request = request
         self._run_id = run_id
+        self._full = request.recording == "full"
         self._log = log.EventLog()
 
     def observe(self, event: Event) -> None:
-        """Keep what the planner tells."""
-        self._log.add(event)
+        """Keep what the planner tells; of a summary the steps only, the last of them is where a failure ended."""
+        if self._full or isinstance(event, Step):
+            self._log.add(event)
 
     def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
         """Write the recording of a plan, found or not.
@@ -60,30 +90,37 @@ class Recorder:
             OSError: if the file cannot be written; nothing is left of it.
         """
         steps = self._log.steps()
-        motion = shown_motion(self._group, reply, profile, steps[-1].q if steps else None)
+        motion = shown_motion(self._group, reply, profile, steps[-1][1].q if steps else None)
         at = poses(self._group, motion.configurations)
         landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
         joints = at.placements[:, :, :3].reshape(-1, 3)
         eye = choose_eye(at.tip, joints, landmarks, self._scene.obstacles)
-        drawn = bodies.prepare(self._group.robot)
+        drawn = bodies_file.prepared(self._group.robot, self._place.bodies)
         chunks = [
-            *self._moving(reply, profile, motion, at, drawn),
+            *self._moving(reply, profile, motion, at, drawn.links),
             *self._lasting(reply, motion, eye, drawn),
-            *self._planning(reply),
-            *field_entities.picture_of_plane(self._scene, at.tip),
         ]
-        timeline = STEP if steps and not motion.timed else PATH_TIME
-        present = frozenset(chunk.entity_path for chunk in chunks)
-        write_recording(self._path, self._run_id, chunks, layout(eye, timeline, present))
+        if self._full:
+            chunks += [*self._planning(reply, drawn.links), *self._field(motion, at)]
+        timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
+        if self._place.whole:
+            present = frozenset(chunk.entity_path for chunk in chunks)
+            chunks += bodies_file.meshes(self._group.robot, drawn)
+            write_recording(self._place.file, self._run_id, chunks, layout(eye, timeline, present))
+        else:
+            chunks.append(left_out(drawn.file.name, eye, timeline))
+            write_recording(self._place.file, self._run_id, chunks, None)
 
     def _moving(
-        self, reply: PlanReply, profile: ClearanceProfile | None, motion: Motion, at: Poses, drawn: RobotBodies
+        self, reply: PlanReply, profile: ClearanceProfile | None, motion: Motion, at: Poses, links: Sequence[str]
     ) -> Iterator[Chunk]:
         """The motion, and what changes along it."""
-        yield from robot_entities.link_frames(self._group, drawn)
-        yield from robot_entities.joint_motion(self._group, at, path_times(motion.times))
+        yield robot_entities.tip_axes(self._group)
+        yield robot_entities.link_motion(self._group, links, at, motion.times, PATH_TIME)
         yield robot_entities.tip_trace(at.tip)
-        if reply.path:
+        if motion.timed:
+            yield from scene_entities.moving(self._scene.obstacles, motion.times)
+        if reply.path and self._full:
             waypoints = poses(self._group, configurations_of(self._group, reply.path))
             yield from robot_entities.planned_path(waypoints.tip)
         yield from plots.joints(self._group, motion, reply.trajectory)
@@ -91,11 +128,10 @@ class Recorder:
             yield plots.closest_pair(profile)
             yield from plots.clearance(profile, self._request.min_clearance)
 
-    def _lasting(self, reply: PlanReply, motion: Motion, eye: Eye, drawn: RobotBodies) -> Iterator[Chunk]:
+    def _lasting(self, reply: PlanReply, motion: Motion, eye: Eye, drawn: Drawn) -> Iterator[Chunk]:
         """What holds for the whole run."""
         at_fault = _colliding(reply)
-        yield from drawn.chunks
-        yield from bodies.highlighted(drawn, at_fault)
+        yield from bodies.highlighted(self._group.robot, at_fault)
         if (ghosts := robot_entities.ghosts(self._group, drawn, motion)) is not None:
             yield ghosts
         yield from scene_entities.obstacles(self._scene.obstacles, eye.hiding, at_fault)
@@ -104,23 +140,43 @@ class Recorder:
         yield documents.summary_document(
             self._request, reply, self._group, self._scene, [*drawn.faults, *_shown_pace(motion)]
         )
-        yield documents.message_document("/documents/request", self._request)
-        yield documents.message_document("/documents/reply", reply)
+        yield documents.message_document(documents.REQUEST, self._request)
+        yield documents.message_document(documents.REPLY, reply)
 
-    def _planning(self, reply: PlanReply) -> Iterator[Chunk]:
+    def _field(self, motion: Motion, at: Poses) -> Iterator[Chunk]:
+        """The field, and what it does to the robot along the motion; along the planner's steps where that failed."""
+        if not self._scene.obstacles:
+            return
+        steps = self._log.steps()
+        if motion.timed or not steps:
+            rows = log.shown_steps(len(motion.times), field_entities.MOMENTS)
+            qs, times = motion.configurations[rows], path_times(motion.times[rows])
+            scenes = [self._scene.at(time) if motion.timed else self._scene for time in motion.times[rows].tolist()]
+        else:
+            few = [steps[index] for index in log.shown_steps(len(steps), field_entities.MOMENTS)]
+            qs = np.array([step.q for _, step in few])
+            times = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
+            scenes = [self._scene] * len(few)
+        yield from field_entities.charges(self._group, scenes, qs, times)
+        yield from field_entities.picture_of_plane(self._scene, at.tip)
+
+    def _planning(self, reply: PlanReply, links: Sequence[str]) -> Iterator[Chunk]:
         """What the planner did, over its steps."""
         steps = self._log.steps()
         yield from log.text_log(self._log, reply)
-        yield from plots.step_potential([step.potential for step in steps])
+        yield from plots.step_potential(steps)
+        numbered = list(self._log.numbered())
+        yield from search.trees(self._group, [(n, event) for n, event in numbered if isinstance(event, TreeGrown)])
+        yield from search.relaxed(self._group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
         if not steps:
             return
-        at = poses(self._group, [step.q for step in steps])
+        at = poses(self._group, [step.q for _, step in steps])
         yield from log.step_points(self._log, at.tip)
         shown = log.shown_steps(len(steps))
-        times = rr.TimeColumn(STEP, sequence=shown)
+        times = np.array([steps[index][0] for index in shown])
         frames = Poses(at.joints, at.placements[shown], at.tip[shown])
-        yield from robot_entities.joint_motion(self._group, frames, times)
-        yield plots.step_positions(self._group, np.array([steps[index].q for index in shown]), times)
+        yield robot_entities.link_motion(self._group, links, frames, times, STEP)
+        yield plots.step_positions(self._group, np.array([steps[index][1].q for index in shown]), times)
 
 
 def _colliding(reply: PlanReply) -> frozenset[str]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+import pinocchio as pin
 import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.bodies import RobotBodies, link_entity
-from guidefield.recorder.chunks import entity, implicit_frame, still, timed
+from guidefield.recorder.bodies_file import Drawn
+from guidefield.recorder.chunks import PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup
@@ -23,34 +24,45 @@ GHOST_ENTITY = "/ghosts"
 GHOST_STEP = 0.02
 """How far some point of a part has to move before the part is drawn again [m]."""
 
+AXES = 0.08
+"""Length of the axes of the tip's frame [m]."""
+
 TRACE_COLOR = (255, 196, 61, 255)
 WAYPOINT_COLOR = (120, 220, 160, 255)
 
 
-def link_frames(group: PlanningGroup, drawn: RobotBodies) -> Iterator[Chunk]:
-    """The frames of the links that carry something, and of the tip, each fixed to the joint that moves it."""
-    for link in dict.fromkeys((*drawn.links, group.tip)):
-        frame = group.model.frames[frame_index(group.model, link)]
-        parent = _joint_entity(group, frame.parentJoint) if frame.parentJoint else "/"
-        rotation, translation = frame.placement.rotation, frame.placement.translation
-        placement = rr.Transform3D(translation=translation, mat3x3=rotation, parent_frame=implicit_frame(parent))
-        yield still(link_entity(link), placement)
-    tip = rr.CoordinateFrame(implicit_frame(link_entity(group.tip)))
-    yield still("/robot/tip", tip, rr.TransformAxes3D(0.08))
+def tip_axes(group: PlanningGroup) -> Chunk:
+    """The axes of the tip's frame."""
+    return still("/robot/tip", rr.CoordinateFrame(link_frame(group.tip)), rr.TransformAxes3D(AXES))
 
 
-def joint_motion(group: PlanningGroup, at: Poses, times: rr.TimeColumn) -> Iterator[Chunk]:
-    """Placements in the world of each joint over time; its links follow.
+def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np.ndarray, timeline: str) -> Chunk:
+    """Where the links are: one entity with the frame that each joint moves, over time, and with what is fixed to them.
 
     Args:
         group: The joints that were planned for.
+        links: Those whose frames are wanted, beside the tip's.
         at: Forward kinematics at n times.
-        times: Column of the n times.
+        times: Shape (n,), rising: seconds, or the planner's steps.
+        timeline: `PATH_TIME` or `STEP`.
     """
-    for column, joint in enumerate(at.joints):
-        placements = at.placements[:, column]
-        columns = rr.Transform3D.columns(translation=placements[:, :3], quaternion=placements[:, 3:])
-        yield timed(_joint_entity(group, joint), [times], columns)
+    carried = list(dict.fromkeys((*links, group.tip)))
+    frames = [group.model.frames[frame_index(group.model, link)] for link in carried]
+    moved = [joint_frame(group.model.names[joint]) for joint in at.joints]
+    fixed = np.array([pin.SE3ToXYZQUAT(frame.placement) for frame in frames]).reshape(-1, 7)
+    placements = np.concatenate([fixed, at.placements.reshape(-1, 7)])
+    columns = rr.Transform3D.columns(
+        translation=placements[:, :3],
+        quaternion=placements[:, 3:],
+        child_frame=[*(link_frame(link) for link in carried), *moved * len(times)],
+        parent_frame=[
+            *(moved_frame(group, frame.parentJoint) for frame in frames),
+            *[WORLD] * (len(moved) * len(times)),
+        ],
+    )
+    rows = np.concatenate([np.repeat(times[:1], len(fixed)), np.repeat(times, len(moved))])
+    column = path_times(rows) if timeline == PATH_TIME else rr.TimeColumn(timeline, sequence=rows)
+    return timed("/robot/frames", [column], columns)
 
 
 def tip_trace(tip: np.ndarray) -> Chunk:
@@ -60,11 +72,11 @@ def tip_trace(tip: np.ndarray) -> Chunk:
 
 def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
     """What the planner itself found, before it became a trajectory: the tip at its waypoints (n, 3) [m, world]."""
-    yield still("/path/planned/line", rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015]))
-    yield still("/path/planned/waypoints", rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
+    line = rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015])
+    yield still("/path/planned", line, rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
 
 
-def ghosts(group: PlanningGroup, drawn: RobotBodies, motion: Motion) -> Chunk | None:
+def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
     """Sketches of the robot evenly along its way in joint space, bright at the start, dark at the end.
 
     A part that has hardly moved since it was last drawn isn't drawn again: it would only flicker. None if there is
@@ -93,5 +105,6 @@ def spread_along(configurations: np.ndarray, count: int) -> list[int]:
     return sorted({int(np.argmin(np.abs(arc - at))) for at in np.linspace(0.0, arc[-1], count)})
 
 
-def _joint_entity(group: PlanningGroup, joint: int) -> str:
-    return entity("robot", "joints", group.model.names[joint])
+def moved_frame(group: PlanningGroup, joint: int) -> str:
+    """Name of the frame that a joint moves, by Pinocchio's index; 0 is the world's."""
+    return joint_frame(group.model.names[joint]) if joint else WORLD

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Collection, Iterator, Sequence
+import functools
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any
 
+import coal
 import numpy as np
+import pinocchio as pin
 import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.messages import scene as messages
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.chunks import entity, still
+from guidefield.recorder.chunks import entity, path_times, still, timed
 from guidefield.scene.obstacle import Obstacle
+
+Color = tuple[int, int, int, int]
+"""RGBA."""
 
 GOLDEN_ANGLE = 0.381966
 """Share of the colour circle between one obstacle's hue and the next: never close to those before it."""
@@ -27,21 +34,50 @@ SEE_THROUGH_ALPHA = 70
 def obstacles(
     all_of_them: Sequence[Obstacle], see_through: Collection[str], at_fault: Collection[str]
 ) -> Iterator[Chunk]:
-    """Every obstacle as a solid body.
+    """Every obstacle as a solid body: one entity for all that are primitives of a kind, a single one for any other.
+
+    Also those that move, are in collision or hide something have an entity of their own, `/obstacles/single/<name>`.
 
     Args:
         all_of_them: The scene's obstacles.
         see_through: Names of those that hide the path from the first view.
         at_fault: Names of those that are in collision: they are red.
     """
+    alike: dict[type, list[tuple[Obstacle, Color]]] = {}
     for number, obstacle in enumerate(all_of_them):
-        red, green, blue, alpha = bodies.FAULT_COLOR if obstacle.name in at_fault else obstacle_color(obstacle, number)
-        color = (red, green, blue, SEE_THROUGH_ALPHA if obstacle.name in see_through else alpha)
+        color = bodies.FAULT_COLOR if obstacle.name in at_fault else obstacle_color(obstacle, number)
+        if {obstacle.name}.isdisjoint({*see_through, *at_fault}) and obstacle.motion is None:
+            kind = next((kind for kind in PRIMITIVES if isinstance(obstacle.shape, kind)), None)
+            if kind is not None:
+                alike.setdefault(kind, []).append((obstacle, color))
+                continue
         drawn = surface.shaded(obstacle.vertices, obstacle.triangles)
-        yield still(entity("obstacles", obstacle.name), bodies.mesh(drawn, color))
+        alpha = SEE_THROUGH_ALPHA if obstacle.name in see_through else color[3]
+        yield still(single(obstacle.name), bodies.mesh(drawn, (*color[:3], alpha)))
+    for kind, members in alike.items():
+        path, batch = PRIMITIVES[kind]
+        shapes, placements = [one.shape for one, _ in members], [pin.SE3ToXYZQUAT(one.placement) for one, _ in members]
+        drawn_as = batch(shapes, np.array(placements))
+        names = {"labels": [one.name for one, _ in members], "show_labels": False, "fill_mode": "solid"}
+        yield still(f"/obstacles/{path}", drawn_as(colors=[color for _, color in members], **names))
 
 
-def obstacle_color(obstacle: Obstacle, number: int) -> tuple[int, int, int, int]:
+def single(name: str) -> str:
+    """The entity of an obstacle that has its own."""
+    return entity("obstacles", "single", name)
+
+
+def moving(all_of_them: Sequence[Obstacle], times: np.ndarray) -> Iterator[Chunk]:
+    """How the obstacles that have a motion move from where they are drawn, at times (n,) [s] of the trajectory."""
+    for one in all_of_them:
+        if one.motion is None:
+            continue
+        moved = [pin.SE3ToXYZQUAT(one.placement_at(time) * one.placement.inverse()) for time in times.tolist()]
+        columns = rr.Transform3D.columns(translation=np.array(moved)[:, :3], quaternion=np.array(moved)[:, 3:])
+        yield timed(single(one.name), [path_times(times)], columns)
+
+
+def obstacle_color(obstacle: Obstacle, number: int) -> Color:
     """Colour of the scene's obstacle of that number (RGBA): muted, and unlike its neighbours'."""
     if isinstance(obstacle.message, messages.HalfSpace):
         return FLOOR_COLOR
@@ -50,23 +86,58 @@ def obstacle_color(obstacle: Obstacle, number: int) -> tuple[int, int, int, int]
 
 
 def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
-    """Guide planes as translucent panes with an outline and a name."""
-    for number, plane in enumerate(planes):
-        share = number / max(1, len(planes) - 1)
-        hue = PLANE_HUES[0] + share * (PLANE_HUES[1] - PLANE_HUES[0])
-        corners = np.array(plane.vertices, float)
-        fan = np.array([[0, i, i + 1] for i in range(1, len(corners) - 1)])
-        outline = np.vstack([corners, corners[:1]])
-        path = entity("guide_planes", plane.name)
-        yield still(f"{path}/pane", bodies.mesh(surface.shaded(corners, fan), _rgba(hue, 0.55, 0.9, PANE_ALPHA)))
-        yield still(f"{path}/outline", rr.LineStrips3D([outline], colors=[_rgba(hue, 0.6, 0.95, 255)], radii=[0.0025]))
-        corner = corners[number % len(corners)]  # not always the same one: planes often stand close behind one another
-        label = rr.Points3D(
-            [corner], labels=[plane.name], colors=[_rgba(hue, 0.78, 0.95, 255)], radii=[0.004], show_labels=True
-        )
-        yield still(f"{path}/name", label)
+    """Guide planes as translucent panes with outlines and names, all of them one entity."""
+    if not planes:
+        return
+    shares = np.linspace(0.0, 1.0, len(planes)) if len(planes) > 1 else [0.0]
+    hues = [PLANE_HUES[0] + share * (PLANE_HUES[1] - PLANE_HUES[0]) for share in shares]
+    corners = [np.array(plane.vertices, float) for plane in planes]
+    counts = [len(one) for one in corners]
+    firsts = np.cumsum([0, *counts[:-1]])
+    fans = [first + np.array([[0, i, i + 1] for i in range(1, n - 1)]) for first, n in zip(firsts, counts, strict=True)]
+    pane = rr.Mesh3D(
+        vertex_positions=np.concatenate(corners),
+        triangle_indices=np.concatenate(fans),
+        vertex_colors=[
+            _rgba(hue, 0.55, 0.9, 255) for hue, count in zip(hues, counts, strict=True) for _ in range(count)
+        ],
+        albedo_factor=(255, 255, 255, PANE_ALPHA),
+    )
+    outlines = [np.vstack([one, one[:1]]) for one in corners]
+    edges = rr.LineStrips3D(outlines, colors=[_rgba(hue, 0.6, 0.95, 255) for hue in hues], radii=[0.0025])
+    # not always the same corner: planes often stand close behind one another
+    named = [one[number % len(one)] for number, one in enumerate(corners)]
+    labels = rr.Points3D(
+        named,
+        labels=[plane.name for plane in planes],
+        colors=[_rgba(hue, 0.78, 0.95, 255) for hue in hues],
+        show_labels=True,
+    )
+    yield still("/guide_planes", pane, edges, labels)
 
 
-def _rgba(hue: float, lightness: float, saturation: float, alpha: int) -> tuple[int, int, int, int]:
+def _rgba(hue: float, lightness: float, saturation: float, alpha: int) -> Color:
     red, green, blue = (round(255 * part) for part in colorsys.hls_to_rgb(hue, lightness, saturation))
     return red, green, blue, alpha
+
+
+def _boxes(shapes: list[Any], at: np.ndarray) -> Callable[..., Any]:
+    sizes = np.array([shape.halfSide for shape in shapes])
+    return functools.partial(rr.Boxes3D, half_sizes=sizes, centers=at[:, :3], quaternions=at[:, 3:])
+
+
+def _balls(shapes: list[Any], at: np.ndarray) -> Callable[..., Any]:
+    return functools.partial(rr.Ellipsoids3D, radii=[shape.radius for shape in shapes], centers=at[:, :3])
+
+
+def _cylinders(shapes: list[Any], at: np.ndarray) -> Callable[..., Any]:
+    lengths, radii = [2.0 * shape.halfLength for shape in shapes], [shape.radius for shape in shapes]
+    return functools.partial(rr.Cylinders3D, lengths=lengths, radii=radii, centers=at[:, :3], quaternions=at[:, 3:])
+
+
+PRIMITIVES: dict[type, tuple[str, Callable[[list[Any], np.ndarray], Callable[..., Any]]]] = {
+    coal.Box: ("boxes", _boxes),
+    coal.Sphere: ("balls", _balls),
+    coal.Cylinder: ("cylinders", _cylinders),
+}
+"""Name of the entity and what draws it, by kind of Coal shape; placements are rows of position and quaternion."""

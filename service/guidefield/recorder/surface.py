@@ -22,7 +22,7 @@ SKETCH_CREASE = np.radians(85.0)
 MERGED_DIGITS = 6
 """Decimals of a metre to which vertices are the same."""
 
-SKETCH_VERTICES = 40
+SKETCH_VERTICES = 32
 """Most vertices of a body in a sketch."""
 
 SIDES = 48

@@ -60,8 +60,11 @@ class Runs(Protocol):
     def read(self, run_id: str) -> RunReply:
         """One run; UnknownObject if there is none of that name."""
 
-    def recording(self, run_id: str) -> bytes:
-        """The recording of one run; UnknownObject if there is none."""
+    def recording(self, run_id: str) -> Path:
+        """The file of one run's recording as it is kept; UnknownObject if there is none."""
+
+    def bodies_folder(self) -> Path | None:
+        """Where the meshes of robots are kept, once for the recordings of all runs; None if nothing is kept."""
 
     def delete(self, run_id: str) -> None:
         """Forget one run; UnknownObject if there is none of that name."""
@@ -93,9 +96,13 @@ class NullRunStore:
         """Raise UnknownObject."""
         raise _unknown(run_id)
 
-    def recording(self, run_id: str) -> bytes:
+    def recording(self, run_id: str) -> Path:
         """Raise UnknownObject."""
         raise _unknown(run_id)
+
+    def bodies_folder(self) -> Path | None:
+        """There is none."""
+        return None
 
     def delete(self, run_id: str) -> None:
         """Raise UnknownObject."""
@@ -196,16 +203,20 @@ class RunStore:
             error=None if error is None else msgspec.json.decode(error, type=ErrorReply),
         )
 
-    def recording(self, run_id: str) -> bytes:
-        """The recording of one run.
+    def recording(self, run_id: str) -> Path:
+        """The file of one run's recording, without its robot's meshes.
 
         Raises:
             UnknownObject: if there is no such run, or it has no recording, or not yet.
         """
-        recording = read_if_any(self._existing(run_id) / RECORDING)
-        if recording is None:
+        recording = self._existing(run_id) / RECORDING
+        if not recording.exists():
             raise UnknownObject(f"run {run_id!r} has no recording", run_id=run_id)
         return recording
+
+    def bodies_folder(self) -> Path | None:
+        """Where the meshes of robots are kept: beside the folder of the runs."""
+        return self._folder.with_name(f"{self._folder.name}-robots")
 
     def delete(self, run_id: str) -> None:
         """Forget one run.

@@ -1,0 +1,154 @@
+"""Robots ready to be drawn, on disk: a robot's meshes are read and turned into chunks once, not once per process.
+
+A file is named by what it was made from. It holds the meshes as a recording shows them, and the sketch for ghosts.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+
+import rerun as rr
+from lxml import etree
+from rerun.chunk import Chunk, RrdReader
+
+from guidefield.recorder import bodies, spheres, surface, visuals
+from guidefield.recorder.bodies import RobotBodies, mesh
+from guidefield.recorder.chunks import entity, still
+from guidefield.recorder.surface import Surface
+from guidefield.recorder.writing import encode_recording, write_atomically
+from guidefield.robot.model import RobotModel
+
+KEPT = 8
+"""Robots whose sketches are kept in a process."""
+
+NAMES = "/prepared"
+"""The entity that tells what a file holds."""
+
+UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)
+"""What reading a file that isn't there or isn't whole raises."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a recording needs of a robot beside its meshes.
+
+    Attributes:
+        file: Where the meshes are.
+        links: Links that carry something.
+        sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
+        faults: What can't be drawn, or kept.
+    """
+
+    file: Path
+    links: tuple[str, ...]
+    sketch: tuple[tuple[str, Surface], ...]
+    faults: tuple[str, ...]
+
+
+def cache_folder() -> Path:
+    """Where robots are kept prepared for runs without a store; a relative ``XDG_CACHE_HOME`` is ignored."""
+    chosen = os.environ.get("XDG_CACHE_HOME", "")
+    base = Path(chosen) if Path(chosen).is_absolute() else Path.home() / ".cache"
+    return base / "guidefield" / "drawn"
+
+
+def prepared(robot: RobotModel, folder: Path) -> Drawn:
+    """A robot ready to be drawn, from its file; that is made if it isn't there, and a disk that refuses is a fault.
+
+    Args:
+        robot: The robot.
+        folder: Where such files are; made if it isn't there.
+    """
+    drawn = _prepared(robot, folder)
+    if not drawn.faults and not drawn.file.exists():  # somebody has cleared the folder away
+        _prepared.cache_clear()
+        drawn = _prepared(robot, folder)
+    return drawn
+
+
+def meshes(robot: RobotModel, drawn: Drawn) -> list[Chunk]:
+    """A robot's meshes, as `bodies.prepare` makes them; from its file if that is whole."""
+    try:
+        return read_meshes(drawn.file)
+    except UNREADABLE:
+        return list(bodies.prepare(robot).chunks)
+
+
+def read_meshes(file: Path) -> list[Chunk]:
+    """The meshes in a robot's file.
+
+    Raises:
+        OSError, ValueError, RuntimeError: if there is no such file, or it isn't whole.
+    """
+    if not file.exists():
+        raise FileNotFoundError(f"there is no {file}")
+    return [chunk for chunk in RrdReader(file).stream().to_chunks() if chunk.entity_path.startswith("/robot/")]
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _prepared(robot: RobotModel, folder: Path) -> Drawn:
+    file = folder / f"{_fingerprint(robot)}.rrd"
+    try:
+        return _read(file)
+    except UNREADABLE:
+        made = bodies.prepare(robot)
+    drawn = Drawn(file, made.links, made.sketch, made.faults)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(file, encode_recording(file.stem, [*made.chunks, *_sketch_chunks(made)], None))
+    except OSError as error:
+        return replace(drawn, faults=(*drawn.faults, f"the robot's meshes could not be kept: {error}"))
+    return drawn
+
+
+def _fingerprint(robot: RobotModel) -> str:
+    """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
+    source = robot.source.urdf_text.encode()
+    digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {spheres.known(robot)} ".encode() + source)
+    for module in (__file__, bodies.__file__, spheres.__file__, surface.__file__, visuals.__file__):
+        digest.update(Path(module).read_bytes())
+    for element in etree.fromstring(source).iter("mesh"):
+        path = Path(element.get("filename"))
+        if path.exists():
+            state = path.stat()
+            digest.update(f"{path} {state.st_size} {state.st_mtime_ns}".encode())
+    return digest.hexdigest()[:32]
+
+
+def _sketch_chunks(made: RobotBodies) -> list[Chunk]:
+    """The sketch, and the names that go with it."""
+    sketched = [still(entity("sketch", f"{number}"), mesh(one)) for number, (_, one) in enumerate(made.sketch)]
+    names = {"links": list(made.links), "sketched": [link for link, _ in made.sketch], "faults": list(made.faults)}
+    told = still(NAMES, rr.AnyValues(**{name: [one or "" for one in values] or [""] for name, values in names.items()}))
+    return [*sketched, told]
+
+
+def _read(file: Path) -> Drawn:
+    """What `_prepared` wrote.
+
+    Raises:
+        OSError, ValueError, KeyError, RuntimeError: if there is no such file, or it isn't whole.
+    """
+    if not file.exists():
+        raise FileNotFoundError(file)
+    chunks = {chunk.entity_path: chunk for chunk in RrdReader(file).stream().to_chunks()}
+    told = chunks[NAMES].to_record_batch()
+    links, sketched, faults = (
+        tuple(filter(None, told.column(name).to_pylist()[0])) for name in ("links", "sketched", "faults")
+    )
+    sketch = tuple((link, _surface(chunks[entity("sketch", f"{number}")])) for number, link in enumerate(sketched))
+    return Drawn(file, links, sketch, faults)
+
+
+def _surface(chunk: Chunk) -> Surface:
+    batch = chunk.to_record_batch()
+    vertices, triangles, normals = (
+        batch.column(f"Mesh3D:{name}").flatten().flatten().to_numpy().reshape(-1, 3)
+        for name in ("vertex_positions", "triangle_indices", "vertex_normals")
+    )
+    return Surface(vertices, triangles, normals)

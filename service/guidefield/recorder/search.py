@@ -1,0 +1,83 @@
+"""How the planner searched: its trees as they grew, and the path as it was relaxed, over the timeline of its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.planner.trace import PathRelaxed, TreeGrown
+from guidefield.recorder.chunks import STEP, timed
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.kinematics import Kinematics
+
+GROWTH = 8
+"""Steps of the timeline over which a tree is shown to grow."""
+
+MOST_NODES = 200
+"""Nodes of a tree that are shown: the first ones."""
+
+MOST_ITERATIONS = 10
+"""Iterations of the relaxation that are shown: of more, as many, evenly chosen."""
+
+MOST_WAYPOINTS = 48
+"""Points by which a path that is being relaxed is shown."""
+
+TREE_COLOR = (150, 170, 200, 140)
+RELAXED_COLOR = (190, 160, 250, 255)
+
+
+def trees(group: PlanningGroup, grown: Sequence[tuple[int, TreeGrown]]) -> Iterator[Chunk]:
+    """The tip's motion along each edge of the trees, in the order in which they grew.
+
+    Args:
+        group: The joints that were planned for.
+        grown: Trees, each with the first of its `GROWTH` numbers on the timeline.
+    """
+    steps: list[int] = []
+    strips: list[np.ndarray] = []
+    counts: list[int] = []
+    for first, event in grown:
+        edges = [tree_edges(group, *tree) for tree in event.trees()]
+        for number in range(GROWTH):
+            batch = [edge for tree in edges for edge in np.array_split(tree, GROWTH)[number]]
+            steps.append(first + number)
+            counts.append(len(batch))
+            strips += batch
+    if strips:
+        columns = rr.LineStrips3D.columns(
+            strips=strips, colors=[TREE_COLOR] * len(strips), radii=np.full(len(strips), 0.001)
+        )
+        yield timed("/planner/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
+
+
+def tree_edges(group: PlanningGroup, points: np.ndarray, parents: np.ndarray) -> np.ndarray:
+    """The tip at both ends of the edges to the first `MOST_NODES` nodes of a tree, shape (edges, 2, 3) [m, world]."""
+    tips = _tips(group, points[:MOST_NODES])  # a parent comes before its children
+    children = np.flatnonzero(parents[:MOST_NODES] >= 0)
+    return np.stack([tips[parents[children]], tips[children]], axis=1)
+
+
+def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
+    """The tip's way along a path after steps of its relaxation, each with its number on the timeline."""
+    if not paths:
+        return
+    chosen = np.unique(np.linspace(0, len(paths) - 1, MOST_ITERATIONS).round().astype(int))
+    strips = []
+    for index in chosen:
+        path = paths[index][1].path
+        rows = np.unique(np.linspace(0, len(path) - 1, MOST_WAYPOINTS).round().astype(int))
+        strips.append(_tips(group, path[rows]))
+    times = rr.TimeColumn(STEP, sequence=[paths[index][0] for index in chosen])
+    columns = rr.LineStrips3D.columns(
+        strips=strips, colors=[RELAXED_COLOR] * len(strips), radii=np.full(len(strips), 0.003)
+    )
+    yield timed("/planner/relaxed", [times], columns)
+
+
+def _tips(group: PlanningGroup, points: np.ndarray) -> np.ndarray:
+    """The tip's position at chart points (n, nv), shape (n, 3) [m, world]."""
+    kinematics = Kinematics(group)
+    return np.array([kinematics.tip_position(group.from_chart(point)) for point in points])

@@ -1,0 +1,73 @@
+"""Recordings in a store and those that leave it: without what all runs share, and with it.
+
+A stored recording lacks its robot's meshes, which lie once beside all runs, and its layout, which follows from it; it
+names both. `self_contained` adds them: one file that anybody can open.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from rerun.chunk import Chunk, RrdReader
+
+from guidefield.recorder.blueprint import layout
+from guidefield.recorder.bodies_file import UNREADABLE, read_meshes
+from guidefield.recorder.camera import Eye
+from guidefield.recorder.chunks import still
+from guidefield.recorder.documents import with_warning
+from guidefield.recorder.writing import encode_recording
+
+LEFT_OUT = "/left_out"
+"""The entity that stands for what a stored recording lacks."""
+
+_log = logging.getLogger(__name__)
+
+
+def left_out(meshes: str, eye: Eye, timeline: str) -> Chunk:
+    """What stands in a stored recording for what it lacks.
+
+    Args:
+        meshes: Name of the file of its robot's meshes, in their folder.
+        eye: What `blueprint.layout` is given.
+        timeline: The same.
+    """
+    at = np.concatenate([eye.position, eye.target])
+    return still(LEFT_OUT, rr.AnyValues(meshes=meshes, eye=at, timeline=timeline))
+
+
+def self_contained(recording: Path, folder: Path) -> bytes:
+    """A run's recording with its robot's meshes and its layout, as the content of one file.
+
+    Without the file of the meshes it is whole but for them: its summary and the log say so.
+
+    Args:
+        recording: A recording that may lack them.
+        folder: Where robots are kept prepared.
+
+    Raises:
+        OSError: if the recording can't be read.
+    """
+    reader = RrdReader(recording)
+    (store,) = reader.recordings()
+    chunks = reader.stream().to_chunks()
+    lacking = next((chunk for chunk in chunks if chunk.entity_path == LEFT_OUT), None)
+    if lacking is None:
+        return recording.read_bytes()
+    batch = lacking.to_record_batch()
+    (name,), at, (timeline,) = (batch.column(part).to_pylist()[0] for part in ("meshes", "eye", "timeline"))
+    rest = [chunk for chunk in chunks if chunk.entity_path != LEFT_OUT]
+    present = frozenset(chunk.entity_path for chunk in rest)
+    shown = layout(Eye(np.array(at[:3]), np.array(at[3:]), frozenset()), timeline, present)
+    return encode_recording(store.recording_id, _with_meshes(rest, folder / Path(name).name), shown)
+
+
+def _with_meshes(chunks: Sequence[Chunk], file: Path) -> list[Chunk]:
+    try:
+        return [*chunks, *read_meshes(file)]
+    except UNREADABLE as error:
+        _log.warning("the robot's meshes are missing from a recording: %s", error)
+        return with_warning(chunks, f"the robot's meshes are not in this recording: {error}")

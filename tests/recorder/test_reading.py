@@ -1,0 +1,31 @@
+"""Messages as a recording keeps them, and what is no recording of ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from guidefield.errors import MalformedRequest
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest
+from guidefield.recorder.packing import packed, unpacked
+from guidefield.recorder.reading import read_recording
+from guidefield.recorder.writing import write_recording
+from tests.recorder.runs import made_up
+
+
+def test_what_is_packed_is_unpacked_or_refused() -> None:
+    run = made_up("panda")
+    content = bytes(packed(run.request))
+    assert unpacked(content, PlanRequest) == run.request
+    assert unpacked(bytes(packed(run.reply)), PlanReply) == run.reply
+    for broken in (content[:-20], b"", b"hello", bytes(packed(run.reply))):
+        with pytest.raises(ValueError, match="PlanRequest"):
+            unpacked(broken, PlanRequest)
+
+
+def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
+    write_recording(tmp_path / "foreign.rrd", "foreign", [], None)
+    with pytest.raises(MalformedRequest, match="no whole recording of guidefield: it has no '/__properties/plan'"):
+        read_recording(tmp_path / "foreign.rrd")

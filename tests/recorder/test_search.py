@@ -1,0 +1,73 @@
+"""How the planner searched: trees edge by edge, and paths as they were relaxed, where Pinocchio has the tip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.planner.trace import PathRelaxed, TreeGrown
+from guidefield.recorder import search
+from guidefield.recorder.log import EventLog
+from tests.recorder.runs import MadeUp, grown_trees, made_up
+
+
+@pytest.fixture(scope="module", params=["panda", "kinova"])
+def run(request: pytest.FixtureRequest) -> MadeUp:
+    return made_up(request.param)
+
+
+def _tip(run: MadeUp, z: np.ndarray) -> np.ndarray:
+    model = run.group.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, run.group.expand(run.group.from_chart(z)))
+    return np.array(data.oMf[model.getFrameId(run.group.tip)].translation)
+
+
+def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: MadeUp) -> None:
+    trees = grown_trees(run.group)
+    (chunk,) = search.trees(run.group, [(5, TreeGrown(lambda: trees))])
+    batch = chunk.to_record_batch()
+    assert batch.column("step").to_pylist() == list(range(5, 5 + search.GROWTH))
+    rows = batch.column("LineStrips3D:strips").to_pylist()
+    drawn = np.array([strip for row in rows for strip in row])
+    expected = [
+        [_tip(run, points[parent]), _tip(run, point)]
+        for points, parents in trees
+        for point, parent in zip(points, parents, strict=True)
+        if parent >= 0
+    ]
+    assert drawn.shape == np.shape(expected)
+    for edge in expected:
+        assert np.isclose(drawn, edge, atol=1e-6).all(axis=(1, 2)).sum() == 1
+    reached = [_tip(run, points[0]) for points, _ in trees] + [_tip(run, trees[1][0][1])]
+    for start, end in drawn:
+        assert min(np.linalg.norm(np.subtract(start, one)) for one in reached) < 1e-5
+        reached.append(end)
+
+
+def test_a_long_tree_and_many_relaxed_paths_are_thinned_out(run: MadeUp) -> None:
+    many = 3 * search.MOST_NODES
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (many, run.group.nv))
+    edges = search.tree_edges(run.group, points, np.arange(-1, many - 1))
+    assert len(edges) == search.MOST_NODES - 1
+    paths = [(number, PathRelaxed(points, 1.0)) for number in range(40)]
+    (chunk,) = search.relaxed(run.group, paths)
+    batch = chunk.to_record_batch()
+    steps = batch.column("step").to_pylist()
+    assert (steps[0], steps[-1], len(steps)) == (0, 39, search.MOST_ITERATIONS)
+    ((strip,), *_) = batch.column("LineStrips3D:strips").to_pylist()
+    assert len(strip) == search.MOST_WAYPOINTS
+    assert np.allclose(strip[0], _tip(run, points[0]), atol=1e-6)
+    assert np.allclose(strip[-1], _tip(run, points[-1]), atol=1e-6)
+
+
+def test_trees_are_looked_at_while_they_are_told(run: MadeUp) -> None:
+    memory = [np.ones((3, run.group.nv)), np.array([-1, 0, 1])]
+    log = EventLog()
+    log.add(TreeGrown(lambda: ((memory[0].copy(), memory[1].copy()),)))
+    memory[0][:] = 7.0
+    (kept,) = log.events
+    assert isinstance(kept, TreeGrown)
+    ((points, _),) = kept.trees()
+    assert (points == 1.0).all()

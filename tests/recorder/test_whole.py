@@ -1,0 +1,100 @@
+"""Recordings in a store, which share their robot's meshes, and what leaves it: one file with everything."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from guidefield.recorder import bodies_file
+from guidefield.recorder.recorder import Place
+from guidefield.recorder.whole import LEFT_OUT, self_contained
+from tests.recorder.runs import MadeUp, Recording, made_up
+
+MOST_STORED = 500_000
+"""Bytes that a run may cost beside its robot's meshes."""
+
+
+@pytest.fixture(scope="module")
+def run() -> MadeUp:
+    return made_up("panda")
+
+
+@pytest.fixture
+def stored(run: MadeUp, tmp_path: Path) -> tuple[Path, Path]:
+    """A recording in a store, and the folder of the meshes."""
+    file, robots = tmp_path / "run.rrd", tmp_path / "robots"
+    run.recorder(file, Place(file, robots, whole=False)).finish(run.reply, run.profile)
+    return file, robots
+
+
+def test_what_leaves_a_store_holds_what_a_whole_recording_does(run, stored, tmp_path):
+    file, robots = stored
+    kept = Recording(file)
+    assert not any(path.startswith(("/robot/visual", "/robot/collision")) for path in kept.entities)
+    assert kept.stores()[1] == []
+    (tmp_path / "left.rrd").write_bytes(self_contained(file, robots))
+    run.recorder(tmp_path / "whole.rrd").finish(run.reply, run.profile)
+    left, whole = Recording(tmp_path / "left.rrd"), Recording(tmp_path / "whole.rrd")
+    assert left.entities == whole.entities
+    assert left.entities > kept.entities - {LEFT_OUT}
+    (store,), (layout,) = left.stores()
+    assert (store.recording_id, layout.application_id) == ("run-1", store.application_id)
+    command = [str(Path(sys.executable).with_name("rerun")), "rrd", "verify", str(tmp_path / "left.rrd")]
+    subprocess.run(command, check=True, capture_output=True)
+
+
+def test_what_is_whole_leaves_as_it_is(run, tmp_path):
+    run.recorder(tmp_path / "whole.rrd").finish(run.reply, run.profile)
+    assert self_contained(tmp_path / "whole.rrd", tmp_path) == (tmp_path / "whole.rrd").read_bytes()
+
+
+def test_a_run_costs_little_beside_its_robots_meshes(stored):
+    assert stored[0].stat().st_size < MOST_STORED
+    assert len(self_contained(*stored)) < MOST_STORED + sum(file.stat().st_size for file in stored[1].iterdir())
+
+
+def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, stored, tmp_path):
+    file, robots = stored
+    (meshes,) = robots.iterdir()
+    made = meshes.stat().st_mtime_ns
+    run.recorder(file, Place(file, robots, whole=False)).finish(run.reply, run.profile)
+    assert [(one, one.stat().st_mtime_ns) for one in robots.iterdir()] == [(meshes, made)]
+    meshes.write_bytes(meshes.read_bytes()[:10_000])
+    bodies_file._prepared.cache_clear()
+    run.recorder(file, Place(file, robots, whole=False)).finish(run.reply, run.profile)
+    assert list(robots.iterdir()) == [meshes]
+    assert len(bodies_file.read_meshes(meshes)) > 20
+    meshes.unlink()
+    run.recorder(file, Place(file, robots, whole=False)).finish(run.reply, run.profile)
+    assert list(robots.iterdir()) == [meshes]
+
+
+@pytest.mark.parametrize("how", ["gone", "cut"])
+def test_a_recording_whose_meshes_are_missing_leaves_without_them_and_says_so(stored, tmp_path, how, caplog):
+    file, robots = stored
+    (meshes,) = robots.iterdir()
+    if how == "gone":
+        meshes.unlink()
+    else:
+        meshes.write_bytes(meshes.read_bytes()[:10_000])
+    with caplog.at_level(logging.WARNING):
+        content = self_contained(file, robots)
+    assert "meshes are missing from a recording" in caplog.text
+    (tmp_path / "left.rrd").write_bytes(content)
+    left = Recording(tmp_path / "left.rrd")
+    (summary,) = left.one("/documents/summary", "TextDocument:text")
+    assert "the robot's meshes are not in this recording" in summary
+    assert "the tip reaches GP 2" in summary
+    assert {"/ghosts", "/obstacles/boxes", "/robot/frames"} <= left.entities
+
+
+def test_a_disk_that_refuses_the_meshes_is_told_in_the_summary(run, tmp_path):
+    (tmp_path / "robots").write_text("no folder")
+    file = tmp_path / "run.rrd"
+    run.recorder(file, Place(file, tmp_path / "robots", whole=False)).finish(run.reply, run.profile)
+    (summary,) = Recording(file).one("/documents/summary", "TextDocument:text")
+    assert "the robot's meshes could not be kept" in summary
