@@ -36,6 +36,21 @@ def test_every_triangle_is_once_in_the_tree_and_within_the_balls_above(count: in
         for ball in above:
             assert np.linalg.norm(triangle - balls[ball, :3], axis=1).max() <= balls[ball, 3] + 1e-12
 
+    vertices = parts.vertices.reshape(-1, 3, 16)
+    shapes = parts.shapes.reshape(-1, 3)
+
+    def below(node: int) -> list[np.ndarray]:
+        if links[node, 0] < 0:
+            return [numbers[links[node, 2], :9].reshape(3, 3)]
+        return below(links[node, 0]) + below(links[node, 1])
+
+    for node in range(root, len(links)):  # a polytope's vertices are the corners below it, where it is of few
+        if links[node, 0] >= 0 and links[node, 2] >= 0 and (triangles := below(node)) and len(triangles) < 22:
+            _, first, blocks = shapes[links[node, 2]]
+            held = vertices[first : first + blocks].transpose(0, 2, 1).reshape(-1, 3)
+            apart = np.linalg.norm(np.concatenate(triangles)[:, None] - held, axis=2)
+            assert apart.min(axis=0).max() < 1e-6
+            assert node == root or apart.min(axis=1).max() < 1e-6
     look(root, [])
     assert sorted(map(np.ndarray.tolist, found)) == sorted(corners.tolist())
 

@@ -97,12 +97,26 @@ class PartsTable:
         root = self._n_nodes
         self._n_parts += count
         self._n_nodes += len(mesh.balls)
+        for nodes, corners in mesh.clusters:
+            links[nodes, 2] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
         for node, hull in mesh.hulls.items():
             links[node, 2] = self._add_hull(_moved(placement, hull))
         self._pieces[root] = root + mesh.pieces
         self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
         return root
+
+    def _add_clusters(self, vertices: np.ndarray, count: int) -> np.ndarray:
+        """Add so many hulls of as many vertices each, a multiple of sixteen; which parts they are."""
+        if count == 0:
+            return np.empty(0, np.int64)
+        blocks = self._add_vertices(vertices) // count
+        first = self._n_blocks + blocks * np.arange(count)
+        self._shapes.append(np.column_stack([np.full(count, POLYTOPE), first, np.full(count, blocks)]).ravel())
+        self._numbers.append(np.zeros(PART * count))
+        self._n_blocks += blocks * count
+        self._n_parts += count
+        return np.arange(self._n_parts - count, self._n_parts)
 
     def _add_hull(self, vertices: np.ndarray) -> int:
         """Add a hull as a part without a node: what it is apart from, all that it contains is."""

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.lane_grids import lane_grids
 from guidefield.kernels.enclosing_ball import ball_around_balls
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
 from guidefield.kernels.lane_tables import BAND, LaneBodies
@@ -79,6 +80,9 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
     products = counts[ordered].prod(axis=1)
     places = _offsets_of(products + (products > 1))
     parts = table.tables()
+    lane_joints = _joints(group, turns)
+    whole = [np.concatenate([covers[body] for body in bodies]) for bodies in members]
+    grids = lane_grids(lane_joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]))
     bodies = LaneBodies(
         size=len(shapes),
         carriers=len(carrying),
@@ -104,10 +108,13 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
         grouped=_balls(grouped),
         cover=_balls(covers),
         inner=_balls(inners),
+        grids=grids.grids,
+        grid_numbers=grids.grid_numbers,
+        verdicts=grids.verdicts,
     )
-    for array in bodies[4:]:
+    for array in bodies[4:-1]:
         array.setflags(write=False)
-    return LaneRobot(_joints(group, turns), bodies, parts, int(places[-1]))
+    return LaneRobot(lane_joints, bodies, parts, int(places[-1]))
 
 
 def _surface_points(shape: Any) -> np.ndarray:

@@ -73,6 +73,9 @@ class Lanes:
             pose_a=np.zeros(12),
             pose_b=np.zeros(12),
             work=np.zeros(WORK),
+            middle=np.zeros(world.group.nv * LANES, np.float32),
+            middle_poses=np.zeros(world.model.njoints * POSE, np.float32),
+            places=np.zeros(2 * LANES, np.float32),
         )
         block = np.zeros(world.group.nv * LANES, np.float32)
         tables = LaneWorld(

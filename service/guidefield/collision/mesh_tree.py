@@ -13,6 +13,10 @@ MOST_VERTICES = 192
 """A hull with more gives way to a polytope about it with about as many."""
 
 
+CLUSTERS = (5, 21)
+"""The first nodes on the way down that hold no more triangles get their corners as a polytope: 16 or 64 of them."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeshTree:
     """Triangles and a binary tree over them.
@@ -30,6 +34,7 @@ class MeshTree:
     links: np.ndarray
     hulls: dict[int, np.ndarray]
     pieces: np.ndarray
+    clusters: tuple[tuple[np.ndarray, np.ndarray], ...]
 
 
 def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree:
@@ -40,9 +45,14 @@ def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree
     centres, members = triangles.mean(axis=1), np.arange(len(triangles))
     sizes = np.array([len(triangles)])
     balls, links, made = [], np.empty((0, 3), np.int64), 0
+    above = np.array([np.iinfo(np.int64).max])
+    found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in CLUSTERS]
     while len(sizes):  # level by level: the members of its nodes one after the other
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         balls.append(_balls_about(triangles[members], starts, sizes))
+        for most, nodes in zip(CLUSTERS, found, strict=True):
+            first = np.flatnonzero((sizes > 1) & (sizes <= most) & (above > most))
+            nodes.append((made + first, _corners(triangles, members, starts[first], sizes[first], most)))
         split = sizes > 1
         children = made + len(sizes) + 2 * np.cumsum(split) - 2
         rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
@@ -50,6 +60,7 @@ def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree
         links = np.concatenate([links, rows])
         members = _halved(centres, members[np.repeat(split, sizes)], sizes[split])
         made += len(sizes)
+        above = np.repeat(sizes[split], 2)
         halves = sizes[split] // 2
         sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
     if hull is None and len(triangles) > 1:
@@ -58,7 +69,10 @@ def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree
         except ValueError:  # it is flat
             hull = None
     hulls = {} if hull is None else {0: hull}
-    return MeshTree(triangles, np.concatenate(balls), links, hulls, np.zeros(1, np.int64))
+    clusters = tuple(
+        (np.concatenate(nodes), np.concatenate(rows)) for nodes, rows in (zip(*f, strict=True) for f in found)
+    )
+    return MeshTree(triangles, np.concatenate(balls), links, hulls, np.zeros(1, np.int64), clusters)
 
 
 def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:
@@ -81,7 +95,23 @@ def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:
         ball_around_balls(np.ascontiguousarray(balls[top[i][:2]]), balls[i])
     hulls = {0: hull} | {int(n + k): v for tree, n in zip(trees, nodes, strict=True) for k, v in tree.hulls.items()}
     corners = np.concatenate([tree.corners for tree in trees])
-    return MeshTree(corners, balls, np.concatenate([top, *links]), hulls, nodes.astype(np.int64))
+    clusters = tuple(
+        (
+            np.concatenate([tree.clusters[k][0] + n for tree, n in zip(trees, nodes, strict=True)]),
+            np.concatenate([tree.clusters[k][1] for tree in trees]),
+        )
+        for k in range(len(CLUSTERS))
+    )
+    return MeshTree(corners, balls, np.concatenate([top, *links]), hulls, nodes.astype(np.int64), clusters)
+
+
+def _corners(
+    triangles: np.ndarray, members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int
+) -> np.ndarray:
+    """The corners of runs of at most so many triangles, shape (n, 16 or 64, 3): one of them fills what is left."""
+    chosen = members[starts[:, None] + np.minimum(np.arange(most), sizes[:, None] - 1)]
+    corners = triangles[chosen].reshape(len(starts), 3 * most, 3)
+    return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
 def _balls_about(triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:

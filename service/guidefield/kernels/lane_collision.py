@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from numba import boolean, int64, types, void
 
+from guidefield.kernels.lane_cells import left_of_cells
 from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
 from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements, moved
 from guidefield.kernels.lane_math import PRIMITIVE, Floats32, near_primitive
@@ -171,8 +172,10 @@ def _undecided_obstacles(
     return kept
 
 
-@lane_step(int64(BODIES, int64, SCRATCH_MEMORY))
-def _near_pairs(bodies: LaneBodies, count: int, scratch: Scratch) -> int:
+@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, FLOAT_POINTER, SCRATCH_MEMORY))
+def _near_pairs(
+    joints: LaneJoints, bodies: LaneBodies, parts: Parts, count: int, coordinates: Floats32, scratch: Scratch
+) -> int:
     """Add the pairs of the robot's bodies that come near each other to what was found; how many that is now."""
     poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
     for meeting in range(bodies.n_meetings):
@@ -181,14 +184,17 @@ def _near_pairs(bodies: LaneBodies, count: int, scratch: Scratch) -> int:
         y = load(centres, a * BALL + 16) - load(centres, b * BALL + 16)
         z = load(centres, a * BALL + 32) - load(centres, b * BALL + 32)
         reach = bodies.around[4 * a + 3] + bodies.around[4 * b + 3] + BAND
-        if not below(x * x + y * y + z * z, splat(reach * reach)):
+        near = below(x * x + y * y + z * z, splat(reach * reach))
+        if near:
+            near = left_of_cells(joints, bodies, parts, meeting, near, coordinates, scratch)
+        if near == 0:
             continue
         for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
             first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
             x, y, z = _ball(poses, bodies.joints[first], bounds, first)
             u, v, w = _ball(poses, bodies.joints[second], bounds, second)
             x, y, z, reach = x - u, y - v, z - w, bounds[4 * first + 3] + bounds[4 * second + 3] + BAND
-            mask = below(x * x + y * y + z * z, splat(reach * reach))
+            mask = below(x * x + y * y + z * z, splat(reach * reach)) & near
             if mask:
                 found[3 * count], found[3 * count + 1], found[3 * count + 2] = -1, pair, mask
                 count += 1
@@ -227,7 +233,7 @@ def block_touches(
     if count < 0:
         return True
     count = _undecided_obstacles(bodies, obstacles, clearance, count, scratch)
-    count = _near_pairs(bodies, count, scratch)
+    count = _near_pairs(joints, bodies, parts, count, coordinates, scratch)
     for entry in range(count):
         body, other, mask = found[3 * entry], found[3 * entry + 1], found[3 * entry + 2]
         if body >= 0:

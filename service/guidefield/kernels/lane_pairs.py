@@ -38,7 +38,7 @@ from guidefield.kernels.separation import (
     POINTED_PARTS,
     Parts,
     bodies_apart,
-    polytopes_apart,
+    parts_apart,
 )
 
 
@@ -134,7 +134,7 @@ def _left_of_hulls(
         one_pose(scratch.poses, joint_a, chosen, pose_a)
         one_pose(scratch.poses, joint_b, chosen, pose_b)
         write_turned(pose_a, axes, at, work, AXIS)
-        if polytopes_apart(parts, part_a, pose_a, parts, part_b, pose_b, DECISION_BAND, work):
+        if parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, DECISION_BAND, work):
             keep_axis(parts, root_a, work, pose_a, -1.0, axes, at)
         else:
             left |= 1 << chosen

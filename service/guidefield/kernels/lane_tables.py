@@ -23,6 +23,9 @@ BALL = 3 * LANES
 AXIS_AND_REACH = 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
+GRID_PLACES, GRID_NUMBERS = 5, 7
+"""Numbers of a grid of cells: whole ones, others."""
+
 AROUND = 6 * LANES
 """Floats of the boxes about sixteen obstacles along the world's axes: the least x, y, z of all, then the largest."""
 
@@ -49,6 +52,8 @@ class LaneBodies(NamedTuple):
         pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
         piece_roots: (pieces,) the root of each in the robot's parts.
         meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
+        grids: (GRID_PLACES * n_meetings,) for each two coordinates with how many cells their sides have, and where its
+            verdicts begin; no cells where bodies' distance hangs on more.
         pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
         around: (4 * m,) a ball about each carrier's bodies.
         bounds: (4 * n,) a ball about each body.
@@ -56,6 +61,9 @@ class LaneBodies(NamedTuple):
         grouped: (4 * groups,) a ball about each group.
         cover: (4 * c,) balls that contain the bodies.
         inner: (4 * i,) balls that are inside them.
+        grid_numbers: (GRID_NUMBERS * n_meetings,) for each of a grid's coordinates its least value, cells per length,
+            and 1 / (2 pi) if it wraps, else 0; then how far motions within a cell move bodies past each other.
+        verdicts: (cells,) what is known of the grids' cells; written by the kernels.
     """
 
     size: int
@@ -73,6 +81,7 @@ class LaneBodies(NamedTuple):
     pieces: np.ndarray
     piece_roots: np.ndarray
     meetings: np.ndarray
+    grids: np.ndarray
     pairs: np.ndarray
     around: np.ndarray
     bounds: np.ndarray
@@ -80,6 +89,8 @@ class LaneBodies(NamedTuple):
     grouped: np.ndarray
     cover: np.ndarray
     inner: np.ndarray
+    grid_numbers: np.ndarray
+    verdicts: np.ndarray
 
 
 class LaneObstacles(NamedTuple):
@@ -117,6 +128,8 @@ class Scratch(NamedTuple):
         pair_axes: (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it.
         pose_a, pose_b: (12,) each.
         work: (WORK,).
+        middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
+        places: (32,) where on a grid a block's configurations are.
     """
 
     poses: np.ndarray
@@ -127,10 +140,15 @@ class Scratch(NamedTuple):
     pose_a: np.ndarray
     pose_b: np.ndarray
     work: np.ndarray
+    middle: np.ndarray
+    middle_poses: np.ndarray
+    places: np.ndarray
 
 
-LANE_BODIES = types.NamedTuple([*[types.int64] * 4, *[INDICES] * 12, *[FLOATS] * 6], LaneBodies)
+_VERDICTS = types.Array(types.uint8, 1, "C")
+
+LANE_BODIES = types.NamedTuple([*[types.int64] * 4, *[INDICES] * 13, *[FLOATS] * 7, _VERDICTS], LaneBodies)
 LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2], LaneObstacles)
-SCRATCH = types.NamedTuple([*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5], Scratch)
+SCRATCH = types.NamedTuple([*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3], Scratch)
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)

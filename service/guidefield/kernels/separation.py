@@ -283,10 +283,11 @@ def bodies_apart(
 
 
 @lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
-def polytopes_apart(
+def parts_apart(
     a: Parts, part_a: int, pose_a: Floats, b: Parts, part_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
-    """`bodies_apart` for two parts that are polytopes."""
+    """`bodies_apart` for two parts."""
     _place(a, part_a, pose_a, work, _POSE_A)
     _place(b, part_b, pose_b, work, _POSE_B)
+    margin += a.numbers[PART * part_a + 15] + b.numbers[PART * part_b + 15]
     return bool(_apart(a, part_a, b, part_b, margin, work))

@@ -1,0 +1,124 @@
+"""Grids over the coordinates that pairs of joints' bodies hang on, for the lane kernels (see kernels/lane_cells)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.kernels.lane_kinematics import JOINT, TURNING, LaneJoints
+from guidefield.kernels.lane_tables import BAND, GRID_NUMBERS, GRID_PLACES
+
+SIDES = {0: 1, 1: 4096, 2: 256}
+"""Cells along each side of a grid over so many coordinates."""
+
+SLACK = 1.001
+"""By how much the motion within a cell is taken to be larger: places on the grid are rounded to float32."""
+
+
+class Grids(NamedTuple):
+    """What `LaneBodies` holds under the same names.
+
+    Attributes:
+        grids: (GRID_PLACES * meetings,).
+        grid_numbers: (GRID_NUMBERS * meetings,) float32.
+        verdicts: (cells,) uint8, nothing judged yet.
+    """
+
+    grids: np.ndarray
+    grid_numbers: np.ndarray
+    verdicts: np.ndarray
+
+
+class _Side(NamedTuple):
+    """One coordinate: which, its range, whether it wraps, and how far a unit of it moves the second bodies [m]."""
+
+    driver: int
+    lower: float
+    width: float
+    wraps: bool
+    lever: float
+
+
+def lane_grids(
+    joints: LaneJoints, meetings: np.ndarray, carrying: np.ndarray, covers: Sequence[np.ndarray], ranges: np.ndarray
+) -> Grids:
+    """Lay grids over the coordinates of meetings that hang on two at most.
+
+    Args:
+        joints: The robot's joints.
+        meetings: Pairs of carriers, the first two columns; shape (m, 4).
+        carrying: Joint of each carrier.
+        covers: Balls (n, 4) that contain each carrier's bodies, in its joint's frame.
+        ranges: Least and largest value of each coordinate, shape (nv, 2).
+    """
+    numbers = joints.numbers.reshape(-1, JOINT)
+    places, values, cells = [], [], 0
+    for a, b in meetings[:, :2].tolist():
+        way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
+        sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
+        if sides is None:
+            places.append([0, 0, 0, 0, 0])
+            values.append([0.0] * GRID_NUMBERS)
+            continue
+        count, row, moved = SIDES[len(sides)], [], 0.0
+        for side in sides:
+            row += [side.lower, count / side.width, 0.5 / np.pi if side.wraps else 0.0]
+            moved += side.lever * 0.5 * side.width / count
+        row += [0.0, 0.0, 0.0] * (2 - len(sides))
+        drivers = [(side.driver, count) for side in sides] + [(0, 1)] * (2 - len(sides))
+        places.append([*drivers[0], *drivers[1], cells])
+        values.append([*row, SLACK * moved + BAND])
+        cells += drivers[0][1] * drivers[1][1]
+    return Grids(
+        np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
+        np.array(values, np.float32).reshape(-1, GRID_NUMBERS).ravel(),
+        np.zeros(cells, np.uint8),
+    )
+
+
+def _way(parents: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]]:
+    """The joints that move two joints' bodies past each other: those above the first alone, above the second alone."""
+    above: tuple[list[int], list[int]] = ([], [])
+    for end, found in zip((a, b), above, strict=True):
+        joint = end
+        while joint > 0:
+            found.append(joint)
+            joint = int(parents[joint])
+    common = set(above[0]) & set(above[1])
+    return [j for j in above[0] if j not in common], [j for j in above[1] if j not in common]
+
+
+def _sides(
+    joints: LaneJoints,
+    numbers: np.ndarray,
+    ways: tuple[list[int], list[int]],
+    covers: tuple[np.ndarray, np.ndarray],
+    ranges: np.ndarray,
+) -> list[_Side] | None:
+    """The coordinates that a meeting hangs on; None if they are more than two, or one has no end."""
+    levers: dict[int, float] = {}
+    wraps: dict[int, bool] = {}
+    for way, cover in zip(ways, covers, strict=True):
+        centres, radii = cover[:, :3], cover[:, 3]
+        reach = float(
+            (np.linalg.norm(centres[:, :2], axis=1) + radii).max()
+        )  # from the axis of the carrier, which is z
+        beyond = float((np.linalg.norm(centres, axis=1) + radii).max())
+        for joint in way:
+            driver, factor = int(joints.drivers[joint]), abs(float(numbers[joint, 12]))
+            turning = joints.kinds[joint] == TURNING
+            levers[driver] = levers.get(driver, 0.0) + factor * (reach if turning else 1.0)
+            wraps[driver] = wraps.get(driver, True) and bool(turning) and factor == 1.0
+            # what the joint above turns is as far from it at most
+            beyond += float(np.linalg.norm(numbers[joint, [3, 7, 11]]))
+            if not turning:
+                beyond += float(np.abs(ranges[driver] * numbers[joint, 12] + numbers[joint, 13]).max())
+            reach = beyond
+    sides = []
+    for driver in sorted(levers):
+        low, high = (-np.pi, np.pi) if wraps[driver] else ranges[driver]
+        sides.append(_Side(driver, float(low), float(high - low), wraps[driver], levers[driver]))
+    bounded = all(np.isfinite([side.lower, side.width, side.lever]).all() and side.width > 0.0 for side in sides)
+    return sides if len(sides) <= max(SIDES) and bounded else None
