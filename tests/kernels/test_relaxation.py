@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.barrier import SOFT
+from guidefield.kernels.barrier import SOFT, STEEPNESS
 from guidefield.kernels.distance import distance_at_points
+from guidefield.kernels.obstacle_barrier import obstacle_distance
 from guidefield.kernels.relaxation import Samples, objective
 from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.kernels.self_barrier import pair_distances
@@ -30,7 +31,7 @@ GROUPS: dict[str, Callable[[], PlanningGroup]] = {
     "floating": lambda: grouped(box_arm("floating x y", 0)),
     "ball joints": lambda: group("chain_fixed_6x300_r25"),
 }
-REACH, CLEARANCE = 0.08, 0.01
+REACH, CLEARANCE, FLOOR = 0.08, 0.01, 0.05
 
 
 @functools.cache
@@ -42,7 +43,7 @@ def made(name: str, seed: int = 0) -> tuple[Problem, np.ndarray]:
     robot, _ = sampled(made_for)
     for _ in range(500):
         z = planned.chart(planned.random(rng))
-        near = np.array([d for d, _, reach in distances(made_for, robot, z) if d < reach])
+        near = np.array([d for d, _, reach, _ in distances(made_for, robot, z) if d < reach])
         if len(near) > 3 and near.min() > -0.05:
             return made_for, z
     raise AssertionError("no configuration near obstacles")
@@ -53,8 +54,8 @@ def sampled(made_for: Problem, ends: np.ndarray | None = None) -> tuple[SampledR
     return sampled_robot(made_for, tables, np.empty((0, made_for.group.nv)) if ends is None else ends), tables
 
 
-def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tuple[float, float, float]]:
-    """Distance, weight and range of every point against obstacles, and against other links, these by Coal."""
+def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tuple[float, float, float, float]]:
+    """Distance, weight, range and floor of every point against obstacles; against links by Coal, without floor."""
     model = made_for.group.model
     data = model.createData()
     pin.forwardKinematics(model, data, made_for.group.expand(made_for.group.from_chart(z)))
@@ -66,12 +67,12 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
     found = []
     for points, of_points in zip(world, weights, strict=True):
         to_obstacles = distance_at_points(distance_tables(made_for.scene), points)[0] - CLEARANCE
-        found += [(d, w, REACH) for d, w in zip(to_obstacles, of_points, strict=True)]
+        found += [(d, w, REACH, FLOOR - CLEARANCE) for d, w in zip(to_obstacles, of_points, strict=True)]
     shapes = list(made_for.group.geometry.geometryObjects)
     for (g, body), reach in zip(robot.pairs, robot.pair_ranges, strict=True):
         placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
         apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g]]
-        found += [(d, w, float(reach)) for d, w in zip(apart, weights[g], strict=True)]
+        found += [(d, w, float(reach), 0.0) for d, w in zip(apart, weights[g], strict=True)]
     return found
 
 
@@ -96,6 +97,12 @@ def plain(distance: float, reach: float) -> float:
     return law(soft) + slope * (distance - soft) + 0.5 * bend * (distance - soft) ** 2
 
 
+def cost(distance: float, reach: float, floor: float) -> float:
+    """The barrier and what is wanting of the floor, both measured from the clearance."""
+    wanting = (floor - distance) / FLOOR if distance < floor else 0.0
+    return plain(distance, reach) + STEEPNESS * wanting**2
+
+
 def samples_of(*rows: tuple[int, float, float]) -> Samples:
     segments, fractions, weights = (np.array(column) for column in zip(*rows, strict=True))
     samples = Samples(
@@ -117,7 +124,7 @@ class Objective:
         n, nv = path.shape
         gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
         value = objective(
-            self.robot, self.tables, self.samples, path, self.stiffness, CLEARANCE, gradient, diagonal, upper
+            self.robot, self.tables, self.samples, path, self.stiffness, CLEARANCE, FLOOR, gradient, diagonal, upper
         )
         return value, gradient, diagonal, upper
 
@@ -131,7 +138,7 @@ def at_end(z: np.ndarray) -> np.ndarray:
 def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
     made_for, z = made(name)
     value, *_ = (one := Objective(made_for, samples_of((0, 1.0, 1.0))))(at_end(z))
-    expected = sum(w * plain(d, reach) for d, w, reach in distances(made_for, one.robot, z))
+    expected = sum(w * cost(d, reach, floor) for d, w, reach, floor in distances(made_for, one.robot, z))
     assert value == pytest.approx(expected, rel=1e-5)
     assert value > 0.0
 
@@ -155,11 +162,11 @@ def test_its_hessian_is_gauss_and_newtons(name: str) -> None:
     here = distances(made_for, one.robot, z)
 
     def only(z: np.ndarray) -> np.ndarray:
-        return np.array([d for d, _, _ in distances(made_for, one.robot, z)])
+        return np.array([d for d, _, _, _ in distances(made_for, one.robot, z)])
 
     rows = np.array([only(z + e) - only(z - e) for e in step * np.eye(len(z))]).T / (2 * step)
     h = 1e-6
-    bends = [w * (plain(d + h, r) - 2 * plain(d, r) + plain(d - h, r)) / h**2 for d, w, r in here]
+    bends = [w * (cost(d + h, r, f) - 2 * cost(d, r, f) + cost(d - h, r, f)) / h**2 for d, w, r, f in here]
     expected = np.einsum("i,ij,ik->jk", bends, rows, rows)
     np.testing.assert_allclose(diagonal[1], expected, rtol=2e-2, atol=1e-2 * np.abs(expected).max())
     np.testing.assert_allclose(diagonal[1], diagonal[1].T, rtol=1e-12)
@@ -238,10 +245,20 @@ def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None
         if 0.0 < closest.min() < np.inf:  # links within range, none inside another
             break
     assert 0.0 < closest.min() < np.inf
-    own = [d for d, _, _ in distances(made_for, robot, z)][robot.points.shape[1] :]
+    own = [d for d, *_ in distances(made_for, robot, z)][robot.points.shape[1] :]
     at = 0
     for (g, _), distance in zip(robot.pairs, closest, strict=True):
         count = robot.groups[g, 2] - robot.groups[g, 1]
         smallest = min(own[at : at + count])
         assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SELF_RANGE - 1e-6 else np.inf)
         at += count
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_the_distance_from_obstacles_is_that_of_the_nearest_point(name: str) -> None:
+    made_for, z = made(name)
+    robot, tables = sampled(made_for)
+    nearest = min(d for d, *_ in distances(made_for, robot, z)[: robot.points.shape[1]]) + CLEARANCE
+    assert obstacle_distance(robot, tables, z, np.inf) == pytest.approx(nearest, abs=1e-9)
+    assert obstacle_distance(robot, tables, z, 1.0) == pytest.approx(nearest, abs=1e-9)
+    assert obstacle_distance(robot, tables, z, nearest - 0.01) == nearest - 0.01

@@ -259,7 +259,7 @@ def test_a_gate_narrower_than_the_clearance_asked_for_is_told_with_the_place() -
     assert planned(0.9 * gap).status is Status.SUCCESS
     refusal = planned(1.5 * gap)
     assert refusal.status is Status.CLEARANCE_BELOW_MINIMUM, refusal.message
-    assert gap < refusal.details["clearance"] < 1.5 * gap + 1e-3  # where the motion enters the gate
+    assert gap - 1e-6 < refusal.details["clearance"] < 1.5 * gap + 1e-3  # in the gate, or where the motion enters it
     assert refusal.details["pair"][1] in ("left", "right")
     assert 0.9 < refusal.details["configuration"]["j1"] < 1.4
     assert not refusal.verdict.free

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 
-from guidefield.kernels.barrier import barrier
-from guidefield.kernels.distance import DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.sampled_robot import SampledRobot, Workspace, lower_gaps, moved
-from guidefield.kernels.signatures import Vector3, inlined
+from guidefield.kernels.barrier import barrier, deficit
+from guidefield.kernels.distance import TABLES, DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, moved, place, workspace
+from guidefield.kernels.signatures import SCALAR, VECTOR, Floats, Vector3, compiled, inlined
 
 
 @inlined
 def obstacle_barrier(
-    robot: SampledRobot, tables: DistanceTables, reach: float, clearance: float, work: Workspace
+    robot: SampledRobot, tables: DistanceTables, reach: float, clearance: float, floor: float, work: Workspace
 ) -> float:
     """The barrier between the robot's points and obstacles.
 
@@ -25,22 +25,18 @@ def obstacle_barrier(
         tables: Obstacles.
         reach: Range of the barrier [m], positive.
         clearance: Distance from obstacles at which its wall stands [m].
+        floor: Distance from obstacles below which points cost more [m], positive.
         work: Scratch, up to date with the configuration; forces and inertias gather in it.
 
     Returns:
         Sum of the weighted barriers.
     """
     total = 0.0
+    farthest = max(reach + clearance, floor)
     for g in range(robot.groups.shape[0]):
         joint = robot.groups[g, 0]
         T = work.world[joint]
-        x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
-        near = bodies_near(x, y, z, robot.balls[g, 3] + reach + clearance, tables, work.candidates)
-        count = 0
-        for k in range(near):
-            if not robot.ignored[g, tables.obstacles[work.candidates[k]]]:
-                work.candidates[count] = work.candidates[k]
-                count += 1
+        count = _bodies_near(robot, tables, g, farthest, work)
         if count == 0:
             continue
         first, last = robot.groups[g, 1], robot.groups[g, 2]
@@ -48,17 +44,30 @@ def obstacle_barrier(
         for k in range(count):
             lower_gaps(robot, g, tables, work.candidates[k], work)
         for i in range(first, last):
-            if work.gaps[i] >= (reach + clearance) ** 2:
+            if work.gaps[i] >= farthest * farthest:
                 continue
             x, y, z = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d, nx, ny, nz, body = nearest_body(x, y, z, work.candidates, count, tables, reach + clearance)
+            d, nx, ny, nz, body = nearest_body(x, y, z, work.candidates, count, tables, farthest)
             if body < 0:
                 continue
             value, slope, curvature = barrier(d - clearance, reach)
+            more, more_slope, more_curvature = deficit(d, floor)
             w = robot.weights[i]
-            total += w * value
-            _gather(joint, (x, y, z), (nx, ny, nz), w * slope, w * curvature, work)
+            total += w * (value + more)
+            _gather(joint, (x, y, z), (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work)
     return total
+
+
+@inlined
+def _bodies_near(robot: SampledRobot, tables: DistanceTables, g: int, reach: float, work: Workspace) -> int:
+    """How many bodies that count may be within reach of a group; the first of the candidates are they."""
+    x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
+    near, count = bodies_near(x, y, z, robot.balls[g, 3] + reach, tables, work.candidates), 0
+    for k in range(near):
+        if not robot.ignored[g, tables.obstacles[work.candidates[k]]]:
+            work.candidates[count] = work.candidates[k]
+            count += 1
+    return count
 
 
 @inlined
@@ -69,3 +78,25 @@ def _gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, 
         work.forces[joint, r] += slope * f[r]
         for c in range(r, 6):
             work.inertias[joint, r, c] += curvature * f[r] * f[c]
+
+
+@compiled(SCALAR(ROBOT, TABLES, VECTOR, SCALAR))
+def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cutoff: float) -> float:
+    """Smallest distance from the robot's points to obstacles at one configuration [m].
+
+    Args:
+        robot: The robot.
+        tables: Obstacles.
+        z: Chart coordinates, shape (nv,).
+        cutoff: What is returned where nothing is nearer [m], positive.
+    """
+    work = workspace(robot, tables)
+    place(robot, z, work)
+    best = cutoff
+    for g in range(robot.groups.shape[0]):
+        count = _bodies_near(robot, tables, g, max(best, 0.0), work)
+        T = work.world[robot.groups[g, 0]]
+        for i in range(robot.groups[g, 1], robot.groups[g, 2]):
+            x, y, z_ = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            best = min(best, nearest_body(x, y, z_, work.candidates, count, tables, best)[0])
+    return best

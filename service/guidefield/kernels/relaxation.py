@@ -59,7 +59,7 @@ def _stretch(path: Floats, stiffness: Floats, gradient_out: Floats, diagonal_out
     return total
 
 
-@compiled(SCALAR(ROBOT, TABLES, SAMPLES, MATRIX, VECTOR, SCALAR, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT))
+@compiled(SCALAR(ROBOT, TABLES, SAMPLES, MATRIX, VECTOR, SCALAR, SCALAR, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT))
 def objective(
     robot: SampledRobot,
     tables: DistanceTables,
@@ -67,6 +67,7 @@ def objective(
     path: Floats,
     stiffness: Floats,
     clearance: float,
+    floor: float,
     gradient_out: Floats,
     diagonal_out: Floats,
     upper_out: Floats,
@@ -80,6 +81,7 @@ def objective(
         path: Chart coordinates, shape (n, nv) [rad or m], n >= 2.
         stiffness: Diagonal of S, shape (nv,).
         clearance: Distance from obstacles at which the barrier's wall stands [m].
+        floor: Distance from obstacles below which points cost more [m], positive.
         gradient_out: Shape (n, nv).
         diagonal_out: Hessian blocks of the waypoints, shape (n, nv, nv).
         upper_out: Hessian blocks that couple a waypoint with the next one, shape (n - 1, nv, nv).
@@ -95,7 +97,7 @@ def objective(
         k, t, w = samples.segments[s], samples.fractions[s], samples.weights[s]
         for j in range(nv):
             z[j] = path[k, j] + t * (path[k + 1, j] - path[k, j])
-        value = robot_barrier(robot, tables, z, samples.ranges[s], clearance, work, gradient, hessian)
+        value = robot_barrier(robot, tables, z, samples.ranges[s], clearance, floor, work, gradient, hessian)
         if value == 0.0:
             continue
         total += w * value

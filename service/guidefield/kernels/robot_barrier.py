@@ -17,6 +17,7 @@ def robot_barrier(
     z: Floats,
     reach: float,
     clearance: float,
+    floor: float,
     work: Workspace,
     gradient_out: Floats,
     hessian_out: Floats,
@@ -29,6 +30,7 @@ def robot_barrier(
         z: Chart coordinates, shape (nv,) [rad or m].
         reach: Range of the barrier against obstacles [m], positive.
         clearance: Distance from obstacles at which its wall stands [m].
+        floor: Distance from obstacles below which points cost more [m], positive.
         work: Scratch.
         gradient_out: Its gradient by z, shape (nv,).
         hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv).
@@ -39,7 +41,7 @@ def robot_barrier(
     place(robot, z, work)
     work.forces[:, :] = 0.0
     work.inertias[:, :, :] = 0.0
-    total = obstacle_barrier(robot, tables, reach, clearance, work)
+    total = obstacle_barrier(robot, tables, reach, clearance, floor, work)
     _carry(robot.joints, work)
     total += self_barrier(robot, work)
     gradient_out[:] = 0.0

@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.kernels.block_tridiagonal import solve_free
 from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.obstacle_barrier import obstacle_distance
 from guidefield.kernels.relaxation import Samples, objective
 from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.planner.path_samples import path_samples
@@ -20,6 +21,12 @@ from guidefield.scene.distance_tables import distance_tables
 
 STRETCH = 0.5
 """Stretch energy of evenly spaced waypoints: it weighs length against the barrier alike in short and long paths."""
+
+FLOOR_SHARE = 1.1
+"""What is nearer to obstacles than this share of what the waypoints that stay keep costs more: it is the bottleneck."""
+
+LEAST_FLOOR, FARTHEST_FLOOR = 0.002, 0.25
+"""The same is at least and at most [m]."""
 
 LARGEST_STEP = 0.3
 """Most that a joint of a waypoint moves in one step [rad, or `SLIDING_UNIT`]."""
@@ -78,6 +85,7 @@ class Chain:
         stiffness: Of the stretch energy between two waypoints, shape (nv,).
         units: What counts as one radian of each joint, shape (nv,).
         clearance: Distance from obstacles at which the barrier's wall stands [m].
+        floor: Distance from obstacles below which points cost more [m].
         lower, upper: Chart limits, shape (nv,).
         held: Waypoints that stay.
         crossings: What keeps waypoints where they may be.
@@ -90,6 +98,7 @@ class Chain:
     stiffness: np.ndarray
     units: np.ndarray
     clearance: float
+    floor: float
     lower: np.ndarray
     upper: np.ndarray
     held: list[int]
@@ -117,15 +126,17 @@ class Chain:
         units = np.ones(group.nv)
         for joint in group.joints:
             units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
-        segments, length = len(path) - 1, length_of(path)
+        segments, length, tables = len(path) - 1, length_of(path), distance_tables(problem.scene)
+        kept = min(obstacle_distance(robot, tables, z, FARTHEST_FLOOR) for z in path[held])
         return cls(
             length=length,
             robot=robot,
-            tables=distance_tables(problem.scene),
+            tables=tables,
             samples=path_samples(segments, held),
             stiffness=2.0 * STRETCH * segments / length**2 / units**2,
             units=units,
             clearance=problem.min_clearance,
+            floor=float(np.clip(FLOOR_SHARE * kept, LEAST_FLOOR, FARTHEST_FLOOR)),
             lower=np.minimum(group.lower, path.min(axis=0)),
             upper=np.maximum(group.upper, path.max(axis=0)),
             held=held,
@@ -136,8 +147,9 @@ class Chain:
         """The objective of waypoints, chart points of shape (n, nv), and its derivatives."""
         n, nv = path.shape
         gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
+        walls = (self.clearance, self.floor)
         value = objective(
-            self.robot, self.tables, self.samples, path, self.stiffness, self.clearance, gradient, diagonal, upper
+            self.robot, self.tables, self.samples, path, self.stiffness, *walls, gradient, diagonal, upper
         )
         return Shape(path, value, gradient, diagonal, upper)
 

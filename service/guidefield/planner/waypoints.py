@@ -10,6 +10,25 @@ def length_of(path: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
+def cut(path: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """A path with some of its segments cut evenly into pieces.
+
+    Args:
+        path: Chart points, shape (n, nv).
+        chosen: Which segments are cut, shape (n - 1,).
+        longest: Length of a piece at most [rad or m].
+
+    Returns:
+        Chart points (k, nv), those of the path bit for bit; where these are among them, shape (n,).
+    """
+    along = np.diff(path, axis=0)
+    pieces = np.where(chosen, np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / longest)), 1).astype(int)
+    indices = np.r_[0, np.cumsum(pieces)]
+    of = np.repeat(np.arange(len(along)), pieces)
+    shares = (np.arange(indices[-1]) - indices[of]) / pieces[of]
+    return np.vstack([path[of] + shares[:, None] * along[of], path[-1:]]), indices
+
+
 def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndarray, np.ndarray]:
     """A path cut into segments of about equal length.
 

@@ -9,16 +9,16 @@ from guidefield.kept import kept_with
 from guidefield.robot.charges import robot_charges, surface
 from guidefield.robot.model import RobotModel
 
-SPACING = 0.04
+SPACING = 0.036
 """Largest spacing of the points [m]."""
 
-SPACING_OF_RADIUS = 0.6
+SPACING_OF_RADIUS = 0.3
 """Largest spacing as a share of the radius of the capsule about a shape: what is slim goes where it is narrow."""
 
 SMALLEST_SPACING = 0.008
 """No finer than this [m]."""
 
-MOST = 500
+MOST = 1500
 """About how many points a robot gets at most; beyond, all spacings grow alike."""
 
 _POINTS_PER_SQUARE = 0.6
