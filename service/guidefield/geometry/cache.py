@@ -76,7 +76,13 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
 
 
 def recalled(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray] | None:
-    """What `remembered` would return without computing anything; None if it would have to."""
+    """What `remembered` would return, without computing anything; None if it would have to.
+
+    Args:
+        kind: As there.
+        inputs: As there.
+        make: As there; it isn't called.
+    """
     return _read(_path(kind, inputs, make))
 
 

@@ -29,9 +29,9 @@ class Capsule:
     """All points within `radius` of the segment from `p0` to `p1`.
 
     Attributes:
-        p0: One end of the axis, shape (3,) [m].
-        p1: The other; may be the same.
-        radius: Radius [m].
+        p0: One end of the axis, shape (3,) [m], in the frame of what it contains.
+        p1: The other, shape (3,) [m]; may be the same.
+        radius: [m].
     """
 
     p0: Floats
@@ -45,7 +45,11 @@ class Capsule:
         return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
 
     def distance(self, points: Floats) -> Floats:
-        """Signed distance of points, shape (n, 3), from the surface [m]; negative inside. Shape (n,)."""
+        """Signed distance of points from the surface, shape (n,) [m]; negative inside.
+
+        Args:
+            points: Shape (n, 3) [m], in the capsule's frame.
+        """
         axis = self.p1 - self.p0
         square = float(axis @ axis)
         offsets = points - self.p0
@@ -60,7 +64,7 @@ def fit_capsule(points: Floats) -> Capsule:
     The search starts from the best principal axis of the points. The same points give the same capsule.
 
     Args:
-        points: Shape (n, 3), n >= 1 [m].
+        points: Shape (n, 3), n >= 1 [m], in any frame; the capsule is in the same.
 
     Raises:
         ValueError: if there is no point, or one is not finite.

@@ -52,9 +52,12 @@ def cloud_rows(points: Floats, spacing: Floats | float, charge: float = 1.0) -> 
     that the field is lumpy, and finite in the holes: see `leak_limit`.
 
     Args:
-        points: Shape (n, 3) [m].
-        spacing: Distance of neighbours [m], of all or of each; every point stands for its square.
-        charge: Charge per area.
+        points: Shape (n, 3) [m], in the frame of the field.
+        spacing: Distance of neighbours [m], of all or of each, shape (n,); every point stands for its square.
+        charge: Charge per area [1].
+
+    Raises:
+        ValueError: if a spacing isn't positive.
     """
     if not np.all(np.asarray(spacing) > 0.0):
         raise ValueError(f"`spacing` must be positive, got {np.min(spacing)} m")

@@ -99,7 +99,15 @@ Opening = Callable[[Floats, Floats], Floats]
 
 
 def never(radii: Floats, _spreads: Floats) -> Floats:
-    """No expansion at all: every face counts by itself."""
+    """No expansion at all: every face counts by itself.
+
+    Args:
+        radii: Of the nodes, shape (n,) [m].
+        _spreads: Of their charge, shape (n,).
+
+    Returns:
+        From which distance on a node may stand for what is below it, shape (n,) [m]: infinity.
+    """
     return np.full(len(radii), np.inf)
 
 

@@ -91,9 +91,15 @@ def field_tables(
 
 
 def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
-    """A flat convex polygon, shape (k, 3), in quads (n, 4, 3) and, of an odd number of corners, a triangle (m, 3, 3).
+    """A flat convex polygon in quads and, where its number of corners is odd, a triangle.
 
     Each costs one arctangent: a polygon as a product of all its triangles saves nothing where gradients are asked for.
+
+    Args:
+        vertices: Corners in order, shape (k, 3) [m], in any frame.
+
+    Returns:
+        Corners of the quads, shape (n, 4, 3), and of triangles, shape (m, 3, 3), m <= 1.
     """
     last = len(vertices) - 1
     quads = [[vertices[0], vertices[i], vertices[i + 1], vertices[i + 2]] for i in range(1, last - 1, 2)]

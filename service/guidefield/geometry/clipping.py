@@ -19,7 +19,7 @@ def clipped(pieces: Pieces, plane: Floats) -> Pieces:
 
     Args:
         pieces: The triangles.
-        plane: Unit normal and offset, shape (4,) [m].
+        plane: Unit normal n and offset d, shape (4,) [m], in the triangles' frame.
     """
     heights = pieces.corners @ plane[:3] - plane[3]
     below = heights <= 0.0

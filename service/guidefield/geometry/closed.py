@@ -11,11 +11,12 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     """Merge vertices at the same place, and leave out what is too much then.
 
     Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
+        vertices: Shape (v, 3) [m], in any frame.
+        triangles: Indices of vertices, shape (t, 3).
 
     Returns:
-        Vertices that triangles use; triangles with three different ones; which of the given ones each is.
+        Vertices that triangles use, shape (w, 3); triangles with three different ones, shape (u, 3); which of the given
+        ones each is, shape (u,).
 
     Raises:
         ValueError: if a vertex is not finite.
@@ -72,7 +73,12 @@ def connected_pieces(count: int, simplices: Integers) -> Integers:
 
 
 def volume(vertices: Floats, triangles: Integers) -> float:
-    """Volume within a closed surface [m^3]; negative if its triangles run clockwise from outside."""
+    """Volume within a closed surface [m^3]; negative if its triangles run clockwise from outside.
+
+    Args:
+        vertices: Shape (v, 3) [m], in any frame.
+        triangles: Indices of vertices, shape (t, 3).
+    """
     corners = vertices[triangles] - vertices.mean(axis=0)
     return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
 

@@ -39,9 +39,9 @@ class Part:
     """A convex part.
 
     Attributes:
-        hull: The part itself.
+        hull: The part itself, in the body's frame.
         stand_off: How far its surface leaves the body, at most [m].
-        triangles: Which of the triangles that were given it holds, or pieces of them; ascending.
+        triangles: Which of the triangles that were given it holds, or pieces of them; ascending, shape (k,).
     """
 
     hull: Surface

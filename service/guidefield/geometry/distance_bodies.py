@@ -47,7 +47,12 @@ class Body:
     surface: tuple[Floats, Integers] = NO_SURFACE
 
     def placed(self, rotation: Floats, translation: Floats) -> Body:
-        """The body in a frame that is placed in another one."""
+        """The body in a frame that its own is placed in.
+
+        Args:
+            rotation: Of its frame in the other one, shape (3, 3).
+            translation: Of its frame's origin in the other one, shape (3,) [m].
+        """
         turned = rotation @ self.placement
         turned[:, 3] += translation
         return replace(self, placement=turned)

@@ -28,7 +28,7 @@ class Pieces(NamedTuple):
         return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
     def some(self, chosen: np.ndarray | slice) -> Pieces:
-        """Those that indices, a mask or a slice choose."""
+        """Those that indices (k,), a mask (n,) or a slice choose."""
         return Pieces(self.corners[chosen], self.sources[chosen])
 
 
@@ -56,7 +56,7 @@ class Elements(NamedTuple):
         return 3 * self.first
 
     def some(self, chosen: np.ndarray) -> Elements:
-        """The elements that a mask (m,) chooses."""
+        """The elements that a mask, shape (m,), chooses."""
         counts = np.diff(self.first)
         return Elements(
             self.pieces.some(np.repeat(chosen, counts)),

@@ -12,7 +12,14 @@ GROUP = 8
 
 
 def enclosing_ball(points: Floats) -> Floats:
-    """The smallest ball that contains points (n, 3), and so their hull: centre and radius, shape (4,) [m]."""
+    """The smallest ball that contains points, and so their hull.
+
+    Args:
+        points: Shape (n, 3) [m], in any frame.
+
+    Returns:
+        Centre in that frame and radius, shape (4,) [m].
+    """
     ball = np.empty(4)
     smallest_ball(np.ascontiguousarray(points), ball)
     return ball
@@ -22,7 +29,7 @@ def grouped(balls: Floats) -> tuple[Integers, Floats, Integers]:
     """Neighbouring balls in groups, with a ball around each group.
 
     Args:
-        balls: Shape (n, 4), n >= 1 [m].
+        balls: Centres and radii, shape (n, 4), n >= 1 [m], in any frame.
 
     Returns:
         The order in which balls of a group stand together, shape (n,); the balls around groups, shape (g, 4) [m]; where

@@ -20,12 +20,28 @@ def inner_sphere(radius: float) -> Floats:
 
 
 def inner_capsule(radius: float, length: float) -> Floats:
-    """Balls along the axis of a capsule, z; `length` is that of its straight part [m]."""
+    """Balls along the axis of a capsule, z, in its own frame.
+
+    Args:
+        radius: Of the capsule [m].
+        length: Of its straight part [m].
+
+    Returns:
+        Centres and radii, shape (n, 4) [m].
+    """
     return _row(0.5 * length, radius)
 
 
 def inner_cylinder(radius: float, length: float) -> Floats:
-    """Balls inside of a cylinder with flat ends along z."""
+    """Balls inside of a cylinder with flat ends along z, in its own frame.
+
+    Args:
+        radius: Of the cylinder [m].
+        length: From end to end [m].
+
+    Returns:
+        Centres and radii, shape (n, 4) [m].
+    """
     if 0.5 * length >= radius:
         return _row(0.5 * length - radius, radius)
     # the prism's sides touch a cylinder of radius r, its edges one of r / cos(pi / sides)

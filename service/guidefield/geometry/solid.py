@@ -51,9 +51,15 @@ class Solid:
         return int((self.given < 0).sum())
 
     def depths(self, points: Floats) -> Floats:
-        """Depths (n,) of points (n, 3) [m]: radius of a ball about each within the body; minus the distance outside.
+        """Depths of points: radius of a ball about each within the body; minus the distance outside.
 
         Where solids overlap, a larger ball may be within their union.
+
+        Args:
+            points: Shape (n, 3) [m], in the body's frame.
+
+        Returns:
+            Shape (n,) [m].
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         depths = np.empty(len(points))
@@ -63,7 +69,14 @@ class Solid:
         return -self.distances(points)
 
     def distances(self, points: Floats) -> Floats:
-        """Distances (n,) of points (n, 3) to the surface, from inside or outside [m]."""
+        """Distances of points to the surface, from inside or outside.
+
+        Args:
+            points: Shape (n, 3) [m], in the body's frame.
+
+        Returns:
+            Shape (n,) [m].
+        """
         distances = np.empty(len(points))
         distances_at(np.ascontiguousarray(points, dtype=np.float64), self.tables, self.spans, distances)
         return distances

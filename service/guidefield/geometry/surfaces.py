@@ -19,7 +19,7 @@ class Surface(NamedTuple):
     """Triangles over shared vertices; both arrays are read-only.
 
     Attributes:
-        vertices: Shape (v, 3) [m].
+        vertices: Shape (v, 3) [m], in the shape's frame.
         triangles: Indices into `vertices`, counter-clockwise from outside, shape (t, 3).
     """
 
@@ -33,7 +33,12 @@ class Surface(NamedTuple):
 
 
 def surface(vertices: Floats, triangles: Integers) -> Surface:
-    """Surface of arrays that are copied and frozen; shapes (v, 3) and (t, 3)."""
+    """Surface of arrays that are copied and frozen.
+
+    Args:
+        vertices: Shape (v, 3) [m], in the shape's frame.
+        triangles: Indices into `vertices`, shape (t, 3).
+    """
     frozen = Surface(np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64).reshape(-1, 3))
     for array in frozen:
         array.setflags(write=False)

@@ -142,11 +142,11 @@ def chain_configuration(
 
     Args:
         chain: The chain.
-        joints: (n + 1, 3) places of joints, a link's length apart [m].
-        q: (nq,) configuration to be near to.
-        rotations: (n, 3, 3) of the links in the world, at q.
-        q_out: (nq,).
-        rotations_out: (n, 3, 3) of the links in the world, at q_out.
+        joints: Places of joints, a link's length apart, shape (n + 1, 3) [m, world].
+        q: Configuration to be near to, shape (nq,).
+        rotations: Of the links in the world, at q, shape (n, 3, 3).
+        q_out: Shape (nq,).
+        rotations_out: Of the links in the world, at q_out, shape (n, 3, 3).
 
     Returns:
         Whether there is one: a universal joint can't point everywhere if its axes aren't square to its link.

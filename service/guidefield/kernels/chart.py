@@ -79,7 +79,14 @@ def _combine(v: int, a: Vector3, b: Vector3, c: Vector3, subspaces_out: Floats) 
 
 @inlined
 def turned(origin: Floats, vector: Vector3, at: int, q_out: Floats) -> None:
-    """The quaternion (x, y, z, w) at an index, turned by a rotation vector."""
+    """A quaternion turned by a rotation vector in its own frame.
+
+    Args:
+        origin: Configuration that holds the quaternion (x, y, z, w), shape (nq,).
+        vector: Rotation vector (3) [rad].
+        at: Index of x, in both.
+        q_out: Configuration that gets the product, shape (nq,).
+    """
     angle = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
     scale = math.sin(0.5 * angle) / angle if angle > _SMALL else 0.5 - angle * angle / 48.0
     ex, ey, ez, ew = scale * vector[0], scale * vector[1], scale * vector[2], math.cos(0.5 * angle)

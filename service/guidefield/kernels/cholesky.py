@@ -8,10 +8,33 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import types
 
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, Floats, compiled
+
+
+@compiled(types.boolean(MATRIX_OUT))
+def factorize(block_out: Floats) -> bool:
+    """Replace the lower triangle of a symmetric matrix, shape (n, n), by its factor L with M = L L^T.
+
+    Returns:
+        Whether the matrix is positive definite; else what is left of it has no meaning.
+    """
+    n = block_out.shape[0]
+    for j in range(n):
+        pivot = block_out[j, j]
+        for k in range(j):
+            pivot -= block_out[j, k] * block_out[j, k]
+        if not pivot > 0.0:
+            return False
+        pivot = math.sqrt(pivot)
+        block_out[j, j] = pivot
+        for i in range(j + 1, n):
+            value = block_out[i, j]
+            for k in range(j):
+                value -= block_out[i, k] * block_out[j, k]
+            block_out[i, j] = value / pivot
+    return True
 
 
 @compiled(types.boolean(MATRIX, MATRIX, MATRIX_OUT))
@@ -27,18 +50,9 @@ def solve_definite(matrix: Floats, right: Floats, solution_out: Floats) -> bool:
         Whether the matrix is positive definite; else `solution_out` has no meaning.
     """
     n, m = right.shape
-    L = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= L[i, k] * L[j, k]
-            if i > j:
-                L[i, j] = value / L[j, j]
-            elif value > 0.0:
-                L[i, i] = math.sqrt(value)
-            else:
-                return False
+    L = matrix.copy()
+    if not factorize(L):
+        return False
     for i in range(n):
         for c in range(m):
             value = right[i, c]

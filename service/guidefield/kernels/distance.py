@@ -158,7 +158,16 @@ def body_distance(
 
 @inlined
 def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Whether the box about a body, in its own frame, is within reach of a point."""
+    """Whether the box about a body, in its own frame, is within reach of a point.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        body: Index of the body.
+        tables: The bodies.
+        reach: Distance [m].
+    """
     T = tables.placements[body]
     dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
     px = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
@@ -185,7 +194,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
         z: See x.
         reach: Distance [m], positive; may be infinite.
         tables: The bodies.
-        bodies_out: Gets their indices, in ascending order of the tree; as long as there are bodies.
+        bodies_out: Gets their indices, in ascending order of the tree; shape (bodies,).
 
     Returns:
         How many there are.
@@ -230,7 +239,7 @@ def nearest_body(
         x: Point in the world [m], with y and z.
         y: See x.
         z: See x.
-        candidates: Indices of bodies; the first `count` count.
+        candidates: Indices of bodies, of which the first `count` count, shape (bodies,).
         count: How many.
         tables: The bodies.
         cutoff: Distance beyond which nothing is looked for [m].

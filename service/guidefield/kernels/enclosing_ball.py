@@ -99,7 +99,7 @@ def smallest_ball(points: Floats, ball_out: Floats) -> None:
     Takes in the farthest point outside until there is none; the ball of the few points that hold it grows each time.
 
     Args:
-        points: Shape (n, 3), n >= 1 [m].
+        points: Shape (n, 3), n >= 1 [m], in any frame.
         ball_out: Centre and radius, shape (4,) [m]; all points are in it, whatever rounding does.
     """
     held = np.zeros((_HELD, 3))
@@ -128,9 +128,13 @@ def smallest_ball(points: Floats, ball_out: Floats) -> None:
 
 @compiled(types.void(MATRIX, VECTOR_OUT))
 def ball_around_balls(balls: Floats, ball_out: Floats) -> None:
-    """A small ball that contains balls, shape (n, 4): centre and radius, shape (4,) [m].
+    """A small ball that contains balls.
 
     Its centre goes towards the far end of the farthest ball, less and less far (Badoiu and Clarkson, 2003).
+
+    Args:
+        balls: Centres and radii, shape (n, 4), n >= 1 [m], in any frame.
+        ball_out: Centre and radius, shape (4,) [m].
     """
     ball_out[:] = balls[0]
     best = math.inf

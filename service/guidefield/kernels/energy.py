@@ -37,12 +37,12 @@ class ChargedRobot(NamedTuple):
     """A robot's charged points and capsules.
 
     Attributes:
-        points: (p, 3) in the frame of their joint [m].
-        weights: (p,) area that each stands for [m^2].
-        point_joints: (p,) index of the joint that moves each.
-        capsules: (c, 7) ends and radius in the frame of their joint [m].
-        capsule_joints: (c,) index of the joint that moves each.
-        pairs: (k, 3) first point, one past the last point (all of one joint), capsule: who repels whom.
+        points: In the frame of their joint, shape (p, 3) [m].
+        weights: Area that each stands for, shape (p,) [m^2].
+        point_joints: Index of the joint that moves each, shape (p,).
+        capsules: Ends and radius in the frame of their joint, shape (c, 7) [m].
+        capsule_joints: Index of the joint that moves each, shape (c,).
+        pairs: First point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3).
     """
 
     points: np.ndarray
@@ -58,19 +58,33 @@ ROBOT = types.NamedTuple((MATRIX, VECTOR, INDICES, MATRIX, INDICES, INDEX_MATRIX
 
 
 @inlined
+def place_points(robot: Any, world: Floats, points_out: Floats) -> None:
+    """Charged points at placements of joints.
+
+    Args:
+        robot: What the joints carry.
+        world: Placements of joints about the tables' origin, shape (n, 3, 4) [m].
+        points_out: Shape (3, lanes) [m]; the last point is repeated to fill the lanes.
+    """
+    count = robot.points.shape[0]
+    for i in range(points_out.shape[1]):
+        source = min(i, count - 1)
+        T, p = world[robot.point_joints[source]], robot.points[source]
+        for r in range(3):
+            points_out[r, i] = T[r, 0] * p[0] + T[r, 1] * p[1] + T[r, 2] * p[2] + T[r, 3]
+
+
+@inlined
 def _place(joints: Any, robot: Any, origin: Floats, q: Floats, world: Any, points: Any, weights: Any) -> None:
     """Placements of joints and positions of points relative to the origin; positions fill up their lanes."""
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
     for i in range(world.shape[0]):
         for r in range(3):
             world[i, r, 3] -= origin[r]
+    place_points(robot, world, points)
     count = robot.points.shape[0]
-    for i in range(points.shape[1]):
-        source = min(i, count - 1)
-        T, p = world[robot.point_joints[source]], robot.points[source]
-        for r in range(3):
-            points[r, i] = T[r, 0] * p[0] + T[r, 1] * p[1] + T[r, 2] * p[2] + T[r, 3]
-        weights[i] = robot.weights[source] if i < count else 0.0
+    for i in range(weights.shape[0]):
+        weights[i] = robot.weights[i] if i < count else 0.0
 
 
 @inlined
@@ -92,8 +106,8 @@ def _first_moving(robot: Any) -> int:
 
 
 @inlined
-def _ends(capsule: Floats, T: Floats) -> Any:
-    """A capsule's ends about the origin."""
+def ends_at(capsule: Floats, T: Floats) -> Any:
+    """A capsule's ends [m], its row of `ChargedRobot.capsules` (7,) moved by its joint's placement (3, 4)."""
     a0 = T[0, 0] * capsule[0] + T[0, 1] * capsule[1] + T[0, 2] * capsule[2] + T[0, 3]
     a1 = T[1, 0] * capsule[0] + T[1, 1] * capsule[1] + T[1, 2] * capsule[2] + T[1, 3]
     a2 = T[2, 0] * capsule[0] + T[2, 1] * capsule[1] + T[2, 2] * capsule[2] + T[2, 3]
@@ -143,7 +157,7 @@ def _repulsion(
     """Repulsion of points by a capsule of another link; the capsule's link gets the opposite force."""
     first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
     other = robot.capsule_joints[capsule]
-    a0, a1, a2, b0, b1, b2 = _ends(robot.capsules[capsule], world[other])
+    a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[other])
     radius = robot.capsules[capsule, 6]
     x, y, z = points[0], points[1], points[2]
     lane = load(counting, 0)
@@ -201,8 +215,15 @@ def energy(
 ) -> float:
     """Potential U of a robot at q, its gradient, curvature metric, and the field's wrench on every link.
 
-    `wrenches_out` (n, 6) gets, per joint, the force and the moment about the world's origin that act on the link it
-    moves (its own points only, not those of links beyond it).
+    Args:
+        joints: The joints.
+        robot: What they carry.
+        tables: What is charged.
+        q: Configuration, shape (nq,).
+        gradient_out: dU/dv, shape (nv,).
+        metric_out: M, shape (nv, nv).
+        wrenches_out: Force [1] and moment about the world's origin [m], in its axes, on the link that each joint moves:
+            on its own points only, not those of links beyond it; shape (n, 6).
 
     Returns:
         U [m].
@@ -225,7 +246,7 @@ def energy(
 
 @compiled([SCALAR(JOINTS, ROBOT, t, VECTOR) for t in (TABLES, TABLES_32)])
 def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
-    """Potential U alone of a robot at a configuration (nq,) [m]."""
+    """Potential U alone of a robot at a configuration q, shape (nq,) [m]."""
     count = robot.points.shape[0]
     kind, counting = tables.boxes.dtype, _counting(tables)
     step, lane = lanes_of(counting), load(counting, 0)
@@ -248,7 +269,7 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
     x, y, z = points[0], points[1], points[2]
     for k in range(robot.pairs.shape[0]):
         first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
-        a0, a1, a2, b0, b1, b2 = _ends(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
+        a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
         radius = robot.capsules[capsule, 6]
         for i in range(first, past, step):
             at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
@@ -258,6 +279,14 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
 
 @compiled([void(JOINTS, ROBOT, t, MATRIX, VECTOR_OUT) for t in (TABLES, TABLES_32)])
 def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
-    """`potential` at many configurations, shape (m, nq): `potentials_out` (m,) [m]."""
+    """`potential` at many configurations.
+
+    Args:
+        joints: The joints.
+        robot: What they carry.
+        tables: What is charged.
+        qs: Shape (m, nq).
+        potentials_out: Shape (m,) [m].
+    """
     for m in range(qs.shape[0]):
         potentials_out[m] = potential(joints, robot, tables, qs[m])

@@ -99,6 +99,13 @@ def _gather(
 
 
 @inlined
+def _corners(vertices: Any, at: int, scratch: Any, step: int) -> Any:
+    """A triangle's three vertices, the row's entries from `at` on, and the distances of the points to them."""
+    v1, v2, v3 = vertices[at], vertices[at + 1], vertices[at + 2]
+    return (v1, v2, v3), (load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step))
+
+
+@inlined
 def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
     p: Any, scratch: Any, step: int, vertices: Any, link: Any, triangle_corners: Any, triangles: Any,
     quad_corners: Any, quads: Any,
@@ -106,15 +113,15 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
     """Field of a block of unit charge per area at points: Phi, gradient (3), curvature, half the solid angles.
 
     Args:
-        p: Points [m], three lanes.
+        p: Points in the frame of the tables [m], three lanes.
         scratch: At least 4 * step elements for every vertex of the block; holds nothing between calls.
         step: Lanes of a vector.
         vertices: Corners of this block, shape (v, 3) [m].
         link: Its row of `FieldTables.links`.
         triangle_corners: Vertices of the block, longest edge from the first to the second, shape (t, 3).
-        triangles: Plane and half.
+        triangles: Plane and half, shape (t, 20).
         quad_corners: Two triangles each, shape (q, 6).
-        quads: Plane and two halves.
+        quads: Plane and two halves, shape (q, 34).
     """
     x, y, z = p
     zero = 0.0 * x
@@ -134,8 +141,7 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
     for t in range(link[3], link[5]):
         row = triangles[t]
         half = row[PLANE_ROWS:]
-        v1, v2, v3 = triangle_corners[t, 0], triangle_corners[t, 1], triangle_corners[t, 2]
-        l1, l2, l3 = load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step)
+        (v1, v2, v3), (l1, l2, l3) = _corners(triangle_corners[t], 0, scratch, step)
         F = _part(t < link[4], p, vertices[v1], l1, l2, l3, half)
         height = _height(p, row)
         term, k, slope = single_field(height, F, half[0], half[1], half[2])
@@ -151,10 +157,8 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
         row = quads[t]
         half1 = row[PLANE_ROWS:]
         half2 = row[PLANE_ROWS + HALF_ROWS :]
-        v1, v2, v3 = quad_corners[t, 0], quad_corners[t, 1], quad_corners[t, 2]
-        v4, v5, v6 = quad_corners[t, 3], quad_corners[t, 4], quad_corners[t, 5]
-        l1, l2, l3 = load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step)
-        l4, l5, l6 = load(scratch, v4 * step), load(scratch, v5 * step), load(scratch, v6 * step)
+        (v1, v2, v3), (l1, l2, l3) = _corners(quad_corners[t], 0, scratch, step)
+        (v4, v5, v6), (l4, l5, l6) = _corners(quad_corners[t], 3, scratch, step)
         F1 = _part(t < link[7], p, vertices[v1], l1, l2, l3, half1)
         F2 = _part(t < link[7], p, vertices[v4], l4, l5, l6, half2)
         height = _height(p, row)
@@ -194,19 +198,16 @@ def block_potential_at(
     for t in range(link[3], link[5]):
         row = triangles[t]
         half = row[PLANE_ROWS:]
-        v1, v2, v3 = triangle_corners[t, 0], triangle_corners[t, 1], triangle_corners[t, 2]
-        l1, l2, l3 = load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step)
-        F = _part(t < link[4], p, vertices[v1], l1, l2, l3, half)
+        v, (l1, l2, l3) = _corners(triangle_corners[t], 0, scratch, step)
+        F = _part(t < link[4], p, vertices[v[0]], l1, l2, l3, half)
         phi = phi + single_field(_height(p, row), F, half[0], half[1], half[2])[0]
     for t in range(link[6], link[8]):
         row = quads[t]
         half1 = row[PLANE_ROWS:]
         half2 = row[PLANE_ROWS + HALF_ROWS :]
-        v1, v2, v3 = quad_corners[t, 0], quad_corners[t, 1], quad_corners[t, 2]
-        v4, v5, v6 = quad_corners[t, 3], quad_corners[t, 4], quad_corners[t, 5]
-        l1, l2, l3 = load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step)
-        l4, l5, l6 = load(scratch, v4 * step), load(scratch, v5 * step), load(scratch, v6 * step)
-        F1 = _part(t < link[7], p, vertices[v1], l1, l2, l3, half1)
-        F2 = _part(t < link[7], p, vertices[v4], l4, l5, l6, half2)
+        v, (l1, l2, l3) = _corners(quad_corners[t], 0, scratch, step)
+        w, (l4, l5, l6) = _corners(quad_corners[t], 3, scratch, step)
+        F1 = _part(t < link[7], p, vertices[v[0]], l1, l2, l3, half1)
+        F2 = _part(t < link[7], p, vertices[w[0]], l4, l5, l6, half2)
         phi = phi + pair_field(_height(p, row), F1, F2, half1[0], half2[0])[0]
     return phi

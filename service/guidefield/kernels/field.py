@@ -221,9 +221,15 @@ def _closed_forms(t: Any, p: Any, f: Any) -> Any:
 
 @compiled([void(TABLES, MATRIX, types.intp, MATRIX_OUT), void(TABLES_32, MATRIX_32, types.intp, MATRIX_32_OUT)])
 def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
-    """Add potential, gradient, curvature and winding number, six rows, at points (3, n), in vectors from the first on.
+    """Add the field at points in vectors from the first on.
 
     What is left over behind the last whole vector is left out.
+
+    Args:
+        t: What is charged.
+        points: In the frame of the tables, less their origin, shape (3, n) [m].
+        first: The point to begin with.
+        field_out: Potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number, shape (6, n).
     """
     x, y, z = points[0], points[1], points[2]
     step = lanes_of(x)

@@ -81,6 +81,10 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
     """The same in single precision, relative to an origin in the midst of the points that will be asked for.
 
     Good to about 1e-6 where the distance to the surfaces is a hundredth of their size, and less nearer.
+
+    Args:
+        tables: In double precision.
+        origin: In the frame of the tables, shape (3,) [m].
     """
     shift = np.asarray(origin, dtype=np.float64) - tables.origin
 
@@ -108,7 +112,7 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
 
 
 def frozen(values: np.ndarray) -> np.ndarray:
-    """The values as a C-contiguous array that is read-only."""
+    """The values as a C-contiguous array of the same shape that is read-only."""
     array = np.ascontiguousarray(values)
     array.setflags(write=False)
     return array

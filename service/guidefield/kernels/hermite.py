@@ -18,11 +18,11 @@ def piece_peaks(
     quadratic: largest at an end or, where the acceleration changes sign, at its zero: v + a² T / (2 (a - b)).
 
     Args:
-        times: Shape (n,), strictly increasing.
-        positions: Shape (n, c).
-        velocities: Shape (n, c).
-        speeds_out: Shape (n - 1, c).
-        accelerations_out: Shape (n - 1, c).
+        times: Shape (n,), strictly increasing [s].
+        positions: Shape (n, c) [rad or m].
+        velocities: Shape (n, c) [rad/s or m/s].
+        speeds_out: Shape (n - 1, c) [rad/s or m/s].
+        accelerations_out: Shape (n - 1, c) [rad/s^2 or m/s^2].
     """
     for i in range(times.shape[0] - 1):
         duration = times[i + 1] - times[i]

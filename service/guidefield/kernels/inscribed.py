@@ -27,13 +27,21 @@ TOUCHING = 5e-3
 
 @inlined
 def span_of(spans: np.ndarray, k: int) -> Span:
-    """Row k of `spans`."""
+    """Row k of `spans`, shape (surfaces, 4), as a tuple."""
     return spans[k, 0], spans[k, 1], spans[k, 2], spans[k, 3]
 
 
 @inlined
 def gap_to(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray) -> float:
-    """Distance of a point to the nearest of all surfaces [m]; never negative."""
+    """Distance of a point to the nearest of all surfaces [m]; never negative.
+
+    Args:
+        x: Point in the frame of the surfaces [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        spans: Where their trees stand, shape (k, 4).
+    """
     nearest = math.inf
     for k in range(spans.shape[0]):
         nearest = min(nearest, surface_distance(x, y, z, surfaces, span_of(spans, k), False, nearest)[0])
@@ -42,7 +50,7 @@ def gap_to(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndar
 
 @inlined
 def is_inside(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray) -> bool:
-    """Whether a point is in any of the solids."""
+    """Whether a point is in any of the solids; arguments as in `gap_to`, `spans` of shape (k, 4)."""
     for k in range(spans.shape[0]):  # noqa: SIM110 - numba has no generators here
         if ray_winding(x, y, z, surfaces, span_of(spans, k)) != 0:
             return True
@@ -71,7 +79,14 @@ def depths_at(points: Floats, surfaces: SurfaceTables, spans: np.ndarray, depths
 
 @compiled(void(MATRIX, SURFACES, SPANS, VECTOR_OUT))
 def distances_at(points: Floats, surfaces: SurfaceTables, spans: np.ndarray, distances_out: Floats) -> None:
-    """Distances of points, shape (n, 3), to surfaces, closed or not [m]; never negative."""
+    """Distances of points to surfaces, closed or not; never negative.
+
+    Args:
+        points: Shape (n, 3) [m], in the frame of the surfaces.
+        surfaces: All surfaces.
+        spans: Where their trees stand, shape (k, 4).
+        distances_out: Shape (n,) [m].
+    """
     for i in range(points.shape[0]):
         distances_out[i] = gap_to(points[i, 0], points[i, 1], points[i, 2], surfaces, spans)
 

@@ -35,14 +35,29 @@ from guidefield.kernels.signatures import Floats
 
 @lane_part
 def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None:
-    """A joint's placement (12) in one lane."""
+    """A joint's placement in one lane.
+
+    Args:
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: Which joint.
+        chosen: Which lane.
+        pose_out: Rotation and translation [m], row by row, shape (12,).
+    """
     for entry in range(12):
         pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
 
 
 @lane_part
 def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
-    """Write the rotation of a pose times three numbers."""
+    """Write the rotation of a pose times three numbers.
+
+    Args:
+        pose: Rotation and translation, row by row, shape (12,).
+        source: The numbers, from `start` on, shape (n,).
+        start: Where they are.
+        target: Gets the product, shape (m,).
+        at: Where.
+    """
     x, y, z = source[start], source[start + 1], source[start + 2]
     for r in range(3):
         target[at + r] = pose[4 * r] * x + pose[4 * r + 1] * y + pose[4 * r + 2] * z
@@ -50,7 +65,7 @@ def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: i
 
 @lane_part
 def write_turned_back(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
-    """Write the inverse rotation of a pose times three numbers."""
+    """Write the inverse rotation of a pose (12,) times three numbers; arguments as in `write_turned`."""
     x, y, z = source[start], source[start + 1], source[start + 2]
     for c in range(3):
         target[at + c] = pose[c] * x + pose[4 + c] * y + pose[8 + c] * z
@@ -65,7 +80,15 @@ def polytope_of(parts: Parts, root: int) -> int:
 
 @lane_part
 def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    """An axis in the world in a joint's frame, and the place of that frame's origin along it."""
+    """An axis in the world in a joint's frame, and the place of that frame's origin along it [m].
+
+    Args:
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: Which joint.
+        u: The axis' x in the world, with v and w.
+        v: Its y.
+        w: Its z.
+    """
     at = joint * POSE
     return (
         load(poses, at) * u + load(poses, at + 64) * v + load(poses, at + 128) * w,
@@ -98,9 +121,16 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
 
 @lane_part
 def keep_axis(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
-    """Keep the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it.
+    """Keep the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it [m].
 
-    `way` is 1, or -1 where the body's reach against the axis is wanted.
+    Args:
+        parts: Tables that the body is in.
+        root: Root of its tree.
+        work: Scratch with the axis in the world, shape (WORK,).
+        pose: Rotation and translation, row by row, shape (12,).
+        way: 1, or -1 where the body's reach against the axis is wanted.
+        axes: Gets axis and reach, shape (AXIS_AND_REACH * n,).
+        at: Where in it.
     """
     length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
     for k in range(3):

@@ -25,7 +25,7 @@ def joined(sampling: Words, search: Words, path_out: np.ndarray) -> int:
     Args:
         sampling: Where samples come from, a packed `Sampling`.
         search: The trees, a packed `Search`; the roots are written into its counters.
-        path_out: Chart points, as many rows as there are nodes.
+        path_out: Chart points, shape (n, nv) with as many rows as there are nodes [rad or m].
 
     Returns:
         How many rows were written.

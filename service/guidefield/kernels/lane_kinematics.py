@@ -62,7 +62,15 @@ JOINTS = pointed(LANE_JOINTS)
 
 @lane_part
 def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
-    """Where a point (3) of a joint's moved frame is in the world, at each of sixteen placements."""
+    """Where a point of a joint's moved frame is in the world, at each of sixteen placements [m].
+
+    Args:
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: Which joint.
+        x: The point in the joint's frame [m], with y and z.
+        y: See x.
+        z: See x.
+    """
     at = joint * POSE
     return (
         load(poses, at) * x + load(poses, at + 16) * y + load(poses, at + 32) * z + load(poses, at + 48),
@@ -84,8 +92,8 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
 
     Args:
         joints: The joints.
-        coordinates: Sixteen values of each coordinate, flat, (nv * 16).
-        poses_out: (n * POSE).
+        coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m].
+        poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,).
     """
     size, parents, kinds, drivers, numbers = joints
     _place_world(poses_out)

@@ -66,7 +66,17 @@ def cosine_and_sine(angle: Vector) -> tuple[Vector, Vector]:
 
 @lane_part
 def near_primitive(kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
-    """Mask of the points closer than `reach` [m] to a primitive, or in it; `at` is where its numbers begin."""
+    """Mask of the points closer than `reach` to a primitive, or in it.
+
+    Args:
+        kind: Of the primitive.
+        primitives: Numbers of all primitives, shape (PRIMITIVE * n,).
+        at: Where its numbers begin.
+        x: Sixteen points in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        reach: Distance [m].
+    """
     dx = x - primitives[at + 9]
     dy = y - primitives[at + 10]
     dz = z - primitives[at + 11]

@@ -93,7 +93,7 @@ def _touches(world: LaneWorld, clearance: float) -> bool:
 
 @lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
 def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
-    """Whether no sample of the straight motion from z0 (nv,) to z1 touches; the first is not looked at, the last is.
+    """Whether no sample of the straight motion from z0 to z1 touches; the first is not looked at, the last is.
 
     With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i = 1 .. 16: the first spreads over the
     whole motion and holds its end.
@@ -101,8 +101,8 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
     Args:
         world: Robot and obstacles.
         clearance: What to keep from obstacles [m].
-        z0: Where the motion begins.
-        z1: Where it ends.
+        z0: Where the motion begins, a chart point, shape (nv,) [rad or m].
+        z1: Where it ends, shape (nv,).
         resolution: Samples per length in the chart [1/rad or 1/m].
     """
     nv, square, block = world.nv, 0.0, world.block
@@ -123,7 +123,14 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
 def touching_configurations(
     words: Words, clearance: float, configurations: np.ndarray, touching_out: np.ndarray
 ) -> None:
-    """Which of some chart points (n, nv) touch, one after another, in the world of some words."""
+    """Which of some chart points touch, one after another.
+
+    Args:
+        words: Robot and obstacles, a packed `LaneWorld`.
+        clearance: What to keep from obstacles [m].
+        configurations: Chart points, shape (n, nv) [rad or m].
+        touching_out: Shape (n,).
+    """
     world = world_of(pointers(words))
     for i in range(configurations.shape[0]):
         for j in range(configurations.shape[1]):
@@ -133,7 +140,14 @@ def touching_configurations(
 
 @lane_kernel(int64(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.float64))
 def path_free_until(words: Words, clearance: float, path: np.ndarray, resolution: float) -> int:
-    """How many of the straight motions along chart points (n, nv) are free before the first that is not."""
+    """How many of the straight motions along a path are free before the first that is not.
+
+    Args:
+        words: Robot and obstacles, a packed `LaneWorld`.
+        clearance: What to keep from obstacles [m].
+        path: Chart points, shape (n, nv) [rad or m].
+        resolution: Samples per length in the chart [1/rad or 1/m].
+    """
     world = world_of(pointers(words))
     for i in range(path.shape[0] - 1):
         if not motion_free(world, clearance, pointers(path[i]), pointers(path[i + 1]), resolution):

@@ -58,7 +58,7 @@ def without_detours(words: Words, path: np.ndarray, count: int, clearance: float
 
     Args:
         words: Robot and obstacles, a packed `LaneWorld`.
-        path: Chart points, the first `count` of its rows; changed.
+        path: Chart points, the first `count` of its rows, shape (n, nv) [rad or m]; changed.
         count: How many points there are.
         clearance: What to keep from obstacles [m].
         resolution: Samples per length in the chart [1/rad or 1/m].
@@ -85,8 +85,8 @@ def shortcut(
 
     Args:
         words: Robot and obstacles, a packed `LaneWorld`.
-        path: Chart points, the first `count` of its rows; changed. Each try may need one row more; the last two
-            are for looking ahead.
+        path: Chart points, the first `count` of its rows, shape (n, nv) [rad or m]; changed. Each try may need one row
+            more; the last two are for looking ahead.
         count: How many points there are.
         clearance: What to keep from obstacles [m].
         resolution: Samples per length in the chart [1/rad or 1/m].

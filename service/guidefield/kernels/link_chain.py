@@ -13,6 +13,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.small_systems import solve_three
 from guidefield.kernels.tree_kinematics import BLOCKS, INDICES, Integers, axis_rotation
 
 BALL, FREE, UNIVERSAL = range(3)
@@ -68,22 +69,15 @@ CHAIN = types.NamedTuple(
 
 @inlined
 def rotated(R: Floats, v: Floats, out: Floats) -> None:
-    """Product of a matrix and a vector."""
+    """Product of a matrix, shape (3, 3), and a vector, shape (3,), into `out`, shape (3,)."""
     for r in range(3):
         out[r] = R[r, 0] * v[0] + R[r, 1] * v[1] + R[r, 2] * v[2]
 
 
 @inlined
-def _solve(N: Floats, b: Floats, out: Floats) -> None:
-    """Solution of a symmetric 3 x 3 system by cofactors, kept regular where the chain is straight."""
-    ridge = 1e-12 * (N[0, 0] + N[1, 1] + N[2, 2])
-    xx, yy, zz, xy, xz, yz = N[0, 0] + ridge, N[1, 1] + ridge, N[2, 2] + ridge, N[0, 1], N[0, 2], N[1, 2]
-    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    over = 1.0 / (xx * cxx + xy * cxy + xz * cxz)
-    out[0] = over * (cxx * b[0] + cxy * b[1] + cxz * b[2])
-    out[1] = over * (cxy * b[0] + cyy * b[1] + cyz * b[2])
-    out[2] = over * (cxz * b[0] + cyz * b[1] + czz * b[2])
+def _ridge(N: Floats) -> float:
+    """What keeps N regular where the chain is straight."""
+    return float(1e-12 * (N[0, 0] + N[1, 1] + N[2, 2]))
 
 
 @inlined
@@ -138,7 +132,7 @@ def close_chain(joints_out: Floats, m: int, target: Floats) -> bool:
                 for c in range(3):
                     joints_out[i + 1, c] = joints_out[i, c] + links[i, c]
             return True
-        _solve(N, missing, multiplier)
+        solve_three(N, _ridge(N), missing, multiplier)
         x, y, z = multiplier[0], multiplier[1], multiplier[2]
         for i in range(m):
             link = links[i]
@@ -175,7 +169,7 @@ def end_force(joints: Floats, forces: Floats, torques: Floats, m: int, force_out
         work[2] += qx * link[1] - qy * link[0]
         fx, fy, fz = fx + forces[i, 0], fy + forces[i, 1], fz + forces[i, 2]
         _add_closing(link, N)
-    _solve(N, work, force_out)
+    solve_three(N, _ridge(N), work, force_out)
 
 
 @compiled(types.void(MATRIX, types.int64, VECTOR, SCALAR, MATRIX_OUT))
@@ -204,7 +198,7 @@ def turn_towards(joints: Floats, k: int, axis: Floats, angle: float, joints_out:
     """Turn link k about its far end J_k; the links before it are closed on its near end, those beyond stay.
 
     Of link 2 the near end can only circle about the line from J_0 to J_2, whatever `axis` says. Returns whether it
-    closes; see `turn_from` for the arguments.
+    closes; see `turn_from` for the arguments and their shapes.
     """
     pivot = 0 if k == 2 else k
     link, turned, scratch, target = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)

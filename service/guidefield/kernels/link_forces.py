@@ -6,21 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from guidefield.kernels.energy import ends_at
 from guidefield.kernels.field import LANES, add_field
 from guidefield.kernels.point_lanes import lanes_of, load, select, total
 from guidefield.kernels.primitives import capsule_at
 from guidefield.kernels.signatures import Floats, inlined
-
-
-@inlined
-def place_points(robot: Any, world: Floats, points_out: Floats) -> None:
-    """Charged points at placements of joints, shape (3, lanes); the last is repeated to fill the lanes."""
-    count = robot.points.shape[0]
-    for i in range(points_out.shape[1]):
-        source = min(i, count - 1)
-        T, p = world[robot.point_joints[source]], robot.points[source]
-        for r in range(3):
-            points_out[r, i] = T[r, 0] * p[0] + T[r, 1] * p[1] + T[r, 2] * p[2] + T[r, 3]
 
 
 @inlined
@@ -65,13 +55,7 @@ def _between(
     """Repulsion of a pair, on both links."""
     first, past, c = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
     other = robot.capsule_joints[c]
-    T, capsule = world[other], robot.capsules[c]
-    ax = T[0, 0] * capsule[0] + T[0, 1] * capsule[1] + T[0, 2] * capsule[2] + T[0, 3]
-    ay = T[1, 0] * capsule[0] + T[1, 1] * capsule[1] + T[1, 2] * capsule[2] + T[1, 3]
-    az = T[2, 0] * capsule[0] + T[2, 1] * capsule[1] + T[2, 2] * capsule[2] + T[2, 3]
-    bx = T[0, 0] * capsule[3] + T[0, 1] * capsule[4] + T[0, 2] * capsule[5] + T[0, 3]
-    by = T[1, 0] * capsule[3] + T[1, 1] * capsule[4] + T[1, 2] * capsule[5] + T[1, 3]
-    bz = T[2, 0] * capsule[3] + T[2, 1] * capsule[4] + T[2, 2] * capsule[5] + T[2, 3]
+    ax, ay, az, bx, by, bz = ends_at(robot.capsules[c], world[other])
     x, y, z = points[0], points[1], points[2]
     lane = load(counting, 0)
     zero = 0.0 * lane
@@ -79,7 +63,7 @@ def _between(
     for i in range(first, past, lanes_of(counting)):
         X, Y, Z = load(x, i), load(y, i), load(z, i)
         w = select(lane < past - i, load(weights, i), 0.0)
-        _, gx, gy, gz = capsule_at(X, Y, Z, ax, ay, az, bx, by, bz, capsule[6])
+        _, gx, gy, gz = capsule_at(X, Y, Z, ax, ay, az, bx, by, bz, robot.capsules[c, 6])
         gx, gy, gz = w * gx, w * gy, w * gz
         fx, fy, fz = fx - gx, fy - gy, fz - gz
         mx, my, mz = mx - (Y * gz - Z * gy), my - (Z * gx - X * gz), mz - (X * gy - Y * gx)
@@ -93,9 +77,20 @@ def link_wrenches(
     robot: Any, tables: Any, world: Floats, points: Floats, weights: Floats, low: int, high: int, counting: Any,
     wrenches_out: Floats,
 ) -> None:  # fmt: skip
-    """Force and moment about the tables' origin on what joints from `low` to `high` carry, shape (n, 6).
+    """Force and moment about the tables' origin on what joints from `low` to `high` carry.
 
-    Rows of other joints have no meaning. Points of a joint stand together, in the order of joints.
+    Points of a joint stand together, in the order of joints.
+
+    Args:
+        robot: What the joints carry.
+        tables: What is charged.
+        world: Placements of joints about the tables' origin, shape (n, 3, 4) [m].
+        points: Charged points there, shape (3, lanes) [m].
+        weights: Area that each stands for, shape (lanes,) [m^2].
+        low: First joint.
+        high: Last joint, one of them.
+        counting: 0, 1, 2 .. in the precision of the tables, shape (LANES,).
+        wrenches_out: Force [1] and moment [m], shape (n, 6); rows of other joints have no meaning.
     """
     wrenches_out[:, :] = 0.0
     _from_scene(robot, tables, points, low, high, wrenches_out)

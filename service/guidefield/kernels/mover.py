@@ -121,7 +121,14 @@ def _turned_pair(q: Floats, at: int, angle: float, q_out: Floats) -> None:
 
 @compiled(void(MOVER, VECTOR, VECTOR, VECTOR_OUT))
 def integrate(mover: Mover, q: Floats, v: Floats, q_out: Floats) -> None:
-    """Configuration of the model, shape (nq,), that the group's tangent v (nv,) leads to from q; may be q itself."""
+    """Configuration of the model that a tangent of the group leads to.
+
+    Args:
+        mover: The group's joints.
+        q: Configuration of the model, shape (nq,).
+        v: Tangent of the group, shape (nv,) [rad or m].
+        q_out: Shape (nq,); may be `q` itself.
+    """
     joints = mover.joints
     for i in range(1, joints.parents.shape[0]):
         at, r, kind = joints.idx_q[i], joints.idx_v[i], joints.kinds[i]
@@ -191,7 +198,7 @@ def clamp(mover: Mover, q: Floats, scratch: Floats) -> bool:
 
 @inlined
 def tip_position(mover: Mover, world: Floats) -> Vector3:
-    """Where the tip is, from the placements (n, 3, 4) of joints."""
+    """Where the tip is [m], from placements of joints, shape (n, 3, 4), and in their frame."""
     T, p = world[mover.tip_joint], mover.tip
     return (
         T[0, 0] * p[0, 3] + T[0, 1] * p[1, 3] + T[0, 2] * p[2, 3] + T[0, 3],
@@ -202,7 +209,14 @@ def tip_position(mover: Mover, world: Floats) -> Vector3:
 
 @inlined
 def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Floats) -> None:
-    """Jacobian (6, nv) of the tip by the group's tangents: linear rows first, at the tip in the world's axes."""
+    """Jacobian of the tip by the group's tangents: linear rows first, at the tip in the world's axes.
+
+    Args:
+        mover: The group's joints.
+        subspaces: Motion subspaces of the model's tangents at the world's origin, shape (m, 6).
+        tip: Where the tip is in the world [m].
+        jacobian_out: Shape (6, nv).
+    """
     joints = mover.joints
     jacobian_out[:, :] = 0.0
     for i in range(1, joints.parents.shape[0]):

@@ -168,6 +168,11 @@ def sphere_at(p: Any, centre: Vector3, radius: float) -> Six:
     The potential is 4 pi a^2 / (r (r^2 - a^2)) outside and 4 pi a / (a^2 - r^2) inside, where the field is finite and
     pushes towards the centre, as that of a closed mesh does. The curvature is its second derivative along the radius,
     positive. The winding number is 1 inside, 1/2 on the sphere, else 0. On the sphere itself all are finite.
+
+    Args:
+        p: The point in the frame of the tables [m], numbers or lanes.
+        centre: Of the sphere in that frame [m].
+        radius: a [m].
     """
     dx, dy, dz = p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]
     rr = dx * dx + dy * dy + dz * dz

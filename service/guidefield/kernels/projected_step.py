@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.kernels.signatures import Floats, inlined
+from guidefield.kernels.small_systems import invert
 from guidefield.kernels.tip_constraint import constraint_rows
 from guidefield.kernels.tree_kinematics import motion_subspaces
 from guidefield.kernels.tree_metric import factorize, solve, trace
@@ -21,7 +22,14 @@ _AT_LIMIT = 1e-9
 
 
 class State(NamedTuple):
-    """A configuration and what the field does there; all about the tables' origin."""
+    """A configuration and what the field does there; all about the tables' origin.
+
+    Attributes:
+        q: Configuration of the model, shape (nq,).
+        world: Placements of joints, shape (n, 3, 4) [m].
+        wrenches: Force [1] and moment [m] on what each joint itself carries, shape (n, 6).
+        inertias: Weight by curvature, first and second moments of that, shape (n, 10).
+    """
 
     q: Floats
     world: Floats
@@ -30,7 +38,22 @@ class State(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Room for a step: the group's gradient, tangent, rows, their products with the inverse metric, and more."""
+    """Room for a step; m tangents of the model, nv of the group.
+
+    Attributes:
+        gradient: dU/dv, shape (nv,).
+        v: The step, shape (nv,).
+        rows: C, the constraint's derivative, shape (kind, nv).
+        products: y = M^-1 g, then M^-1 times each row of C, shape (1 + kind, nv).
+        Z: Shape (kind, nv).
+        jacobian: Scratch, shape (6, nv).
+        gram: C M^-1 C^T and its inverse, shape (kind, kind).
+        error: How far the constraint's numbers are from zero, shape (kind,).
+        blocked: 1 where a joint is at a limit that v would push it beyond, shape (nv,).
+        right: Scratch, shape (m,).
+        forces, scratch: What gathers at joints, shapes (n, 6) and (n, 10).
+        tangent: Scratch, shape (nv,).
+    """
 
     gradient: Floats
     v: Floats
@@ -104,17 +127,7 @@ def _inverse(gram: Floats) -> None:
         return
     for k in range(size):
         gram[k, k] += 1e-10 * diagonal
-    for p in range(size):
-        over = 1.0 / gram[p, p]
-        gram[p, p] = 1.0
-        for c in range(size):
-            gram[p, c] *= over
-        for r in range(size):
-            if r != p:
-                share = gram[r, p]
-                gram[r, p] = 0.0
-                for c in range(size):
-                    gram[r, c] -= share * gram[p, c]
+    invert(gram, size)
 
 
 @inlined

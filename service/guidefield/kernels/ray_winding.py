@@ -145,6 +145,13 @@ def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Spa
 
 @compiled(void(MATRIX, SURFACES, SPAN, INTEGERS_OUT))
 def windings_at(points: Floats, surfaces: SurfaceTables, span: Span, windings_out: np.ndarray) -> None:
-    """`ray_winding` for every row of `points`, shape (n, 3) [m]."""
+    """`ray_winding` at many points.
+
+    Args:
+        points: Shape (n, 3) [m], in the frame of the surface.
+        surfaces: All surfaces.
+        span: Where the surface's tree stands.
+        windings_out: Shape (n,).
+    """
     for i in range(points.shape[0]):
         windings_out[i] = ray_winding(points[i, 0], points[i, 1], points[i, 2], surfaces, span)

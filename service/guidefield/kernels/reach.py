@@ -10,6 +10,7 @@ from numba import types
 
 from guidefield.kernels.mover import MOVER, clamp, integrate, tip_jacobian, tip_position
 from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.small_systems import solve_three
 from guidefield.kernels.tree_kinematics import FLOATING, PLANAR, PRISMATIC, joint_placements, motion_subspaces
 
 _STEPS = 30
@@ -34,20 +35,6 @@ def _weights(mover: Any, world: Floats, weights_out: Floats) -> None:
 
 
 @inlined
-def _solve(gram: Floats, b: Floats, x_out: Floats) -> None:
-    """Solution of a symmetric 3 x 3 system by cofactors, with a small ridge."""
-    ridge = 1e-9 * max(gram[0, 0] + gram[1, 1] + gram[2, 2], 1e-12)
-    xx, yy, zz = gram[0, 0] + ridge, gram[1, 1] + ridge, gram[2, 2] + ridge
-    xy, xz, yz = gram[0, 1], gram[0, 2], gram[1, 2]
-    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    over = 1.0 / (xx * cxx + xy * cxy + xz * cxz)
-    x_out[0] = over * (cxx * b[0] + cxy * b[1] + cxz * b[2])
-    x_out[1] = over * (cxy * b[0] + cyy * b[1] + cyz * b[2])
-    x_out[2] = over * (cxz * b[0] + cyz * b[1] + czz * b[2])
-
-
-@inlined
 def _step(mover: Any, q: Floats, jacobian: Floats, weights: Floats, missing: Floats, room: Any, v_out: Floats) -> None:
     """The least change that moves the tip by what is missing, without joints that it would push beyond a limit."""
     stopped, gram, multiplier = room
@@ -61,7 +48,8 @@ def _step(mover: Any, q: Floats, jacobian: Floats, weights: Floats, missing: Flo
                     if stopped[k] == 0:
                         value += jacobian[a, k] * weights[k] * jacobian[b, k]
                 gram[a, b] = value
-        _solve(gram, missing, multiplier)
+        ridge = 1e-9 * max(gram[0, 0] + gram[1, 1] + gram[2, 2], 1e-12)
+        solve_three(gram, ridge, missing, multiplier)
         fresh = False
         for k in range(nv):
             along = jacobian[0, k] * multiplier[0] + jacobian[1, k] * multiplier[1] + jacobian[2, k] * multiplier[2]
@@ -83,7 +71,7 @@ def reach(mover: Any, q: Floats, point: Floats, q_out: Floats) -> bool:
     Args:
         mover: The joints that move.
         q: Configuration of the model, shape (nq,).
-        point: Where the tip shall be, shape (3,) [m].
+        point: Where the tip shall be, shape (3,) [m, world].
         q_out: The configuration found, within the limits, shape (nq,).
 
     Returns:

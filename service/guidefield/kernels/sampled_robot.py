@@ -8,11 +8,10 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.chart import configuration, subspaces_by_chart
-from guidefield.kernels.distance import INDICES_OUT, TABLES, DistanceTables
-from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, Vector3, inlined
+from guidefield.kernels.distance import TABLES, DistanceTables
+from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, Vector3, inlined
 from guidefield.kernels.tree_kinematics import (
     BLOCKS,
-    BLOCKS_OUT,
     INDICES,
     JointTable,
     joint_placements,
@@ -70,20 +69,20 @@ ROBOT = types.NamedTuple(
 
 
 class Workspace(NamedTuple):
-    """Scratch of `barrier_at`, overwritten by every call.
+    """Scratch of `barrier_at`, overwritten by every call; n joints, nv tangents of the model.
 
     Attributes:
-        q: Configuration of the model.
-        values: Chart coordinates of the model.
-        row: Gradient of one distance by them.
-        gradient, hessian: Sums by them.
-        world: Placements of the joints.
-        links: Placements of the bodies of the links, filled where they are looked at.
-        centres, link_centres: Centres of the balls about groups and bodies, (g, 3) and (b, 3) [m].
-        subspaces: What chart velocities cause, as twists at the world's origin, (nv, 6).
-        forces, inertias: What has gathered at each joint, (n, 6) and (n, 6, 6) of which the upper triangle is used.
+        q: Configuration of the model, shape (nq,).
+        values: Chart coordinates of the model, shape (nv,).
+        row: Gradient of one distance by them, shape (nv,).
+        gradient, hessian: Sums by them, shapes (nv,) and (nv, nv).
+        world: Placements of the joints, shape (n, 3, 4) [m].
+        links: Placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at.
+        centres, link_centres: Centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m].
+        subspaces: What chart velocities cause, as twists at the world's origin, shape (nv, 6).
+        forces, inertias: What has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle.
         candidates: Bodies near a group.
-        gaps: Square of the distance from a group's points to the nearest box about a body.
+        gaps: Square of the distance from a group's points to the nearest box about a body [m^2].
     """
 
     q: Floats
@@ -100,27 +99,6 @@ class Workspace(NamedTuple):
     inertias: Floats
     candidates: np.ndarray
     gaps: Floats
-
-
-WORKSPACE = types.NamedTuple(
-    (
-        VECTOR_OUT,
-        VECTOR_OUT,
-        VECTOR_OUT,
-        VECTOR_OUT,
-        MATRIX_OUT,
-        BLOCKS_OUT,
-        BLOCKS_OUT,
-        MATRIX_OUT,
-        MATRIX_OUT,
-        MATRIX_OUT,
-        MATRIX_OUT,
-        BLOCKS_OUT,
-        INDICES_OUT,
-        VECTOR_OUT,
-    ),
-    Workspace,
-)
 
 
 @inlined
@@ -147,7 +125,14 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
 
 @inlined
 def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
-    """A point of a placed frame in the world."""
+    """Where a point of a placed frame is in the world [m].
+
+    Args:
+        T: Placement of the frame, shape (3, 4) [m].
+        x: The point in the frame [m], with y and z.
+        y: See x.
+        z: See x.
+    """
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -157,7 +142,13 @@ def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
 
 @inlined
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
-    """Placements of joints at chart coordinates z, and motion subspaces by the chart of the model."""
+    """Placements of joints, motion subspaces by the chart of the model, and centres of balls, into the scratch.
+
+    Args:
+        robot: The robot.
+        z: Chart coordinates of the group, shape (nv,) [rad or m].
+        work: The scratch.
+    """
     joints = robot.joints
     for i in range(robot.offsets.shape[0]):
         work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]

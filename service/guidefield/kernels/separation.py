@@ -213,7 +213,10 @@ def _place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) 
 
 @lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
 def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
-    """How far a part of a body that stands at the origin reaches along a unit direction [m]."""
+    """How far a part of a body that stands at the origin reaches along a unit direction in its frame [m].
+
+    Scratch `work` has the shape (WORK,).
+    """
     at = PART * part
     if parts.shapes[3 * part] == HALF_SPACE:
         return float(parts.numbers[at + 3])
@@ -245,10 +248,10 @@ def bodies_apart(
     Args:
         a: Tables that the first body is in.
         root_a: Root of its tree of balls.
-        pose_a: Its placement, shape (12,), row by row.
+        pose_a: Its placement, rotation and translation row by row, shape (12,) [m].
         b: Tables that the second is in; only it may be a half-space.
         root_b: Its root.
-        pose_b: Its placement.
+        pose_b: Its placement, (12,).
         margin: What they have to keep [m], >= 0.
         work: Scratch, shape (WORK,); the last axis in it is where the search starts, and is left there.
     """
@@ -286,7 +289,7 @@ def bodies_apart(
 def parts_apart(
     a: Parts, part_a: int, pose_a: Floats, b: Parts, part_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
-    """`bodies_apart` for two parts."""
+    """`bodies_apart` for two parts; same shapes."""
     _place(a, part_a, pose_a, work, _POSE_A)
     _place(b, part_b, pose_b, work, _POSE_B)
     margin += a.numbers[PART * part_a + 15] + b.numbers[PART * part_b + 15]

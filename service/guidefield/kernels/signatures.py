@@ -15,7 +15,6 @@ Six = tuple[float, float, float, float, float, float]
 """Of a field at a point: potential [1/m], gradient (3) [1/m^2], curvature [1/m^3], winding number."""
 
 SCALAR = types.float64
-SIX_SCALARS = types.UniTuple(types.float64, 6)
 
 VECTOR = types.Array(types.float64, 1, "C", readonly=True)
 """Input, shape (n,); frozen and fresh arrays both fit, a strided one is refused."""

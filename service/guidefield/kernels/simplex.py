@@ -122,7 +122,7 @@ def _on_tetrahedron(w: Floats) -> int:
 
 @lane_step(int64(DOUBLE_POINTER, int64))
 def reduced(w: Floats, count: int) -> int:
-    """Reduce a simplex of `count` points; how many are left."""
+    """Reduce a simplex of `count` points, in `w` as this file says, shape (15,); how many are left."""
     bits = 1
     if count == 1:
         _copy(w, 0, NEAREST)

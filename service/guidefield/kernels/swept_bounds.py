@@ -52,7 +52,15 @@ SWEPT = types.NamedTuple((JOINTS, VECTOR, MATRIX, INDICES, INDEX_MATRIX, INDEX_M
 
 @inlined
 def spreads(robot: SweptRobot, z0: Floats, z1: Floats, turns_out: Floats, slides_out: Floats) -> None:
-    """How far each joint turns [rad] along the whole motion, shape (n,); how far it slides, and out at most, (n, 2)."""
+    """How far each joint turns and slides along the whole motion.
+
+    Args:
+        robot: The capsules.
+        z0: Start in the chart of the robot's model, shape (nv,) [rad or m].
+        z1: End, shape (nv,).
+        turns_out: Shape (n,) [rad].
+        slides_out: How far it slides, and how far out it is at most, shape (n, 2) [m].
+    """
     for i in range(1, robot.joints.parents.shape[0]):
         at, kind = robot.joints.idx_v[i], robot.joints.kinds[i]
         slid = 3 if kind == FLOATING else 2 if kind == PLANAR else 1 if kind == PRISMATIC else 0
@@ -88,7 +96,13 @@ def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
 
 @inlined
 def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
-    """Ends (c, 6) of the capsules' axes in the world."""
+    """Ends of the capsules' axes in the world.
+
+    Args:
+        robot: The capsules.
+        world: Placements of joints, shape (n, 3, 4) [m].
+        ends_out: Shape (c, 6) [m].
+    """
     for c in range(robot.capsules.shape[0]):
         T = world[robot.carriers[c]]
         for e in range(2):
@@ -101,9 +115,16 @@ def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
 def joint_shares(
     robot: SweptRobot, world: Floats, ends: Floats, turns: Floats, slides: Floats, half: float, shares_out: Floats
 ) -> None:
-    """How far each joint moves each capsule at most within `half` of the motion on either side, shape (c, n) [m].
+    """How far each joint moves each capsule at most within a part of the motion.
 
-    In the first column, which is the world's, stands what they do together.
+    Args:
+        robot: The capsules.
+        world: Placements of joints at the middle of the part, shape (n, 3, 4) [m].
+        ends: Ends of the capsules there, shape (c, 6) [m].
+        turns: As `spreads` has them, shape (n,) [rad].
+        slides: As `spreads` has them, shape (n, 2) [m].
+        half: Half of the part, as a share of the whole motion.
+        shares_out: Shape (c, n) [m]; in the first column, which is the world's, stands what they do together.
     """
     for c in range(robot.capsules.shape[0]):
         radius = robot.capsules[c, 6]
@@ -119,12 +140,18 @@ def joint_shares(
 
 @inlined
 def capsule_accelerations(robot: SweptRobot, turns: Floats, slides: Floats, out: Floats) -> None:
-    """Bound on the acceleration of each capsule's points along the motion, shape (c,) [m], time running from 0 to 1.
+    """Bound on the acceleration of each capsule's points along the motion, time running from 0 to 1.
 
     Up from the capsule's joint: a joint with p + R X before it, |p'| = s constant, turning at w at most, makes of
     bounds r, v, a on X, X', X'' the bounds |p| + r, s + w r + v and 3/2 w^2 r + 2 w v + a. Its angular velocity
     J_r(z) z' changes by w^2 / 2 at most, as J_r(z) is the mean of exp(-u [z]) over u from 0 to 1; about one axis it
     doesn't change. The length |p| of slides is at most what they are at the end they are longer at.
+
+    Args:
+        robot: The capsules.
+        turns: As `spreads` has them, shape (n,) [rad].
+        slides: As `spreads` has them, shape (n, 2) [m].
+        out: Shape (c,) [m].
     """
     for c in range(robot.capsules.shape[0]):
         row = robot.capsules[c]
@@ -147,7 +174,19 @@ def capsule_speeds(
     robot: SweptRobot, world: Floats, z: Floats, q: Floats, dz: Floats, ends: Floats, subspaces: Floats, twists: Floats,
     speeds_out: Floats,
 ) -> None:  # fmt: skip
-    """How fast the fastest point of each capsule moves at a configuration, shape (c,) [m], time from 0 to 1."""
+    """How fast the fastest point of each capsule moves at a configuration, time running from 0 to 1.
+
+    Args:
+        robot: The capsules.
+        world: Placements of joints, shape (n, 3, 4) [m].
+        z: Chart point, shape (nv,) [rad or m].
+        q: Its configuration, shape (nq,).
+        dz: The whole motion, shape (nv,).
+        ends: Ends of the capsules, shape (c, 6) [m].
+        subspaces: Scratch, shape (nv, 6).
+        twists: Scratch, shape (n, 6).
+        speeds_out: Shape (c,) [m].
+    """
     joints = robot.joints
     motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, world, subspaces)
     subspaces_by_chart(joints, z, q, subspaces)
@@ -173,7 +212,16 @@ def capsule_speeds(
 def largest_move(
     robot: SweptRobot, item: int, shares: Floats, speeds: Floats, accelerations: Floats, half: float
 ) -> float:
-    """How far a capsule moves, or how much closer a pair comes, within `half` of the motion on either side [m]."""
+    """How far a capsule moves, or how much closer a pair comes, within `half` of the motion on either side [m].
+
+    Args:
+        robot: The capsules.
+        item: Which capsule, or capsules + which of its own pairs.
+        shares: As `joint_shares` has them, shape (c, n) [m].
+        speeds: As `capsule_speeds` has them, shape (c,) [m].
+        accelerations: As `capsule_accelerations` has them, shape (c,) [m].
+        half: As in `joint_shares`.
+    """
     n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
     bound: float = 0.0
     if item < count:
@@ -189,7 +237,14 @@ def largest_move(
 
 @inlined
 def changing(robot: SweptRobot, turns: Floats, slides: Floats, items_out: Integers) -> int:
-    """Capsules that move, and pairs that move against each other; how many."""
+    """Capsules that move, and pairs that move against each other; how many.
+
+    Args:
+        robot: The capsules.
+        turns: As `spreads` has them, shape (n,) [rad].
+        slides: As `spreads` has them, shape (n, 2) [m].
+        items_out: Capsules, then capsules + pairs, shape (c + k,).
+    """
     found, count = 0, robot.capsules.shape[0]
     for item in range(count + robot.own.shape[0]):
         changes = False

@@ -37,7 +37,15 @@ CONSTRAINT = types.NamedTuple((types.int64, VECTOR, VECTOR, MATRIX), TipConstrai
 
 @inlined
 def constraint_error(constraint: TipConstraint, mover: Mover, world: Floats, origin: Floats, error_out: Floats) -> None:
-    """How far the numbers are from zero [m or rad], shape (kind,); `world` is about an origin (3,)."""
+    """How far a constraint's numbers are from zero.
+
+    Args:
+        constraint: The constraint.
+        mover: The joints that move.
+        world: Placements of joints about `origin`, shape (n, 3, 4) [m].
+        origin: In the world, shape (3,) [m].
+        error_out: Shape (kind,) [m or rad].
+    """
     tip, point, normal = tip_position(mover, world), constraint.point, constraint.normal
     dx, dy, dz = tip[0] + origin[0] - point[0], tip[1] + origin[1] - point[1], tip[2] + origin[2] - point[2]
     if constraint.kind == HELD:
@@ -64,7 +72,16 @@ def constraint_error(constraint: TipConstraint, mover: Mover, world: Floats, ori
 def constraint_rows(
     constraint: TipConstraint, mover: Mover, world: Floats, subspaces: Floats, jacobian: Floats, rows_out: Floats
 ) -> None:
-    """Their derivative by the group's tangent, shape (kind, nv); `jacobian` (6, nv) is scratch."""
+    """Derivative of a constraint's numbers by the group's tangent.
+
+    Args:
+        constraint: The constraint.
+        mover: The joints that move.
+        world: Placements of joints, shape (n, 3, 4) [m].
+        subspaces: Motion subspaces of the model's tangents about the same origin, shape (m, 6).
+        jacobian: Scratch, shape (6, nv).
+        rows_out: Shape (kind, nv).
+    """
     tip_jacobian(mover, subspaces, tip_position(mover, world), jacobian)
     normal = constraint.normal
     for k in range(jacobian.shape[1]):
@@ -78,7 +95,15 @@ def constraint_rows(
 
 @compiled(void(CONSTRAINT, MOVER, VECTOR, VECTOR_OUT, MATRIX_OUT))
 def constraint_at(constraint: TipConstraint, mover: Mover, q: Floats, error_out: Floats, rows_out: Floats) -> None:
-    """Error (kind,) and rows (kind, nv) at a configuration of the model (nq,)."""
+    """A constraint's numbers and rows at a configuration.
+
+    Args:
+        constraint: The constraint.
+        mover: The joints that move.
+        q: Configuration of the model, shape (nq,).
+        error_out: Shape (kind,) [m or rad].
+        rows_out: Shape (kind, nv).
+    """
     joints, n = mover.joints, mover.joints.parents.shape[0]
     world, subspaces = np.empty((n, 3, 4)), np.empty((mover.leaders.shape[0], 6))
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)

@@ -30,11 +30,11 @@ class JointTable(NamedTuple):
     """The joints of a tree, parents before children; row 0 is the world.
 
     Attributes:
-        parents: (n,) index of each joint's parent.
-        kinds: (n,) code of what it can do.
-        axes: (n, 3) its axis in its own frame.
-        placements: (n, 3, 4) of the joint frame in the parent's: rotation and translation [m].
-        idx_q, idx_v, nv: (n,) where its values stand, and how many tangent values it has.
+        parents: Index of each joint's parent, shape (n,).
+        kinds: Code of what it can do, shape (n,).
+        axes: Its axis in its own frame, shape (n, 3).
+        placements: Rotation and translation of the joint frame in the parent's, shape (n, 3, 4) [m].
+        idx_q, idx_v, nv: Where its values stand, and how many tangent values it has, each of shape (n,).
     """
 
     parents: np.ndarray
@@ -48,7 +48,16 @@ class JointTable(NamedTuple):
 
 @inlined
 def axis_rotation(ax: float, ay: float, az: float, c: float, s: float, rotation_out: Floats) -> None:
-    """Rodrigues: rotation about a unit axis by an angle of cosine c and sine s."""
+    """Rodrigues: rotation about a unit axis by an angle of cosine c and sine s.
+
+    Args:
+        ax: The axis, with ay and az.
+        ay: See ax.
+        az: See ax.
+        c: Cosine.
+        s: Sine.
+        rotation_out: Shape (3, 3).
+    """
     d = 1.0 - c
     rotation_out[0, 0] = c + ax * ax * d
     rotation_out[0, 1] = ax * ay * d - az * s
@@ -99,10 +108,16 @@ def joint_placements(
     q: Floats,
     placements_out: Floats,
 ) -> None:
-    """World placement of every joint's moved frame.
+    """World placement of every joint's moved frame: T_world_i = T_world_parent T_parent_joint T_joint(q_i).
 
-    T_world_i = T_world_parent T_parent_joint T_joint(q_i). `placements_out` (n, 3, 4) gets rotation and translation;
-    row 0 is the world itself.
+    Args:
+        parents: As in `JointTable`, shape (n,), and so are the next four.
+        kinds: Shape (n,).
+        axes: Shape (n, 3).
+        placements: Shape (n, 3, 4) [m].
+        idx_q: Shape (n,).
+        q: Configuration, shape (nq,).
+        placements_out: Rotation and translation, shape (n, 3, 4) [m, world]; row 0 is the world itself.
     """
     rotation = np.empty((3, 3))
     translation = np.zeros(3)
@@ -141,8 +156,14 @@ def motion_subspaces(
 ) -> None:
     """Motion subspace of every tangent value, at the world's origin in the world's axes.
 
-    Row v of `subspaces_out` (total nv, 6) is the twist (linear velocity of the point at the world's origin, angular
-    velocity) that the v-th tangent value causes.
+    Args:
+        kinds: As in `JointTable`, shape (n,), and so are the next three.
+        axes: Shape (n, 3).
+        idx_v: Shape (n,).
+        nv: Shape (n,).
+        placements: Of the joints in the world, as `joint_placements` has them, shape (n, 3, 4) [m].
+        subspaces_out: Row v is the twist (linear velocity of the point at the world's origin, then angular velocity)
+            that the v-th tangent value causes, shape (total nv, 6).
     """
     for i in range(1, kinds.shape[0]):
         for k in range(nv[i]):

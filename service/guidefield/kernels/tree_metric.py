@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.kernels.signatures import Floats, inlined
+from guidefield.kernels.small_systems import invert
 from guidefield.kernels.tree_kinematics import JointTable
 
 
@@ -36,22 +37,6 @@ class TreeFactors(NamedTuple):
 def empty_factors(n: int, m: int) -> Any:
     """Room for factors."""
     return TreeFactors(np.empty((m, 6)), np.empty((n, 6, 6)), np.empty((m, 6)), np.empty((n, 6, 6)))
-
-
-@inlined
-def _inverted(A: Floats, size: int) -> None:
-    """Replace the leading square of a symmetric, positive definite matrix by its inverse (Gauss and Jordan)."""
-    for p in range(size):
-        over = 1.0 / A[p, p]
-        A[p, p] = 1.0
-        for c in range(size):
-            A[p, c] *= over
-        for r in range(size):
-            if r != p:
-                share = A[r, p]
-                A[r, p] = 0.0
-                for c in range(size):
-                    A[r, c] -= share * A[p, c]
 
 
 @inlined
@@ -143,7 +128,7 @@ def factorize(joints: JointTable, inertias: Floats, ridge: float, factors: Any) 
         A, B, D = factors.inertias[i], factors.inertias[joints.parents[i]], factors.inverses[i]
         first, size = joints.idx_v[i], joints.nv[i]
         _felt(A, factors.subspaces, first, size, ridge, factors.carried, D)
-        _inverted(D, size)
+        invert(D, size)
         for r in range(6):
             for c in range(6):
                 B[r, c] += A[r, c]

@@ -58,7 +58,15 @@ Span = tuple[int, int, int, int]
 
 @inlined
 def box_gap_squared(x: float, y: float, z: float, boxes: Floats, i: int) -> float:
-    """Square of the distance from a point to a box, 0 inside; infinite for an empty box."""
+    """Square of the distance from a point to a box, 0 inside; infinite for an empty box [m^2].
+
+    Args:
+        x: Point in the frame of the boxes [m], with y and z.
+        y: See x.
+        z: See x.
+        boxes: Lower, then upper corners, shape (n, 6) [m].
+        i: Which box.
+    """
     dx = max(boxes[i, 0] - x, x - boxes[i, 3], 0.0)
     dy = max(boxes[i, 1] - y, y - boxes[i, 4], 0.0)
     dz = max(boxes[i, 2] - z, z - boxes[i, 5], 0.0)

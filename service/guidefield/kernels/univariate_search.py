@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from guidefield.kernels.energy import place_points
 from guidefield.kernels.link_chain import close_chain, end_force, turn_from, turn_towards
-from guidefield.kernels.link_forces import link_wrenches, place_points
+from guidefield.kernels.link_forces import link_wrenches
 from guidefield.kernels.signatures import Floats, Vector3, inlined
 from guidefield.kernels.tree_kinematics import joint_placements
 
@@ -22,7 +23,13 @@ joint."""
 
 
 class Strung(NamedTuple):
-    """The chain at a configuration."""
+    """The chain at a configuration.
+
+    Attributes:
+        q: Configuration, shape (nq,).
+        places: Of the joints and the end, shape (n + 1, 3) [m, world].
+        rotations: Of the links in the world, shape (n, 3, 3).
+    """
 
     q: Floats
     places: Floats
@@ -50,7 +57,15 @@ def strung(nq: int, n: int) -> Any:
 
 @inlined
 def put_at(chain: Any, joints: Any, carriers: Any, world: Floats, at: Any) -> None:
-    """Places of joints and rotations of links from a configuration."""
+    """Places of joints and rotations of links from the configuration `at.q`.
+
+    Args:
+        chain: The chain.
+        joints: The joints of its model.
+        carriers: The joint that carries each link, shape (n,).
+        world: Gets placements of joints, shape (joints, 3, 4) [m].
+        at: Gets places and rotations.
+    """
     n = carriers.shape[0]
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, at.q, world)
     for k in range(n):
@@ -120,7 +135,17 @@ def push(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, kind: int
 
 @inlined
 def moved(kind: int, k: int, axis: Floats, step: float, here: Any, places_out: Floats, target: Floats) -> bool:
-    """Places of joints after a step; False where the chain can't be closed."""
+    """Places of joints after a step; False where the chain can't be closed.
+
+    Args:
+        kind: Which search.
+        k: Which link, from 1.
+        axis: Unit vector to slide along or turn about, shape (3,), in the world.
+        step: How far [m or rad].
+        here: The chain before it.
+        places_out: Shape (n + 1, 3) [m, world].
+        target: Scratch, shape (3,).
+    """
     n = here.rotations.shape[0]
     if kind == TURN_FROM:
         turn_from(here.places, k, axis, step, places_out)
@@ -139,7 +164,14 @@ def moved(kind: int, k: int, axis: Floats, step: float, here: Any, places_out: F
 
 @inlined
 def across(at: Any, k: int, which: int, axis_out: Floats) -> None:
-    """One of two unit vectors across link k (from 1) and each other, carried with the link."""
+    """One of two unit vectors across link k and each other, carried with the link.
+
+    Args:
+        at: The chain.
+        k: Which link, from 1.
+        which: 0 or 1.
+        axis_out: Shape (3,), in the world.
+    """
     lx = at.places[k, 0] - at.places[k - 1, 0]
     ly = at.places[k, 1] - at.places[k - 1, 1]
     lz = at.places[k, 2] - at.places[k - 1, 2]

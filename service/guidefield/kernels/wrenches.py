@@ -35,7 +35,15 @@ def gathered(sums: Any, x: Any, y: Any, z: Any, gx: Any, gy: Any, gz: Any, s: An
 
 @inlined
 def give(sums: Any, joint: int, sign: float, wrenches: Floats, inertias: Floats) -> None:
-    """Add summed lanes to a joint's spatial force and inertia."""
+    """Add a joint's summed lanes to its spatial force and inertia.
+
+    Args:
+        sums: As `gathered` has them.
+        joint: Which joint.
+        sign: 1, or -1 for what is repelled.
+        wrenches: Forces and moments, shape (n, 6); added to.
+        inertias: Shape (n, 10); added to.
+    """
     for k, lanes in enumerate(sums):
         if k < 6:
             wrenches[joint, k] += sign * total(lanes)
@@ -69,6 +77,19 @@ def project(
     """Carry wrenches and inertias to the root, project them on the motion subspaces.
 
     gradient = -S^T F of the subtree; metric_jk = S_j^T I_k S_k for every joint j at or above k.
+
+    Args:
+        parents: As in `JointTable`, shape (n,), and so are the next four.
+        kinds: Shape (n,).
+        axes: Shape (n, 3).
+        idx_v: Shape (n,).
+        nv: Shape (n,).
+        world: Placements of joints, about any origin, shape (n, 3, 4) [m].
+        wrenches: Force [1] and moment about that origin [m] at each joint, shape (n, 6).
+        inertias: Of each joint, shape (n, 10); becomes those of the subtrees.
+        total: How many tangent values there are.
+        gradient_out: Shape (total,).
+        metric_out: Shape (total, total).
     """
     n = parents.shape[0]
     subspaces = np.empty((total, 6))

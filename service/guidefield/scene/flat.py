@@ -20,9 +20,9 @@ class FlatPolygon:
     Attributes:
         vertices: Corners, shape (k, 3) [m, world].
         normal: Unit normal, shape (3,), about which the corners turn counter-clockwise (as a whole).
-        origin: Mean of the corners, shape (3,): the plane runs through it.
+        origin: Mean of the corners, shape (3,) [m, world]: the plane runs through it.
         axes: Two unit vectors in the plane, shape (2, 3); ``axes[0] x axes[1] = normal``.
-        corners: The corners in those axes about the origin, shape (k, 2) [m].
+        corners: The vertices in those axes about the origin, shape (k, 2) [m].
         size: Diagonal of the box about the corners [m].
         deviation: Largest distance of a corner from the plane [m].
         area: Signed sum of the enclosed area [m^2]; positive for a simple polygon.
@@ -38,7 +38,11 @@ class FlatPolygon:
     area: float
 
     def from_plane(self, corners: np.ndarray) -> np.ndarray:
-        """Points (n, 3) in the world of coordinates (n, 2) in the plane."""
+        """Points in the world, shape (n, 3) [m], of points in the plane.
+
+        Args:
+            corners: In the plane's axes about its origin, shape (n, 2) [m].
+        """
         points: np.ndarray = self.origin + corners @ self.axes
         return points
 
@@ -92,7 +96,7 @@ def flatness_fault(polygon: FlatPolygon) -> str | None:
 
 
 def axes_across(normal: np.ndarray) -> np.ndarray:
-    """Two unit vectors (2, 3) that complete a unit normal to a right-handed frame."""
+    """Two unit vectors, shape (2, 3), that complete a unit normal, shape (3,), to a right-handed frame."""
     seed = np.zeros(3)
     seed[np.argmin(np.abs(normal))] = 1.0
     first = _cross(seed, normal)
@@ -158,7 +162,11 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def bulges(corners: np.ndarray) -> bool:
-    """Whether an outline (k, 2), counter-clockwise, turns left at every corner."""
+    """Whether an outline turns left at every corner.
+
+    Args:
+        corners: Shape (k, 2), counter-clockwise.
+    """
     leaving = np.roll(corners, -1, axis=0) - corners
     arriving = np.roll(leaving, 1, axis=0)
     return bool(np.all(arriving[:, 0] * leaving[:, 1] > arriving[:, 1] * leaving[:, 0]))
