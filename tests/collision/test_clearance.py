@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.clearance import clearances
 from tests.collision.plain import panda_among
 from tests.collision.scenery import box, panda_in, world_of
 from tests.collision.test_world import SCENES, pair_distances
@@ -54,13 +53,6 @@ def test_hulls_are_as_far_away_as_the_meshes():
         distances = plain.distances(q)[plain.self_pairs :]
         if distances.min() > 0:
             assert 0 <= distances.min() - world.clearance(q).obstacle_distance + ACCURACY <= HULL
-
-
-def test_many_configurations_in_order():
-    world = panda_in("table")
-    qs = [random_configuration(world.group, seed) for seed in range(5)]
-    together = clearances(world, qs)
-    assert [at.obstacle_distance for at in together] == [world.clearance(q).obstacle_distance for q in qs]
 
 
 def test_contact_with_a_surface_is_zero():

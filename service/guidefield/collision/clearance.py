@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -59,11 +58,6 @@ def clearance(world: World, q: np.ndarray) -> ClearanceAt:
         self_distance=np.inf if own is None else own[0],
         self_pair=None if own is None else world.pair_names(own[1]),
     )
-
-
-def clearances(world: World, qs: Iterable[np.ndarray]) -> list[ClearanceAt]:
-    """Smallest distances at each of several configurations of the group, each of shape (nq,)."""
-    return [clearance(world, q) for q in qs]
 
 
 def _closest(world: World, bounds: np.ndarray, first_pair: int) -> tuple[float, int, Any] | None:

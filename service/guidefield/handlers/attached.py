@@ -6,13 +6,11 @@ import functools
 from collections.abc import Sequence
 
 import msgspec
-import numpy as np
-import pinocchio as pin
 
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
+from guidefield.geometry.placements import se3
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace
-from guidefield.messages.values import Placement
 from guidefield.robot.attached import Held, with_held
 from guidefield.robot.model import RobotModel
 from guidefield.scene import obstacle
@@ -60,10 +58,5 @@ def _held(one: AttachedObject, index: int) -> Held:
         body = obstacle.build(one.obstacle, index)
     except SceneInvalid as error:
         raise SceneInvalid(f"`attached_objects[{index}]`: {error.message}", **error.details) from None
-    placement = _placement(one.placement) * body.placement
+    placement = se3(one.placement.position, one.placement.quaternion_xyzw) * body.placement
     return Held(one.obstacle.name, body.shape, placement, one.link, tuple(one.touch_links))
-
-
-def _placement(placement: Placement) -> pin.SE3:
-    x, y, z, w = placement.quaternion_xyzw
-    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(placement.position))

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
+from guidefield.geometry.placements import se3
 from guidefield.kernels.field import field_at_points
 from guidefield.kernels.field_tables import exact
 from guidefield.messages import requests, scene as scene_messages
@@ -47,7 +48,10 @@ def forward_kinematics(
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
     frames = [robot.frame_id(name) for name in request.frames]
-    T_world_root, data = _se3(request.robot_placement), robot.model.createData()
+    T_world_root, data = (
+        se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw),
+        robot.model.createData(),
+    )
     placements = []
     for positions in request.configurations:
         pin.forwardKinematics(robot.model, data, configuration_from_wire(robot, positions))
@@ -71,7 +75,13 @@ def inverse_kinematics(
     """
     starts = [configuration_from_wire(robot, positions) for positions in request.start_configurations]
     reference = starts[0] if starts else robot.rest
-    group = select(robot, request.group, request.tip, reference, _se3(request.robot_placement))
+    group = select(
+        robot,
+        request.group,
+        request.tip,
+        reference,
+        se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw),
+    )
     for index, start in enumerate(starts):
         _require_same_outside(group, start, f"start_configurations[{index}]")
     world = World.build(group, scene or _empty_scene()) if request.collision_free else None
@@ -156,7 +166,7 @@ _ANSWERS: dict[type, Callable[[Any, Any, Any], Reply]] = {
 def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
     """All joints of a robot that don't follow another."""
     joints = [joint.name for joint in robot.joints if joint.mimic is None]
-    return select(robot, joints, None, robot.rest, _se3(placement))
+    return select(robot, joints, None, robot.rest, se3(placement.position, placement.quaternion_xyzw))
 
 
 def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str) -> None:
@@ -175,12 +185,6 @@ def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str)
 
 def _empty_scene() -> Scene:
     return scenes.build(scene_messages.Scene(name="empty"))
-
-
-def _se3(placement: Placement) -> Any:
-    """The same as pinocchio.SE3."""
-    quaternion = pin.Quaternion(np.array(placement.quaternion_xyzw, float)).normalized()
-    return pin.SE3(quaternion.matrix(), np.array(placement.position, float))
 
 
 def _placement(placement: Any) -> Placement:

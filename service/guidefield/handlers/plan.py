@@ -8,10 +8,10 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, Status
+from guidefield.geometry.placements import se3
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.plan_reply import reply_to
@@ -19,7 +19,6 @@ from guidefield.handlers.planes import Derivation, given_planes, with_derived_pl
 from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.messages.values import Placement
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
@@ -81,7 +80,13 @@ def answer_plan(
     _require_served(request, scene)
     robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = _start(request, robot)
-    group = select(robot, request.group, request.tip, q_whole, _placement(request.robot_placement))
+    group = select(
+        robot,
+        request.group,
+        request.tip,
+        q_whole,
+        se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw),
+    )
     group = _limited(group, request)
     attempts = ATTEMPTS[request.minimizer](group)
     planes = given_planes(request, scene)
@@ -244,12 +249,3 @@ def _limit_message(end: str, faults: list[LimitFault]) -> tuple[str, dict[str, A
         f" [{fault.lower:.6g}, {fault.upper:.6g}]{more}",
         {"stage": end, "joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]},
     )
-
-
-def _placement(placement: Placement) -> Any:
-    return pin.SE3(_rotation(placement.quaternion_xyzw), np.array(placement.position))
-
-
-def _rotation(quaternion_xyzw: tuple[float, float, float, float]) -> np.ndarray:
-    rotation: np.ndarray = pin.Quaternion(np.array(quaternion_xyzw)).normalized().matrix()
-    return rotation

@@ -7,7 +7,32 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.scene import GuidePlane, Obstacle, Scene
+from guidefield.messages.goals import (
+    Goal as Goal,
+    GuidePlaneGoal as GuidePlaneGoal,
+    JointSetGoal as JointSetGoal,
+    JointsGoal as JointsGoal,
+    JointValue as JointValue,
+    PoseGoal as PoseGoal,
+    Positions as Positions,
+    Tolerance3 as Tolerance3,
+    require_finite_positions,
+)
+from guidefield.messages.kinematics_requests import (
+    Clearance as Clearance,
+    ForwardKinematics as ForwardKinematics,
+    InverseKinematics as InverseKinematics,
+    KinematicsRequest as KinematicsRequest,
+    Potential as Potential,
+    TargetPose as TargetPose,
+)
+from guidefield.messages.references import (
+    RobotReference as RobotReference,
+    SceneReference as SceneReference,
+    UrdfFile as UrdfFile,
+    UrdfText as UrdfText,
+)
+from guidefield.messages.scene import GuidePlane, Obstacle
 from guidefield.messages.store_requests import (
     DeleteRobot as DeleteRobot,
     DeleteRun as DeleteRun,
@@ -24,98 +49,18 @@ from guidefield.messages.store_requests import (
     StoreRobot as StoreRobot,
     StoreScene as StoreScene,
 )
-from guidefield.messages.values import (
-    Message,
-    Name,
-    NonNegative,
-    Placement,
-    Positive,
-    QuaternionXYZW,
-    RootJoint,
-    RunId,
-    UrdfCharacters,
-    Vector3,
-    require_finite,
-    require_unit_quaternion,
-)
-
-JointValue = float | list[float]
-Positions = dict[str, JointValue]
-"""A configuration: joint name to value; see wire.md "Configurations" for the value of each kind of joint."""
-
-Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
-
-
-def require_finite_positions(field: str, positions: Positions) -> None:
-    """Raise ValueError if a joint value is NaN or infinite."""
-    for joint, value in positions.items():
-        require_finite(f"{field}.{joint}", value if isinstance(value, list) else (value,))
-
-
-class UrdfText(Message, tag_field="type", tag="urdf"):
-    """A robot sent as text. Meshes must come from packages that the service allows."""
-
-    text: UrdfCharacters
-    srdf: UrdfCharacters | None = None
-    root_joint: RootJoint = "fixed"
-
-
-class UrdfFile(Message, tag_field="type", tag="urdf_file"):
-    """A robot in local files: in Python and on the command line only, refused from the wire."""
-
-    path: str
-    srdf_path: str | None = None
-    package_dirs: list[str] = []
-    root_joint: RootJoint = "fixed"
-
-
-RobotReference = str | UrdfText | UrdfFile
-SceneReference = str | Scene
-
-
-class JointsGoal(Message, tag_field="type", tag="joints"):
-    """Reach one configuration."""
-
-    positions: Positions
-
-    def __post_init__(self) -> None:
-        require_finite_positions("positions", self.positions)
-
-
-class JointSetGoal(Message, tag_field="type", tag="joint_set"):
-    """Reach any one of several configurations."""
-
-    positions: Annotated[list[Positions], msgspec.Meta(min_length=1, max_length=10_000)]
-
-    def __post_init__(self) -> None:
-        for index, positions in enumerate(self.positions):
-            require_finite_positions(f"positions[{index}]", positions)
-
-
-class PoseGoal(Message, tag_field="type", tag="pose"):
-    """Bring the tip to a pose; tolerances are in the goal's own frame [m, rad], null leaves an axis free."""
-
-    position: Vector3
-    quaternion_xyzw: QuaternionXYZW
-    position_tolerance: Tolerance3 = (1e-4, 1e-4, 1e-4)
-    orientation_tolerance: Tolerance3 = (1e-3, 1e-3, 1e-3)
-
-    def __post_init__(self) -> None:
-        require_finite("position", self.position)
-        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
-        require_finite("position_tolerance", (x for x in self.position_tolerance if x is not None))
-        require_finite("orientation_tolerance", (x for x in self.orientation_tolerance if x is not None))
-
-
-class GuidePlaneGoal(Message, tag_field="type", tag="guide_plane"):
-    """Reach the last guide plane with the tip: the seed's own kind of goal."""
-
-
-Goal = JointsGoal | JointSetGoal | PoseGoal | GuidePlaneGoal
+from guidefield.messages.values import Message, Name, NonNegative, Placement, Positive, RunId, Vector3, require_finite
 
 
 class AttachedObject(Message):
-    """An object held by a link; it may touch the links named in `touch_links`."""
+    """An object held by a link.
+
+    Attributes:
+        obstacle: Its shape; its name stands for it in replies.
+        link: What holds it.
+        placement: Of its frame in the link's.
+        touch_links: Links that it may touch beside that one.
+    """
 
     obstacle: Obstacle
     link: Name
@@ -124,7 +69,14 @@ class AttachedObject(Message):
 
 
 class OrientationCone(Message, tag_field="type", tag="orientation_cone"):
-    """Keep an axis of a frame within a cone about a world direction [rad]."""
+    """Keep an axis of a frame within a cone.
+
+    Attributes:
+        frame: Whose axis.
+        axis: The axis in the frame, of any length but 0.
+        target_axis: The cone's axis in the world, of any length but 0.
+        half_angle: Largest angle between them [rad].
+    """
 
     frame: Name
     axis: Vector3
@@ -133,7 +85,14 @@ class OrientationCone(Message, tag_field="type", tag="orientation_cone"):
 
 
 class PlaneConstraint(Message, tag_field="type", tag="plane"):
-    """Keep a frame's origin on a plane within a tolerance [m]."""
+    """Keep a frame's origin near a plane.
+
+    Attributes:
+        frame: Whose origin.
+        point: On the plane [m, world].
+        normal: Of the plane, in the world, of any length but 0.
+        tolerance: Largest distance [m].
+    """
 
     frame: Name
     point: Vector3
@@ -142,7 +101,14 @@ class PlaneConstraint(Message, tag_field="type", tag="plane"):
 
 
 class LineConstraint(Message, tag_field="type", tag="line"):
-    """Keep a frame's origin on a line within a tolerance [m]."""
+    """Keep a frame's origin near a line.
+
+    Attributes:
+        frame: Whose origin.
+        point: On the line [m, world].
+        direction: Of the line, in the world, of any length but 0.
+        tolerance: Largest distance [m].
+    """
 
     frame: Name
     point: Vector3
@@ -154,7 +120,13 @@ PathConstraint = OrientationCone | PlaneConstraint | LineConstraint
 
 
 class JointLimits(Message):
-    """Limits of one joint's motion that replace the robot's own [rad or m, per s, s^2, s^3]."""
+    """Limits of one joint's motion that replace the robot's own; null keeps them.
+
+    Attributes:
+        velocity: [rad/s or m/s].
+        acceleration: [rad/s^2 or m/s^2].
+        jerk: [rad/s^3 or m/s^3]; null for none.
+    """
 
     velocity: Positive | None = None
     acceleration: Positive | None = None
@@ -165,7 +137,35 @@ class JointLimits(Message):
 
 
 class PlanRequest(Message):
-    """Ask for a motion: a certified, timed path from `start` to `goal`."""
+    """Ask for a motion: a certified, timed path from `start` to `goal`.
+
+    Attributes:
+        robot: A name of the catalog or of a stored robot, or the robot itself.
+        scene: A name, or the scene itself.
+        goal: What to reach.
+        schema: Version of this message.
+        run_id: What to call the run; null: the service makes a name.
+        robot_placement: Of the robot's root in the world.
+        group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
+        tip: Frame that goals and guide planes are about; null: the robot's own.
+        start: Joints left out are at rest as the robot has it.
+        guide_planes: Planes to cross, in order; null: the scene's; "auto": derived, and sent back in the reply.
+        planner: "guided": guide planes alone; "tree": a connection alone; "auto": first the planes, then a connection.
+        minimizer: How the guided planner descends; "univariate" is for chains of ball or universal joints only.
+        min_clearance: What moving links have to keep from obstacles [m].
+        attached_objects: What links hold.
+        allowed_collisions: Pairs of links and obstacles that may touch.
+        path_constraints: What frames have to keep all along the motion.
+        limits: Of joints, by name.
+        max_velocity_scaling_factor: Share of the velocity limits that is used.
+        max_acceleration_scaling_factor: Share of the acceleration limits that is used.
+        allowed_planning_time: From the request's arrival [s].
+        optimization_iterations: Most steps of the relaxation; null leaves that to its own stopping rule.
+        leave_start_contact: Whether a start in slight contact is left first, instead of being refused.
+        sample_rate: Samples per second of the trajectory in the reply [1/s]; null: the knots of the curve.
+        recording: How much is recorded.
+        seed: Of all randomness.
+    """
 
     robot: RobotReference
     scene: SceneReference
@@ -199,89 +199,5 @@ class PlanRequest(Message):
             raise ValueError(f"`min_clearance` must be a finite number, got {self.min_clearance}")
 
 
-class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
-    """Placements of frames at configurations."""
-
-    robot: RobotReference
-    frames: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=1_000)]
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
-    schema: Literal[1] = 1
-    robot_placement: Placement = Placement()
-
-    def __post_init__(self) -> None:
-        _check_configurations(self.configurations)
-
-
-class TargetPose(Message):
-    """A pose for inverse kinematics; tolerances as in `PoseGoal`."""
-
-    position: Vector3
-    quaternion_xyzw: QuaternionXYZW
-    position_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
-    orientation_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        require_finite("position", self.position)
-        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
-
-
-class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
-    """Distinct configurations that bring the tip to each pose."""
-
-    robot: RobotReference
-    poses: Annotated[list[TargetPose], msgspec.Meta(max_length=10_000)]
-    schema: Literal[1] = 1
-    robot_placement: Placement = Placement()
-    tip: Name | None = None
-    group: str | list[Name] | None = None
-    scene: SceneReference | None = None
-    collision_free: bool = False
-    start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=10_000)] = []
-    solutions: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 8
-    seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
-
-    def __post_init__(self) -> None:
-        _check_configurations(self.start_configurations)
-
-
-class Clearance(Message, tag_field="type", tag="clearance"):
-    """Distance of the robot's moving links to the obstacles, and to themselves, at configurations."""
-
-    robot: RobotReference
-    scene: SceneReference
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
-    schema: Literal[1] = 1
-    robot_placement: Placement = Placement()
-
-    def __post_init__(self) -> None:
-        _check_configurations(self.configurations)
-
-
-class Potential(Message, tag_field="type", tag="potential"):
-    """The field of a scene at points (a unit point charge each), or on a robot at configurations."""
-
-    scene: SceneReference
-    schema: Literal[1] = 1
-    points: Annotated[list[Vector3], msgspec.Meta(max_length=1_000_000)] | None = None
-    robot: RobotReference | None = None
-    robot_placement: Placement = Placement()
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)] | None = None
-
-    def __post_init__(self) -> None:
-        by_points = self.points is not None
-        by_robot = self.robot is not None and self.configurations is not None
-        if by_points == by_robot or (self.robot is None) != (self.configurations is None):
-            raise ValueError("give either `points`, or `robot` with `configurations`")
-        for index, point in enumerate(self.points or ()):
-            require_finite(f"points[{index}]", point)
-        _check_configurations(self.configurations or [])
-
-
-KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential
 TaggedRequest = KinematicsRequest | StoreRequest
 Request = PlanRequest | TaggedRequest
-
-
-def _check_configurations(configurations: list[Positions]) -> None:
-    for index, positions in enumerate(configurations):
-        require_finite_positions(f"configurations[{index}]", positions)

@@ -7,7 +7,18 @@ from guidefield.messages.values import Reply
 
 
 class JointInfo(Reply):
-    """One joint: kind, limits and where each limit comes from; what it mimics, if it does."""
+    """One joint.
+
+    Attributes:
+        name: Its name.
+        kind: What it can do, such as revolute or planar.
+        lower, upper: Limits of its coordinates [rad or m]; null where there is none.
+        velocity: Limits [rad/s or m/s].
+        acceleration: Limits [rad/s^2 or m/s^2].
+        velocity_source, acceleration_source: Where those come from.
+        mimics: The joint that it follows, if it does.
+        multiplier, offset: Then its value is multiplier * that joint's + offset [rad or m].
+    """
 
     name: str
     kind: str

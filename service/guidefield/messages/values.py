@@ -37,7 +37,7 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Float32Array(Message):
-    """Triples of little-endian float32, packed: bytes in MessagePack, base64 text in JSON."""
+    """Points packed: triples of little-endian float32 [m], as bytes in MessagePack, base64 text in JSON."""
 
     float32: bytes
 
@@ -47,7 +47,12 @@ class Float32Array(Message):
 
 
 class Placement(Message):
-    """A rigid placement: position [m] and unit quaternion (x, y, z, w)."""
+    """A rigid placement of a frame in the world, or in the frame that holds it.
+
+    Attributes:
+        position: Of its origin [m].
+        quaternion_xyzw: Its rotation, a unit quaternion (x, y, z, w).
+    """
 
     position: Vector3 = ORIGIN
     quaternion_xyzw: QuaternionXYZW = IDENTITY

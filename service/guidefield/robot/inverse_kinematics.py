@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.geometry.placements import se3
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import JointKind
@@ -59,14 +60,13 @@ class PoseTarget:
     @classmethod
     def from_wire(cls, pose: TargetPose | PoseGoal) -> PoseTarget:
         """The target that a message means; null is a free axis."""
-        rotation = pin.Quaternion(np.array(pose.quaternion_xyzw, float)).normalized().toRotationMatrix()
         tolerances = [
             np.array([np.inf if axis is None else axis for axis in axes])
             for axes in (pose.position_tolerance, pose.orientation_tolerance)
         ]
         for array in tolerances:
             array.setflags(write=False)
-        return cls(pin.SE3(rotation, np.array(pose.position, float)), *tolerances)
+        return cls(se3(pose.position, pose.quaternion_xyzw), *tolerances)
 
     def is_reached(self, T_world_tip: Any) -> bool:
         """Whether a placement of the tip (pinocchio.SE3) is within the tolerances."""

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
+from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Placement
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class ObstacleMotion:
     def of(cls, message: messages.ObstacleTrajectory) -> ObstacleMotion:
         """From its declaration."""
         times = np.array(message.times, float)
-        placements = tuple(_se3(placement) for placement in message.placements)
+        placements = tuple(se3(placement.position, placement.quaternion_xyzw) for placement in message.placements)
         steps = [pin.log6(a.actInv(b)).vector for a, b in pairwise(placements)]
         twists = np.array(steps).reshape(-1, 6) / np.diff(times)[:, None]
         times.setflags(write=False)
@@ -114,8 +114,3 @@ POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = 
 def _replaced(message: Any, **fields: Any) -> messages.Obstacle:
     moved: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
     return moved
-
-
-def _se3(placement: Placement) -> Any:
-    x, y, z, w = placement.quaternion_xyzw
-    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(placement.position, float))

@@ -17,6 +17,7 @@ import pinocchio as pin
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
+from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
@@ -140,7 +141,7 @@ class _UnusableError(Exception):
 
 
 def _box(message: messages.Box) -> Obstacle:
-    placement = _placement(message)
+    placement = se3(message.position, message.quaternion_xyzw)
 
     def charged() -> Charges:
         return Charges(boxes=np.array([[*placement.translation, *placement.rotation.T.ravel(), *message.size]]))
@@ -149,7 +150,7 @@ def _box(message: messages.Box) -> Obstacle:
 
 
 def _cylinder(message: messages.Cylinder) -> Obstacle:
-    placement, size = _placement(message), (message.radius, message.length)
+    placement, size = se3(message.position, message.quaternion_xyzw), (message.radius, message.length)
 
     def charged() -> Charges:
         quads = _moved(placement, surfaces.prism_quads(*size).reshape(-1, 3))
@@ -168,7 +169,7 @@ def _sphere(message: messages.Sphere) -> Obstacle:
 
 
 def _capsule(message: messages.Capsule) -> Obstacle:
-    placement, size = _placement(message), (message.radius, message.length)
+    placement, size = se3(message.position, message.quaternion_xyzw), (message.radius, message.length)
 
     def charged() -> Charges:
         half_axis = placement.rotation[:, 2] * (0.5 * message.length)
@@ -201,7 +202,7 @@ def _mesh(message: messages.Mesh) -> Obstacle:
     if surface.hull is None:
         faults = crossing_warnings(vertices, triangles)
         surface = dataclasses.replace(surface, warnings=(*surface.warnings, *faults))
-    return _surface(message, surface, _placement(message))
+    return _surface(message, surface, se3(message.position, message.quaternion_xyzw))
 
 
 def _polygon(message: messages.Polygon) -> Obstacle:
@@ -269,12 +270,6 @@ def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -
         charged=lambda: Charges(triangles=_moved(placement, surface.vertices)[surface.triangles]),
         warnings=tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings),
     )
-
-
-def _placement(message: messages.Box | messages.Cylinder | messages.Capsule | messages.Mesh) -> Any:
-    x, y, z, w = message.quaternion_xyzw
-    rotation = pin.Quaternion(w, x, y, z).normalized().matrix()
-    return pin.SE3(rotation, np.array(message.position))
 
 
 def _moved(placement: Any, points: np.ndarray) -> np.ndarray:

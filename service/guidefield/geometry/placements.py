@@ -1,0 +1,20 @@
+"""Placements as Pinocchio has them, from positions and quaternions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+
+def se3(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Any:
+    """A placement, pinocchio.SE3.
+
+    Args:
+        position: Of the frame's origin, shape (3,) [m].
+        quaternion_xyzw: Its rotation (x, y, z, w), shape (4,), near unit length.
+    """
+    rotation = pin.Quaternion(np.array(quaternion_xyzw, float)).normalized().matrix()
+    return pin.SE3(rotation, np.array(position, float))

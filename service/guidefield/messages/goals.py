@@ -1,0 +1,89 @@
+"""Configurations and goals as requests name them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+
+from guidefield.messages.values import (
+    Message,
+    NonNegative,
+    QuaternionXYZW,
+    Vector3,
+    require_finite,
+    require_unit_quaternion,
+)
+
+JointValue = float | list[float]
+Positions = dict[str, JointValue]
+"""A configuration: joint name to value.
+
+Revolute and prismatic joints: a number [rad or m]; continuous: an unwrapped angle [rad]; planar: [x, y, theta];
+spherical: a unit quaternion (x, y, z, w); floating: [x, y, z, qx, qy, qz, qw]. A planar or free root is `root_joint`.
+Joints that mimic others are not given.
+"""
+
+Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
+
+
+def require_finite_positions(field: str, positions: Positions) -> None:
+    """Raise ValueError if a joint value is NaN or infinite; `field` is what it is called."""
+    for joint, value in positions.items():
+        require_finite(f"{field}.{joint}", value if isinstance(value, list) else (value,))
+
+
+class JointsGoal(Message, tag_field="type", tag="joints"):
+    """Reach one configuration.
+
+    Attributes:
+        positions: The configuration; joints left out keep their value at the start.
+    """
+
+    positions: Positions
+
+    def __post_init__(self) -> None:
+        require_finite_positions("positions", self.positions)
+
+
+class JointSetGoal(Message, tag_field="type", tag="joint_set"):
+    """Reach any one of several configurations.
+
+    Attributes:
+        positions: The configurations, each as in `JointsGoal`.
+    """
+
+    positions: Annotated[list[Positions], msgspec.Meta(min_length=1, max_length=10_000)]
+
+    def __post_init__(self) -> None:
+        for index, positions in enumerate(self.positions):
+            require_finite_positions(f"positions[{index}]", positions)
+
+
+class PoseGoal(Message, tag_field="type", tag="pose"):
+    """Bring the tip to a pose.
+
+    Attributes:
+        position: Of the tip [m, world].
+        quaternion_xyzw: Its rotation in the world.
+        position_tolerance: How far off it may be along each axis of the goal's own frame [m]; null leaves an axis free.
+        orientation_tolerance: The same for the rotation vector in that frame [rad].
+    """
+
+    position: Vector3
+    quaternion_xyzw: QuaternionXYZW
+    position_tolerance: Tolerance3 = (1e-4, 1e-4, 1e-4)
+    orientation_tolerance: Tolerance3 = (1e-3, 1e-3, 1e-3)
+
+    def __post_init__(self) -> None:
+        require_finite("position", self.position)
+        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
+        require_finite("position_tolerance", (x for x in self.position_tolerance if x is not None))
+        require_finite("orientation_tolerance", (x for x in self.orientation_tolerance if x is not None))
+
+
+class GuidePlaneGoal(Message, tag_field="type", tag="guide_plane"):
+    """Reach the last guide plane with the tip: the seed's own kind of goal."""
+
+
+Goal = JointsGoal | JointSetGoal | PoseGoal | GuidePlaneGoal

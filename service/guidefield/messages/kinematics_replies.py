@@ -1,0 +1,97 @@
+"""The answers to kinematics requests, in the order asked."""
+
+from __future__ import annotations
+
+from guidefield.messages.goals import Positions
+from guidefield.messages.plan_reply import Rows
+from guidefield.messages.values import Placement, Reply, Vector3
+
+
+class ForwardKinematicsReply(Reply):
+    """Placements of frames in the world.
+
+    Attributes:
+        placements: By configuration, then by frame.
+        schema: Version of this message.
+    """
+
+    placements: list[list[Placement]]
+    schema: int = 1
+
+
+class InverseKinematicsReply(Reply):
+    """Distinct solutions of each pose.
+
+    Attributes:
+        configurations: By pose.
+        reasons: By pose, why there are none or not more; else empty.
+        schema: Version of this message.
+    """
+
+    configurations: list[list[Positions]]
+    reasons: list[str]
+    schema: int = 1
+
+
+class ClearanceReply(Reply):
+    """Clearance, by configuration: signed where both shapes are convex, else 0 in contact; null without such a pair.
+
+    Attributes:
+        minimum: Smallest distance of moving links to obstacles [m].
+        pair: The closest link and obstacle.
+        witness_points: Their closest points [m, world].
+        self_minimum: Smallest distance of the robot to itself [m].
+        schema: Version of this message.
+    """
+
+    minimum: list[float | None]
+    pair: list[list[str] | None]
+    witness_points: list[list[Vector3] | None]
+    self_minimum: list[float | None]
+    schema: int = 1
+
+
+class PointPotentialReply(Reply):
+    """The field on a unit charge, by point.
+
+    Attributes:
+        potential: [1/m].
+        gradient: [1/m^2], in the world.
+        winding: How often solids wind around the point: 0 outside.
+        schema: Version of this message.
+    """
+
+    potential: list[float]
+    gradient: list[Vector3]
+    winding: list[float]
+    schema: int = 1
+
+
+class LinkWrench(Reply):
+    """What the field does to one link, by configuration, in the world's axes.
+
+    Attributes:
+        force: [1].
+        torque: About the origin of the joint that moves the link [m].
+    """
+
+    force: list[Vector3]
+    torque: list[Vector3]
+
+
+class RobotPotentialReply(Reply):
+    """The field on a robot, by configuration.
+
+    Attributes:
+        potential: U [m].
+        generalized_force: -dU/dv, in the columns of `velocity_names`.
+        velocity_names: Names of the columns, in the tangent space.
+        links: By name.
+        schema: Version of this message.
+    """
+
+    potential: list[float]
+    generalized_force: Rows
+    velocity_names: list[str]
+    links: dict[str, LinkWrench]
+    schema: int = 1

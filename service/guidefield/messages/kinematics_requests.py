@@ -1,0 +1,144 @@
+"""What a client may ask at configurations, poses and points, one or a batch of them in one request."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from guidefield.messages.goals import Positions, Tolerance3, require_finite_positions
+from guidefield.messages.references import RobotReference, SceneReference
+from guidefield.messages.values import (
+    Message,
+    Name,
+    Placement,
+    QuaternionXYZW,
+    Vector3,
+    require_finite,
+    require_unit_quaternion,
+)
+
+
+class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
+    """Placements of frames at configurations.
+
+    Attributes:
+        robot: The robot.
+        frames: Their names.
+        configurations: Joints left out are at rest as the robot has it.
+        schema: Version of this message.
+        robot_placement: Of the robot's root in the world.
+    """
+
+    robot: RobotReference
+    frames: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=1_000)]
+    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
+    schema: Literal[1] = 1
+    robot_placement: Placement = Placement()
+
+    def __post_init__(self) -> None:
+        _check_configurations(self.configurations)
+
+
+class TargetPose(Message):
+    """A pose for inverse kinematics; the fields are those of `PoseGoal`, 0 is as near as can be computed."""
+
+    position: Vector3
+    quaternion_xyzw: QuaternionXYZW
+    position_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
+    orientation_tolerance: Tolerance3 = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require_finite("position", self.position)
+        require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
+
+
+class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
+    """Distinct configurations that bring the tip to each pose.
+
+    Attributes:
+        robot: The robot.
+        poses: The poses.
+        schema: Version of this message.
+        robot_placement: Of the robot's root in the world.
+        tip: Name of the frame that is brought there; null: the robot's own.
+        group: Joints that may move, as in `PlanRequest`.
+        scene: What may be in the way.
+        collision_free: Whether only configurations that touch nothing count.
+        start_configurations: Where to start from, before random ones; joints outside the group are as in the first.
+        solutions: How many to look for at each pose.
+        seed: Of the random starts.
+    """
+
+    robot: RobotReference
+    poses: Annotated[list[TargetPose], msgspec.Meta(max_length=10_000)]
+    schema: Literal[1] = 1
+    robot_placement: Placement = Placement()
+    tip: Name | None = None
+    group: str | list[Name] | None = None
+    scene: SceneReference | None = None
+    collision_free: bool = False
+    start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=10_000)] = []
+    solutions: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 8
+    seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
+
+    def __post_init__(self) -> None:
+        _check_configurations(self.start_configurations)
+
+
+class Clearance(Message, tag_field="type", tag="clearance"):
+    """Distance of the robot's moving links to the obstacles, and to themselves, at configurations.
+
+    Attributes:
+        robot: The robot.
+        scene: The obstacles.
+        configurations: Joints left out are at rest as the robot has it.
+        schema: Version of this message.
+        robot_placement: Of the robot's root in the world.
+    """
+
+    robot: RobotReference
+    scene: SceneReference
+    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
+    schema: Literal[1] = 1
+    robot_placement: Placement = Placement()
+
+    def __post_init__(self) -> None:
+        _check_configurations(self.configurations)
+
+
+class Potential(Message, tag_field="type", tag="potential"):
+    """The field of a scene at points (a unit point charge each), or on a robot at configurations.
+
+    Attributes:
+        scene: What is charged.
+        schema: Version of this message.
+        points: Where [m, world].
+        robot: The robot, where no points are given.
+        robot_placement: Of its root in the world.
+        configurations: Joints left out are at rest as the robot has it.
+    """
+
+    scene: SceneReference
+    schema: Literal[1] = 1
+    points: Annotated[list[Vector3], msgspec.Meta(max_length=1_000_000)] | None = None
+    robot: RobotReference | None = None
+    robot_placement: Placement = Placement()
+    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)] | None = None
+
+    def __post_init__(self) -> None:
+        by_points = self.points is not None
+        by_robot = self.robot is not None and self.configurations is not None
+        if by_points == by_robot or (self.robot is None) != (self.configurations is None):
+            raise ValueError("give either `points`, or `robot` with `configurations`")
+        for index, point in enumerate(self.points or ()):
+            require_finite(f"points[{index}]", point)
+        _check_configurations(self.configurations or [])
+
+
+KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential
+
+
+def _check_configurations(configurations: list[Positions]) -> None:
+    for index, positions in enumerate(configurations):
+        require_finite_positions(f"configurations[{index}]", positions)

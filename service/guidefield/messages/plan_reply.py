@@ -1,0 +1,199 @@
+"""The answer to a plan request, and what it is made of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from guidefield.messages.scene import GuidePlane
+from guidefield.messages.values import Reply
+
+Rows = list[list[float]]
+
+
+class Outcome(Reply):
+    """How a plan ended.
+
+    Attributes:
+        code: Of `errors.Status`.
+        name: Its name.
+        message: One sentence to act on.
+        details: The values that it speaks about.
+    """
+
+    code: int
+    name: str
+    message: str
+    details: dict[str, Any] = {}
+
+
+class Trajectory(Reply):
+    """A motion in time: knots of the certified curve, cubic between them, or samples of it at `sample_rate`.
+
+    Attributes:
+        times: Increasing from 0 [s].
+        positions: A row for each time in the columns of `position_names` [rad, m, or entries of a quaternion].
+        velocities: A row for each time in the columns of `velocity_names` [rad/s or m/s].
+        accelerations: The same [rad/s^2 or m/s^2].
+    """
+
+    times: list[float]
+    positions: Rows
+    velocities: Rows
+    accelerations: Rows
+
+
+class Stage(Reply):
+    """One stage of a plan.
+
+    Attributes:
+        name: What it was.
+        outcome: How it ended.
+        seconds: How long it took [s].
+        plane: Index of the guide plane that it was about, if any.
+    """
+
+    name: str
+    outcome: str
+    seconds: float
+    plane: int | None = None
+
+
+class ClearanceFigures(Reply):
+    """Distance between moving links and obstacles along the trajectory; null without such a pair.
+
+    Attributes:
+        minimum: The smallest [m].
+        mean: Over the motion [m].
+        inner: The smallest without 0.3 rad or m of the way at each end [m].
+        ends: The smaller of those at start and goal [m].
+        pair: Link and obstacle where it is smallest.
+        time: When it is smallest [s].
+    """
+
+    minimum: float | None
+    mean: float | None
+    inner: float | None
+    ends: float | None
+    pair: list[str] | None
+    time: float | None
+
+
+class SelfClearance(Reply):
+    """Distance of the robot to itself along the trajectory; null without such a pair.
+
+    Attributes:
+        minimum: The smallest [m].
+        pair: The two links.
+    """
+
+    minimum: float | None
+    pair: list[str] | None
+
+
+class CertificateFigures(Reply):
+    """What the certificate says.
+
+    Attributes:
+        collision_free: Whether what it covers is free, between samples too.
+        method: How it was judged.
+        covers: What was judged.
+        evaluations: With how many evaluations of configurations.
+    """
+
+    collision_free: bool
+    method: str
+    covers: str
+    evaluations: int
+
+
+class Metrics(Reply):
+    """Length, duration and smoothness of a motion.
+
+    Attributes:
+        joint_path_length: In the joints' coordinates [rad or m].
+        tip_path_length: Of the tip's way [m].
+        duration: [s].
+        peak_jerk: The largest [rad/s^3 or m/s^3].
+        smoothness: Bending energy of the way times its length, without unit; 0 for a straight one.
+    """
+
+    joint_path_length: float
+    tip_path_length: float
+    duration: float
+    peak_jerk: float
+    smoothness: float
+
+
+class Timing(Reply):
+    """Time by stage [s]; `ends` judges start and goal, `measure` takes the reply's figures, `queue` is waiting."""
+
+    queue: float = 0.0
+    load: float = 0.0
+    ends: float = 0.0
+    connect: float = 0.0
+    guide: float = 0.0
+    relax: float = 0.0
+    parameterize: float = 0.0
+    certify: float = 0.0
+    measure: float = 0.0
+    total: float = 0.0
+
+
+class Counters(Reply):
+    """How often the expensive things were done.
+
+    Attributes:
+        iterations: Of trees, descents and the relaxation.
+        potential_evaluations: Configurations at which the field on the robot was evaluated.
+        collision_checks: Motions, and configurations of the certificate, that were judged.
+    """
+
+    iterations: int = 0
+    potential_evaluations: int = 0
+    collision_checks: int = 0
+
+
+class PlanReply(Reply):
+    """The answer to a plan request, an honest "no" included.
+
+    Attributes:
+        run_id: Name of the run.
+        status: How it ended.
+        position_names: Columns of positions, such as panda_joint1, root_joint.x, ball.qw.
+        velocity_names: Columns of velocities, in the tangent space.
+        path: What the planner found, a row for each waypoint; the best partial motion where it failed.
+        trajectory: What the robot would execute; null where there is none.
+        guide_planes: Those of the plan, derived ones included.
+        stages: What was done, in order.
+        clearance: From obstacles, along the trajectory.
+        self_clearance: Of the robot from itself.
+        certificate: The judgement of the trajectory, or of the path where there is no trajectory.
+        metrics: Of the trajectory.
+        timing: Where time went.
+        counters: What was done how often.
+        seed: The request's.
+        planner: The request's.
+        recording: Key or file of the recording, if there is one.
+        schema: Version of this message.
+        warnings: What was odd but harmless.
+    """
+
+    run_id: str
+    status: Outcome
+    position_names: list[str]
+    velocity_names: list[str]
+    path: Rows
+    trajectory: Trajectory | None
+    guide_planes: list[GuidePlane]
+    stages: list[Stage]
+    clearance: ClearanceFigures | None
+    self_clearance: SelfClearance | None
+    certificate: CertificateFigures
+    metrics: Metrics | None
+    timing: Timing
+    counters: Counters
+    seed: int
+    planner: str
+    recording: str | None
+    schema: int = 1
+    warnings: list[str] = []
