@@ -18,7 +18,7 @@ from guidefield.kept import kept_with
 from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
 from guidefield.kernels.lane_shortcut import shortcut, without_detours
-from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, Scratch
+from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, HITS, Scratch
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.kernels.separation import WORK
@@ -76,6 +76,7 @@ class Lanes:
             middle=np.zeros(world.group.nv * LANES, np.float32),
             middle_poses=np.zeros(world.model.njoints * POSE, np.float32),
             places=np.zeros(2 * LANES, np.float32),
+            hits=np.full(3 * HITS, -1, np.int64),
         )
         block = np.zeros(world.group.nv * LANES, np.float32)
         tables = LaneWorld(
@@ -95,6 +96,7 @@ class Lanes:
         """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
         self.tables.scratch.obstacle_axes[:] = 0.0
         self.tables.scratch.pair_axes[:] = 0.0
+        self.tables.scratch.hits[:] = -1
 
     def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:
         """Which of some chart points touch an obstacle or themselves.

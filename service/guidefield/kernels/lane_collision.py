@@ -1,9 +1,10 @@
 """Whether a robot touches obstacles or itself at any of sixteen configurations: what is cheap and tells most, first.
 
-Balls about all that a joint carries leave few obstacles; about those bodies, fewer. A ball inside a body that meets an
-obstacle is a hit. Where no ball of a body's cover meets, or the axis that last kept the two apart still does, it is
-free. What is left is decided exactly, lane by lane. In float32 the cheap tests are off by less than `BAND`: they widen
-covers and shrink inner balls by it, so that never a contact passes for free, nor the other way round farther than it.
+A ball inside a body that met an obstacle lately often does again. Balls about all that a joint carries leave few
+obstacles; about those bodies, fewer. A ball inside a body that meets an obstacle is a hit. Where no ball of a body's
+cover meets, or the axis that last kept the two apart still does, it is free. What is left is decided exactly, lane by
+lane. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink inner balls by it, so that
+never a contact passes for free, nor the other way round farther than it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from numba import boolean, int64, types, void
 
 from guidefield.kernels.lane_cells import left_of_cells
 from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
-from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements, moved
+from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements, moved
 from guidefield.kernels.lane_math import PRIMITIVE, Floats32, near_primitive
 from guidefield.kernels.lane_pairs import pair_meets
 from guidefield.kernels.lane_tables import (
@@ -20,6 +21,7 @@ from guidefield.kernels.lane_tables import (
     BALL,
     BAND,
     BODIES,
+    HITS,
     OBSTACLES,
     SCRATCH_MEMORY,
     LaneBodies,
@@ -81,6 +83,29 @@ def _boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, re
     return int(near)
 
 
+@lane_part
+def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
+    """Move the hits before one of them on to its place, and put another in front."""
+    for k in range(3 * last + 2, 2, -1):
+        hits[k] = hits[k - 3]
+    hits[0], hits[1], hits[2] = body, o, ball
+
+
+@lane_step(boolean(BODIES, OBSTACLES, types.float64, SCRATCH_MEMORY))
+def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, scratch: Scratch) -> bool:
+    """Whether one of the inner balls that met an obstacle lately meets the same again."""
+    poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
+    for k in range(HITS):
+        body, o, ball = hits[3 * k], hits[3 * k + 1], hits[3 * k + 2]
+        if body < 0:
+            return False
+        x, y, z = _ball(poses, bodies.joints[body], inner, ball)
+        if _near(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND):
+            _put_first(hits, body, o, ball, k)
+            return True
+    return False
+
+
 @lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
 def _inner_meets(
     bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
@@ -90,6 +115,7 @@ def _inner_meets(
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = _ball(poses, joint, inner, ball)
         if _near(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND) & near:
+            _put_first(scratch.hits, body, o, ball, HITS - 1)
             return True
     return False
 
@@ -122,11 +148,11 @@ def _near_obstacles(
                         near &= _near(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND)
                         if near == 0:
                             continue
+                    if obstacles.whole[o] and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
+                        return -1
                     near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
                     if near == 0:
                         continue
-                    if obstacles.whole[o] and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
-                        return -1
                     found[3 * count], found[3 * count + 1], found[3 * count + 2] = body, o, near
                     count += 1
     return count
@@ -228,6 +254,8 @@ def block_touches(
     """
     found = scratch.found
     lane_placements(joints, coordinates, scratch.poses)
+    if _met_again(bodies, obstacles, clearance, scratch):
+        return True
     _place_carriers(bodies, scratch)
     count = _near_obstacles(bodies, parts, obstacles, clearance, scratch)
     if count < 0:

@@ -23,6 +23,9 @@ BALL = 3 * LANES
 AXIS_AND_REACH = 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
+HITS = 4
+"""How many of the balls that met an obstacle last are tried first."""
+
 GRID_PLACES, GRID_NUMBERS = 5, 7
 """Numbers of a grid of cells: whole ones, others."""
 
@@ -118,7 +121,7 @@ class LaneObstacles(NamedTuple):
 class Scratch(NamedTuple):
     """Memory that a search uses again and again.
 
-    Only the axes mean anything between calls: with what separated two bodies last, the next question begins.
+    Only axes and hits mean anything between calls: with what separated bodies or met last, the next question begins.
 
     Attributes:
         poses: (joints * POSE,) placements.
@@ -130,6 +133,7 @@ class Scratch(NamedTuple):
         work: (WORK,).
         middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
         places: (32,) where on a grid a block's configurations are.
+        hits: (3 * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
     """
 
     poses: np.ndarray
@@ -143,12 +147,15 @@ class Scratch(NamedTuple):
     middle: np.ndarray
     middle_poses: np.ndarray
     places: np.ndarray
+    hits: np.ndarray
 
 
 _VERDICTS = types.Array(types.uint8, 1, "C")
 
 LANE_BODIES = types.NamedTuple([*[types.int64] * 4, *[INDICES] * 13, *[FLOATS] * 7, _VERDICTS], LaneBodies)
 LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2], LaneObstacles)
-SCRATCH = types.NamedTuple([*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3], Scratch)
+SCRATCH = types.NamedTuple(
+    [*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3, INTEGERS_OUT], Scratch
+)
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)

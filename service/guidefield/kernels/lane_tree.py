@@ -1,4 +1,4 @@
-"""RRT-Connect (Kuffner and LaValle 2000) on lanes: two trees, a Halton sequence, the dynamic domain of Yershova (2005).
+"""RRT-Connect (Kuffner and LaValle 2000) on lanes: two trees, an even sequence, the dynamic domain of Yershova (2005).
 
 The kernel runs a bounded number of iterations and can be called again to go on, so a deadline or a cancellation is
 kept without a clock in the kernel, and the same seed gives the same path whatever the load.
@@ -32,7 +32,7 @@ from guidefield.kernels.lanes import (
     splat,
 )
 from guidefield.kernels.packing import Words, unpacked
-from guidefield.kernels.signatures import VECTOR
+from guidefield.kernels.signatures import VECTOR, VECTOR_OUT
 from guidefield.kernels.tree_kinematics import INDICES
 
 RANGE = 1.0
@@ -58,13 +58,13 @@ class Sampling(NamedTuple):
     """Where samples come from.
 
     Attributes:
-        bases: (nv,) prime of each coordinate's Halton sequence.
+        steps: (nv,) by which each coordinate's place in the box goes on from sample to sample, modulo 1.
         lower, width: (nv,) the box that samples fill.
         period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
         frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
     """
 
-    bases: np.ndarray
+    steps: np.ndarray
     lower: np.ndarray
     width: np.ndarray
     period: np.ndarray
@@ -80,8 +80,7 @@ class Search(NamedTuple):
         nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
         parents: (2 * capacity,) -1 for roots.
         domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
-        shift: (nv,) added to the sequence of samples, modulo 1.
-        digits: (2 * nv,) numerator and denominator of the last sample's coordinates.
+        places: (nv,) where in the box the last sample was, as shares of its sides.
         counters: (COUNTERS,).
         sample, target, origin, reached: (nv,) memory.
     """
@@ -91,8 +90,7 @@ class Search(NamedTuple):
     nodes: np.ndarray
     parents: np.ndarray
     domains: np.ndarray
-    shift: np.ndarray
-    digits: np.ndarray
+    places: np.ndarray
     counters: np.ndarray
     sample: np.ndarray
     target: np.ndarray
@@ -100,9 +98,9 @@ class Search(NamedTuple):
     reached: np.ndarray
 
 
-SAMPLING = types.NamedTuple([INDICES, *[VECTOR] * 2, *[FLOATS] * 2], Sampling)
+SAMPLING = types.NamedTuple([*[VECTOR] * 3, *[FLOATS] * 2], Sampling)
 SEARCH = types.NamedTuple(
-    [*[types.int64] * 2, FLOATS_OUT, INTEGERS_OUT, FLOATS_OUT, VECTOR, *[INTEGERS_OUT] * 2, *[FLOATS_OUT] * 4], Search
+    [*[types.int64] * 2, FLOATS_OUT, INTEGERS_OUT, FLOATS_OUT, VECTOR_OUT, INTEGERS_OUT, *[FLOATS_OUT] * 4], Search
 )
 
 _SAMPLING, _SEARCH = pointed(SAMPLING), pointed(SEARCH)
@@ -111,30 +109,17 @@ sampling_of, search_of = unpacked(SAMPLING), unpacked(SEARCH)
 
 @lane_step(types.void(_SAMPLING, _SEARCH))
 def _next_sample(sampling: Sampling, search: Search) -> None:
-    """The next point of the Halton sequence, shifted, in the box.
-
-    In base b the sequence counts n / d with d a power of b: the carry turns x = d - n into the next numerator.
-    """
-    digits = search.digits
+    """The next point of the sequence, in the box."""
     for j in range(search.nv):
-        base, numerator, denominator = sampling.bases[j], digits[2 * j], digits[2 * j + 1]
-        left = denominator - numerator
-        if left == 1:
-            numerator = 1
-            denominator *= base
-        else:
-            step = denominator // base
-            while left <= step:
-                step //= base
-            numerator = (base + 1) * step - left
-        digits[2 * j], digits[2 * j + 1] = numerator, denominator
-        place = numerator / denominator + search.shift[j]
-        search.sample[j] = sampling.lower[j] + (place - math.floor(place)) * sampling.width[j]
+        place = search.places[j] + sampling.steps[j]
+        place -= 1.0 if place >= 1.0 else 0.0
+        search.places[j] = place
+        search.sample[j] = sampling.lower[j] + place * sampling.width[j]
 
 
-@lane_step(int64(_SEARCH, int64, FLOAT_POINTER, _SAMPLING))
-def _nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> int:
-    """The node nearest to a target, sixteen at a time; angles that wrap count the short way round."""
+@lane_step(types.Tuple((int64, types.float64))(_SEARCH, int64, FLOAT_POINTER, _SAMPLING))
+def _nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> tuple[int, float]:
+    """The node nearest to a target, sixteen at a time, and its distance squared; angles that wrap go the short way."""
     nodes, period, frequency, capacity, nv = (
         search.nodes,
         sampling.period,
@@ -160,7 +145,7 @@ def _nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) ->
             square = lane(total, k)
             if square < best:
                 best, winner = square, i + k
-    return winner
+    return winner, float(best)
 
 
 @lane_step(types.float64(_SEARCH, int64, int64, FLOAT_POINTER, _SAMPLING))
@@ -205,7 +190,7 @@ def _connected(
 ) -> bool:
     """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
     counters = search.counters
-    node = _nearest(search, tree, search.target, sampling)
+    node, _ = _nearest(search, tree, search.target, sampling)
     while counters[SIZE + tree] < search.capacity:
         distance = _step_towards(search, tree, node, search.target, sampling)
         counters[MOTIONS] += 1
@@ -239,11 +224,11 @@ def _grown(
             a = 1 - a
         counters[ACTIVE] = a
         _next_sample(sampling, search)
-        node = _nearest(search, a, sample, sampling)
-        distance = _step_towards(search, a, node, sample, sampling)
+        node, square = _nearest(search, a, sample, sampling)
         domain = domains[a * capacity + node]
-        if distance > domain:
+        if square > domain * domain:
             continue
+        _step_towards(search, a, node, sample, sampling)
         counters[MOTIONS] += 1
         if not motion_free(world, clearance, search.origin, reached, resolution):
             smaller = DOMAIN if domain == np.inf else max(domain * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)

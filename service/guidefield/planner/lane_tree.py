@@ -103,20 +103,22 @@ def _sampling(group: PlanningGroup) -> tuple[kernel.Sampling, Words]:
             lower[at], upper[at] = origin[at] - reach, origin[at] + reach
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
-    sampling = kernel.Sampling(_primes(group.nv), lower, upper - lower, period, frequency)
+    sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency)
     for array in sampling:
         array.setflags(write=False)
     return sampling, packed(sampling)
 
 
-def _primes(count: int) -> np.ndarray:
-    primes: list[int] = []
-    number = 2
-    while len(primes) < count:
-        if all(number % prime for prime in primes):
-            primes.append(number)
-        number += 1
-    return np.array(primes, np.int64)
+def _steps(count: int) -> np.ndarray:
+    """Steps of the additive recurrence that fills a box of so many sides evenly (M. Roberts 2018).
+
+    They are the powers of 1 / g, where g > 1 solves g^(n + 1) = g + 1.
+    """
+    g = 2.0
+    for _ in range(64):
+        g = (1.0 + g) ** (1.0 / (count + 1.0))
+    steps: np.ndarray = g ** -np.arange(1.0, count + 1.0)
+    return steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +143,7 @@ class _Room:
             nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
             parents=np.full(2 * capacity, -1, np.int64),
             domains=np.full(2 * capacity, np.inf, np.float32),
-            shift=np.zeros(nv),
-            digits=np.zeros(2 * nv, np.int64),
+            places=np.zeros(nv),
             counters=np.zeros(kernel.COUNTERS, np.int64),
             sample=np.zeros(nv, np.float32),
             target=np.zeros(nv, np.float32),
@@ -154,8 +155,7 @@ class _Room:
     def begin(self, roots: tuple[np.ndarray, np.ndarray], shift: np.ndarray) -> None:
         """Leave only the roots (k, nv) of both trees, and begin a sequence of samples that is shifted by (nv,)."""
         search = self.search
-        search.shift[:] = shift
-        search.digits[::2], search.digits[1::2] = 0, 1
+        search.places[:] = shift
         search.counters[:] = 0
         search.counters[kernel.ACTIVE] = 1
         nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
@@ -176,7 +176,7 @@ class _Room:
             theirs[: 2 * rows * capacity].reshape(rows, 2 * capacity)[:, :capacity] = ours[: rows * capacity].reshape(
                 rows, capacity
             )
-        kept = {name: getattr(self.search, name) for name in ("shift", "digits", "counters")}
+        kept = {name: getattr(self.search, name) for name in ("places", "counters")}
         search = larger.search._replace(**kept)
         return _Room(search, packed(search))
 
