@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from urllib.error import URLError
+from urllib.parse import unquote
+from urllib.request import urlopen
 
 import pytest
 
@@ -135,17 +139,34 @@ def test_the_exit_code_is_the_outcome(
 def test_the_viewer_is_opened_on_this_machine_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from typer.testing import CliRunner
 
-    from guidefield.cli import app, commands
+    from guidefield.cli import app, showing
 
     called: list[list[str]] = []
-    monkeypatch.setattr(commands.subprocess, "call", lambda command: called.append(command) or 0)
-    recording = tmp_path / "run.rrd"
-    recording.write_bytes(b"")
-    assert CliRunner().invoke(app, ["show", str(recording)]).exit_code == 0
-    assert CliRunner().invoke(app, ["show", str(recording), "--web"]).exit_code == 0
-    assert CliRunner().invoke(app, ["show", str(tmp_path / "nothing.rrd")]).exit_code == 2
-    assert all(command[3:5] == ["--bind", "127.0.0.1"] for command in called)
-    assert [("--web-viewer" in command) for command in called] == [False, True]
+    monkeypatch.setattr(showing.subprocess, "call", lambda command, **_: called.append(command) or 0)
+    (tmp_path / "run.rrd").write_bytes(b"")
+    assert CliRunner().invoke(app, ["show", str(tmp_path / "run.rrd")]).exit_code == 0
+    assert called[0][3:] == ["--bind", "127.0.0.1", str(tmp_path / "run.rrd")]
+    assert "there is no recording" in str(CliRunner().invoke(app, ["show", str(tmp_path / "nothing.rrd")]).exception)
+
+
+def test_a_recording_is_served_to_browsers_until_sigterm(tmp_path: Path) -> None:
+    (tmp_path / "run.rrd").write_bytes(b"a recording")
+    command = [sys.executable, "-m", "guidefield", "show", "--web", str(tmp_path / "run.rrd")]
+    quiet = {name: text for name, text in os.environ.items() if name not in {"DISPLAY", "WAYLAND_DISPLAY"}}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=quiet) as process:
+        assert process.stdout is not None
+        page, file = process.stdout.readline().split(" is at ")[1].strip().split("/?url=")
+        try:
+            with urlopen(page) as viewer:
+                assert b"rerun" in viewer.read().lower()
+            with urlopen(unquote(file)) as content:
+                assert content.read() == b"a recording"
+                assert content.headers["Access-Control-Allow-Origin"] == "*"
+        finally:
+            process.terminate()
+        assert process.wait() == 0
+    with pytest.raises(URLError):
+        urlopen(page)
 
 
 @pytest.fixture

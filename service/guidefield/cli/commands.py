@@ -7,7 +7,6 @@ answer with an error.
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -18,6 +17,7 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
+from guidefield.cli.found_run import Data, RunName, Service, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
 from guidefield.cli.replaying import replay
@@ -177,17 +177,16 @@ def demo(
 
 @app.command()
 def show(
-    recording: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="A run's .rrd file.")],
+    run: RunName,
     web: Annotated[bool, typer.Option(help="In a web browser instead of a window.")] = False,
+    data: Data = None,
+    name: Service = "local",
 ) -> None:
     """Open a recording in the Rerun viewer, on this machine only."""
-    viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", *(["--web-viewer"] if web else []), str(recording)]
-    code = subprocess.call(viewer)  # noqa: S603 - our own interpreter and a file that exists
-    if code and not web:
-        err.print(
-            "Where there is no display, `guidefield show --web` serves the recording to a browser on this machine."
-        )
-    raise typer.Exit(code)
+    from guidefield.cli import showing
+
+    with recording_file(run, data, name) as file:
+        raise typer.Exit(showing.show_in_browser(file, out) if web else showing.show_in_window(file, err))
 
 
 def _read(path: Path) -> requests.Request:

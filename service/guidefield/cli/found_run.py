@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +14,7 @@ import typer
 from guidefield.errors import UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
+from guidefield.run import whole_recording
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import RunStore
 
@@ -61,3 +65,22 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
     path = store.recording_path(run)
     recorded_too = path is not None and path.is_file()
     return FoundRun(kept.request, kept.reply, read_recording(path).versions if path and recorded_too else {})
+
+
+@contextlib.contextmanager
+def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
+    """The file of a run's recording, with all it needs; that of a kept run is there for as long as the block runs.
+
+    Raises:
+        UnknownObject: if there is no such run or file.
+    """
+    if run.endswith(".rrd"):
+        file = Path(run)
+        if not file.is_file():
+            raise UnknownObject(f"there is no recording {run!r}", path=run)
+        yield file
+        return
+    with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
+        file = Path(folder) / f"{run}.rrd"
+        file.write_bytes(whole_recording(run_store(data, name), run))
+        yield file

@@ -13,9 +13,10 @@ from rich.console import Console
 from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
-from guidefield.cli.found_run import Data, RunName, Service, find_run, run_store
+from guidefield.cli.found_run import Data, RunName, Service, find_run, recording_file, run_store
 from guidefield.messages.replies import RunsReply
 from guidefield.messages.store_requests import ReadRuns
+from guidefield.stores.files import write_atomically
 
 out = Console()
 
@@ -54,11 +55,15 @@ def compare(first: RunName, second: RunName, data: Data = None, name: Service = 
 @runs_app.command()
 def export(
     run: RunName,
-    file: Annotated[Path, typer.Argument(help="Where to: .csv, .json or .npz.")],
+    file: Annotated[Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.")],
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Write the motion of a run to a file for other programs."""
+    """Write the motion of a run to a file for other programs, or its recording with all it needs."""
     from guidefield.arrays import run_arrays, write_motion
 
+    if file.suffix == ".rrd":
+        with recording_file(run, data, name) as recording:
+            write_atomically(file, recording.read_bytes())
+        return
     write_motion(run_arrays(find_run(run, data, name).reply), file)

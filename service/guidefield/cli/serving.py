@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from types import FrameType
 
 from guidefield import logs
+from guidefield.cli.showing import free_port
 from guidefield.endpoint.service import ServiceSettings, serve
 
 
@@ -57,7 +57,7 @@ def service_in_child(
     Raises:
         RuntimeError: if it doesn't start.
     """
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--workers", str(workers)]
     serve_there += ["--name", name]
     with (
@@ -87,10 +87,3 @@ def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
         if line.startswith("ready"):
             return
     raise RuntimeError("the service ended before it was ready; its log is above")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

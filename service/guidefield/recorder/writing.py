@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -45,17 +47,34 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def encode_recording(recording_id: str, chunks: Iterable[Chunk], layout: Any) -> bytes:
-    """The content of a recording's file; the arguments are those of `write_recording`."""
+    """The content of a recording's file; the arguments are those of `write_recording`.
+
+    The layout comes first: the web viewer takes a recording that it has begun to show as one without a layout. Rerun
+    puts it first in files only, so this is a file to Rerun: the end of a pipe, which no full disk or limit cuts short.
+    """
     application_id = f"{APPLICATION_ID}-{recording_id}"
-    with _disconnected_after(rr.RecordingStream(application_id, recording_id=recording_id)) as recording:
-        memory = recording.memory_recording()
-        if layout is not None:
-            with _disconnected_after(_layout_stream(layout, application_id)) as layout_stream:
-                storage = layout_stream.memory_recording().storage
-                bindings.send_blueprint(storage, make_active=False, make_default=True, recording=recording.to_native())
-        recording.send_chunks(chunks)
-        content: bytes = memory.drain_as_bytes()
-    return content
+    with _written_to_pipe() as (path, close, content):
+        with _disconnected_after(rr.RecordingStream(application_id, recording_id=recording_id)) as recording:
+            if layout is None:
+                bindings.save(path, None, recording=recording.to_native())
+            else:
+                with _disconnected_after(_layout_stream(layout, application_id)) as layout_stream:
+                    bindings.save(path, layout_stream.memory_recording().storage, recording=recording.to_native())
+            close()  # now Rerun alone can write, and the pipe ends when it does
+            recording.send_chunks(chunks)
+        return content()
+
+
+@contextlib.contextmanager
+def _written_to_pipe() -> Iterator[tuple[str, Callable[[], None], Callable[[], bytes]]]:
+    """A path to write to, what ends our own hold of it, and what waits for all that was written."""
+    reading, writing = os.pipe()
+    with ThreadPoolExecutor(1) as thread, os.fdopen(reading, "rb") as end, os.fdopen(writing, "wb") as hold:
+        written = thread.submit(end.read)
+        try:
+            yield f"/proc/self/fd/{writing}", hold.close, written.result
+        finally:
+            hold.close()
 
 
 def _layout_stream(layout: Any, application_id: str) -> rr.RecordingStream:

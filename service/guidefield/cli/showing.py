@@ -1,0 +1,130 @@
+"""`guidefield show`: a recording in the Rerun viewer, in a window or in a web browser, on this machine only."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import webbrowser
+from collections.abc import Iterator
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from rich.console import Console
+
+LOOPBACK = "127.0.0.1"
+
+PATIENCE = 30.0
+"""How long the web viewer's server may take to answer [s]."""
+
+
+def show_in_window(recording: Path, err: Console) -> int:
+    """Open a recording in the viewer's window; the viewer's exit code."""
+    code = subprocess.call([*_viewer(), str(recording)], env=_quiet())  # noqa: S603 - our interpreter, a file that exists
+    if code:
+        err.print(
+            "Where there is no display, `guidefield show --web` serves the recording to a browser on this machine."
+        )
+    return code
+
+
+def show_in_browser(recording: Path, out: Console) -> int:
+    """Serve a recording and the viewer to browsers on this machine until Ctrl-C; open one where there is a display.
+
+    The viewer reads the recording as a file: sent by Rerun's own server it loses its layout.
+
+    Returns:
+        The viewer server's exit code; 0 after Ctrl-C or SIGTERM.
+    """
+    page = free_port()
+    with _served(recording) as file, _viewer_server(page, file) as server:
+        try:
+            if not _answers(page, server):
+                return server.wait() or 1
+            url = f"http://{LOOPBACK}:{page}/?url={quote(file, safe='')}"
+            out.print(f"{recording} is at {url}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
+            if sys.platform in {"darwin", "win32"} or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+                webbrowser.open(url)
+            return server.wait()
+        except KeyboardInterrupt:
+            return 0
+
+
+@contextlib.contextmanager
+def _viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A server of Rerun's web viewer; SIGTERM ends it as Ctrl-C does.
+
+    In a session of its own: the command starts the real server as a child, and both have to end.
+    """
+    serve = [*_viewer(), "--serve-web", "--web-viewer-port", str(page), file]
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with subprocess.Popen(serve, env=_quiet(), stdout=subprocess.DEVNULL, start_new_session=True) as server:  # noqa: S603
+            try:
+                yield server
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(server.pid, signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def _served(recording: Path) -> Iterator[str]:
+    """The address of one file, readable by pages of this machine's browsers; nothing else is served."""
+
+    class File(SimpleHTTPRequestHandler):
+        def send_head(self) -> Any:
+            file = recording.open("rb")
+            self.send_response(200)
+            self.send_header("Access-Control-Allow-Origin", "*")
+            self.send_header("Content-Type", "application/octet-stream")
+            self.send_header("Content-Length", str(os.fstat(file.fileno()).st_size))
+            self.end_headers()
+            return file
+
+        def log_message(self, format: str, *_arguments: object) -> None:  # noqa: A002 - the name of the base class
+            """Say nothing."""
+
+    with ThreadingHTTPServer((LOOPBACK, 0), File) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            yield f"http://{LOOPBACK}:{server.server_port}/{quote(recording.name)}"
+        finally:
+            server.shutdown()
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _viewer() -> list[str]:
+    return [sys.executable, "-m", "rerun", "--bind", LOOPBACK]
+
+
+def _quiet() -> dict[str, str]:
+    """The environment, with a viewer that only tells of what is wrong."""
+    return {"RUST_LOG": "warn", **os.environ}
+
+
+def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline and server.poll() is None:
+        with socket.socket() as probe:
+            probe.settimeout(1.0)
+            if probe.connect_ex((LOOPBACK, port)) == 0:
+                return True
+        time.sleep(0.1)
+    return False
