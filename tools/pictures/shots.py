@@ -1,0 +1,138 @@
+"""Pictures of one run: a sheet from all sides, an animation, a still, the tabs of the viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import guidefield
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest
+from guidefield.messages.store_requests import ReadScene
+from guidefield.scene.scene import build
+from pictures import browser, compose
+from pictures.figure import ORANGE, SIDES, WAY, Style, View, write_figure
+from pictures.moments import moments
+from pictures.viewer import bring_forward, complaints, headless_viewer, opened, steady_picture
+
+SHEET_WINDOW = (2100, 1100)
+SHEET_WIDTH = 1800
+BARS = 40
+"""Height of the bars above a view [pixels]."""
+
+FRAMES = 40
+CLIP = (960, 640)
+TAB_WINDOW = (1600, 900)
+TAB_WIDTH = 1200
+TABS = ("Overview", "Planner", "Field", "Joints", "Documents")
+
+Faults = Iterator[str]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A run that was recorded, and where its pictures go."""
+
+    name: str
+    request: PlanRequest
+    reply: PlanReply
+    recording: Path
+    folder: Path
+
+    def figure(self) -> Path:
+        """Where its recording with another layout lies."""
+        return self.recording.with_name(f"{self.name}-figure.rrd")
+
+    def draw(self, views: dict[str, View], aspect: float, style: Style) -> None:
+        """Write that recording."""
+        scene = self.request.scene
+        message = guidefield.answer(ReadScene(scene)).scene if isinstance(scene, str) else scene
+        write_figure(self.recording, self.figure(), build(message), self.reply.guide_planes, views, aspect, style)
+
+
+def sheet(run: Recorded) -> Faults:
+    """As the thesis' figures: from three sides the start, guide planes, the goal, and the whole way in grey levels."""
+    whole = {f"{side}, whole way": replace(view, drawn=(WAY,)) for side, view in SIDES.items()}
+    aspect = SHEET_WINDOW[0] / 3 / (SHEET_WINDOW[1] / 2 - BARS)
+    run.draw(SIDES | whole, aspect, Style(robot=ORANGE))
+    stops = moments(run.request, run.reply)
+    cells: dict[str, list[Image.Image]] = {side: [] for side in SIDES}
+    with headless_viewer(SHEET_WINDOW) as viewer:
+        opened(viewer, run.figure())
+        for _, at in stops:
+            viewer.set_time("path_time", duration=at, play_state="paused")
+            steady_picture(viewer, None)
+            ids = {view.name: view.view_id for view in viewer.get_state().views}
+            for side in SIDES:
+                cells[side].append(compose.picture(viewer.take_screenshot(ids[side])))
+        for side in SIDES:
+            cells[side].append(compose.picture(viewer.take_screenshot(ids[f"{side}, whole way"])))
+        yield from complaints(viewer)
+    for side, images in cells.items():
+        yield from (f"{side}, picture {i} is blank" for i, one in enumerate(images) if compose.is_blank(one))
+    headings = [*(title for title, _ in stops), "the whole way"]
+    compose.save(compose.sheet(list(cells.values()), headings, SHEET_WIDTH), run.folder / f"{run.name}.webp")
+
+
+def clip(run: Recorded, view: View, style: Style) -> Faults:
+    """The motion as an animation, at the pace at which it is to be executed, or slower where it lasts under 2.5 s."""
+    assert run.reply.trajectory is not None
+    duration = run.reply.trajectory.times[-1]
+    yield from _frames(run, view, style, list(np.linspace(0.0, duration, FRAMES)), max(duration, 2.5))
+
+
+def still(run: Recorded, view: View, style: Style) -> Faults:
+    """One picture, of the end."""
+    end = 0.0 if run.reply.trajectory is None else run.reply.trajectory.times[-1]
+    yield from _frames(run, view, style, [end], 0.0)
+
+
+def _frames(run: Recorded, view: View, style: Style, times: list[float], seconds: float) -> Faults:
+    window = (CLIP[0], CLIP[1] + 2 * BARS)
+    run.draw({"motion": view}, CLIP[0] / CLIP[1], style)
+    with headless_viewer(window) as viewer:
+        state = opened(viewer, run.figure())
+        (shown,) = (one.view_id for one in state.views)
+        steady_picture(viewer, shown)
+        images = []
+        for at in times:
+            if any(one.name == "path_time" for one in state.recordings[0].timelines):
+                viewer.set_time("path_time", duration=at, play_state="paused")
+            images.append(compose.picture(viewer.take_screenshot(shown)))
+        yield from complaints(viewer)
+    yield from (f"picture {i} is blank" for i, one in enumerate(images) if compose.is_blank(one))
+    if len(images) > 1:
+        if all(one.tobytes() == images[0].tobytes() for one in images):
+            yield "nothing moves"
+        compose.save_animation(images, run.folder / f"{run.name}.webp", seconds)
+    else:
+        compose.save(images[0], run.folder / f"{run.name}.webp")
+
+
+def web(run: Recorded) -> Faults:
+    """The recording in a browser, as `guidefield show --web` serves it; says why where there is no browser."""
+    reason = browser.missing()
+    if reason is not None:
+        print(f"{run.name}: skipped: {reason}")
+        return
+    yield from browser.web_picture(run.recording, run.folder / f"{run.name}.webp")
+
+
+def tabs(run: Recorded) -> Faults:
+    """The viewer as it opens the recording, tab by tab."""
+    with headless_viewer(TAB_WINDOW) as viewer:
+        opened(viewer, run.recording)
+        if run.reply.trajectory is not None:
+            viewer.set_time("path_time", duration=0.6 * run.reply.trajectory.times[-1], play_state="paused")
+        steady_picture(viewer, None)
+        for tab in TABS:
+            bring_forward(viewer, tab)
+            image = compose.picture(steady_picture(viewer, None))
+            if compose.is_blank(image):
+                yield f"the tab {tab} is blank"
+            compose.save(compose.scaled(image, TAB_WIDTH), run.folder / f"tab-{tab.lower()}.webp")
+            yield from complaints(viewer)

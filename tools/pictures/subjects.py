@@ -1,0 +1,114 @@
+"""What the gallery shows: real runs, and how each is pictured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+import guidefield
+from guidefield import demo
+from guidefield.messages import codec
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest
+from pictures.figure import ORANGE, ROBOT, Colour, Style, View
+from pictures.shots import Faults, Recorded, clip, sheet, still, tabs, web
+
+REQUESTS = Path(__file__).resolve().parents[1] / "examples" / "requests"
+PATIENT = 60.0
+"""Planning time that a busy machine doesn't exceed [s]."""
+
+GROUND = (244, 246, 249)
+"""Ground for robots in their own colours: some are white."""
+
+WOOD: Colour = (238, 226, 206, 255)
+SHELF_STYLE = Style(
+    ground=GROUND,
+    obstacles={"": WOOD, "floor": (226, 230, 236, 255), "book": (120, 156, 190, 255), "can": (226, 120, 60, 255)},
+    margin=1.2,
+)
+CLEAR: Colour = (150, 168, 196, 90)
+SEE_THROUGH = Style(
+    ground=GROUND, obstacles={"": CLEAR, "floor": (226, 230, 236, 255), "door": (228, 108, 40, 255)}, margin=1.2
+)
+WITH_TRACE = (*ROBOT, "/path/tip")
+
+THESIS = (
+    "seed_a_gates",
+    "seed_b_tapered",
+    "seed_c_blocked",
+    "seed_d_passage_3",
+    "seed_d_passage_6",
+    "seed_e_L_3",
+    "seed_e_L_6",
+    "seed_e_S_3",
+    "seed_e_S_6",
+)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One run: what is asked, how it has to end, and who pictures it."""
+
+    request: PlanRequest
+    pictures: Callable[[Recorded], Faults]
+    status: str = "SUCCESS"
+
+
+def made(subject: Subject, name: str, runs: Path, folder: Path) -> list[str]:
+    """Plan a subject's request, record it into `runs`, picture it into `folder`; what is wrong with it."""
+    recording = runs / f"{name}.rrd"
+    reply = guidefield.answer(subject.request, record_to=recording)
+    assert isinstance(reply, PlanReply), "a plan was asked for"
+    if reply.status.name != subject.status:
+        return [f"{reply.status.name}: {reply.status.message}"]
+    return list(subject.pictures(Recorded(name, subject.request, reply, recording, folder)))
+
+
+def _file(name: str) -> PlanRequest:
+    request = codec.decode_request((REQUESTS / f"{name}.json").read_bytes())
+    assert isinstance(request, PlanRequest), "these files hold plan requests"
+    return msgspec.structs.replace(request, allowed_planning_time=PATIENT)
+
+
+IN_A_BOARD = {
+    "panda_joint1": 0.13,
+    "panda_joint2": 0.21,
+    "panda_joint3": -0.09,
+    "panda_joint4": -1.24,
+    "panda_joint5": 0.17,
+    "panda_joint6": 2.37,
+    "panda_joint7": 1.11,
+}
+"""The hand is 17 mm deep in a board of the bookshelf."""
+
+SHELF = View((-0.6, -1.9, 0.75), drawn=WITH_TRACE)
+
+SUBJECTS: dict[str, Subject] = {
+    "shelf": Subject(demo.REQUESTS["demo-pose"][1], partial(clip, view=SHELF, style=SHELF_STYLE)),
+    "window": Subject(
+        PlanRequest(robot="ur5", scene="wall_with_window", goal=GuidePlaneGoal(), allowed_planning_time=PATIENT),
+        partial(clip, view=View((-1.4, -1.5, 0.9), drawn=WITH_TRACE), style=SEE_THROUGH),
+    ),
+    "door": Subject(_file("door"), partial(clip, view=View((-1.4, -1.5, 0.9), drawn=WITH_TRACE), style=SEE_THROUGH)),
+    "gates": Subject(_file("seed_a_gates"), partial(clip, view=View(drawn=WITH_TRACE), style=Style(robot=ORANGE))),
+    "failure": Subject(
+        PlanRequest(
+            robot="panda",
+            scene="bookshelf",
+            start=IN_A_BOARD,
+            goal=JointsGoal(demo.IN_FRONT),
+            guide_planes=[],
+            allowed_planning_time=PATIENT,
+        ),
+        partial(still, view=SHELF, style=SEE_THROUGH),
+        status="START_STATE_IN_COLLISION",
+    ),
+    "web": Subject(demo.REQUESTS["demo-guide-planes"][1], web),
+    "tabs": Subject(demo.REQUESTS["demo-guide-planes"][1], tabs),
+    **{name: Subject(_file(name), sheet) for name in THESIS},
+}
+"""By the name of the picture."""

@@ -1,0 +1,133 @@
+"""Rerun's viewer without a display: started, given a recording, moved in time, photographed, asked what it misses.
+
+Needs a graphics driver; in software, on Debian: apt install mesa-vulkan-drivers libvulkan1 libegl1
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from rerun.experimental import ViewerClient
+
+PATIENCE = 90.0
+"""How long a viewer may take to show a recording, and then to stop changing [s]."""
+
+NO_GRAPHICS = 3
+"""Exit code where there is no graphics driver."""
+
+ASKED_AGAIN = 20.0
+"""After how long without a recording the viewer is asked for it once more [s]."""
+
+HARMLESS = "Software rasterizer"
+"""What the viewer warns of wherever there is no graphics hardware."""
+
+WINDOW = (1920, 1080)
+"""Width and height of the window that nobody sees [pixels]."""
+
+
+@contextlib.contextmanager
+def headless_viewer(window: tuple[int, int] = WINDOW):
+    """A viewer without a window, reachable from this machine only; its picture is as large as `window` [pixels]."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [Path(sys.executable).with_name("rerun"), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
+    command += ["--hide-welcome-screen", "--window-size", f"{window[0]}x{window[1]}"]
+    with tempfile.TemporaryFile() as log:
+        # a session of its own: the command starts the real viewer as a child, and both have to end
+        process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
+        try:
+            yield connected(process, log, f"rerun+http://127.0.0.1:{port}/proxy")
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def connected(process, log, url: str) -> ViewerClient:
+    """A client of a viewer that has just been started."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            log.seek(0)
+            said = [
+                line
+                for line in log.read().decode(errors="replace").splitlines()
+                if "panicked" in line or "rror" in line
+            ]
+            print(f"the viewer ended at once, as without a graphics driver: {' '.join(said)}", file=sys.stderr)
+            sys.exit(NO_GRAPHICS)
+        try:
+            viewer = ViewerClient.connect(url)
+            viewer.get_state()
+            return viewer
+        except (ConnectionError, RuntimeError, OSError):
+            time.sleep(0.2)
+    raise SystemExit(f"the viewer didn't answer within {PATIENCE:.0f} s")
+
+
+def opened(viewer, recording: Path):
+    """The viewer's state once a recording is loaded; asked for again if a viewer that was still starting forgot it."""
+    asked = None
+    deadline = time.monotonic() + PATIENCE
+    while (now := time.monotonic()) < deadline:
+        if asked is None or now - asked > ASKED_AGAIN:
+            viewer.open(str(recording))
+            asked = now
+        state = viewer.get_state()
+        if state.views and not state.loading and state.recordings and state.recordings[0].timelines:
+            return state
+        time.sleep(0.1)
+    raise SystemExit(f"the viewer showed nothing within {PATIENCE:.0f} s")
+
+
+def bring_forward(viewer, name: str) -> None:
+    """Choose the tabs that show the container, or the view, of a name."""
+    layout = viewer.get_blueprint("recording").blueprint
+    kinds = ("ContainerBlueprint", "ViewBlueprint")
+    names = {path: node[kind].get("display_name") for path, node in layout.items() for kind in kinds if kind in node}
+    child = next((path.strip("/") for path, its_name in names.items() if its_name == name), None)
+    if child is None:
+        raise SystemExit(f"there is no {name!r}; there are {', '.join(filter(None, names.values()))}")
+    while child is not None:
+        above = None
+        for path, node in layout.items():
+            container = node.get("ContainerBlueprint", {})
+            if child in container.get("contents", []):
+                above = path.strip("/")
+                if container["container_kind"] == "Tabs":
+                    container["active_tab"] = child
+        child = above
+    viewer.set_blueprint(layout, "recording")
+    time.sleep(1.0)
+
+
+def steady_picture(viewer, view: str | None) -> bytes:
+    """A picture that has stopped changing."""
+    deadline, before = time.monotonic() + PATIENCE, b""
+    while time.monotonic() < deadline:
+        picture = viewer.take_screenshot(view)
+        if picture == before:
+            break
+        before = picture
+        time.sleep(0.5)
+    return picture
+
+
+def complaints(viewer) -> list[str]:
+    """What the views and the viewer complain about, missing transforms among it."""
+    lines = [f"{view.name}: {report.summary}" for view in viewer.get_state().views for report in view.reports]
+    lines += [
+        entry.message
+        for entry in viewer.get_logs()
+        if entry.level in ("WARN", "ERROR") and HARMLESS not in entry.message
+    ]
+    return lines
