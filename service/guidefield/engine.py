@@ -36,7 +36,7 @@ from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
 from guidefield.run import Run
 from guidefield.stores.robots import NoRobots, Robots
-from guidefield.stores.runs import NullRunStore, Runs
+from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Engine:
         packages: Sequence[Path] = (),
     ) -> None:
         self._instance, self._packages = instance, tuple(packages)
-        self._runs: Runs = NullRunStore() if runs is None else runs
+        self._runs: Runs = NoRuns() if runs is None else runs
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
         self._local_files = local_files

@@ -12,7 +12,7 @@ import msgspec
 from guidefield.messages.replies import ErrorReply, PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.progress import ProgressTold
-from guidefield.stores.runs import NullRunStore, Runs
+from guidefield.stores.runs import NoRuns, Runs
 
 if TYPE_CHECKING:
     from guidefield.planner.quality import ClearanceProfile
@@ -62,7 +62,7 @@ class Run:
             runs.begin(run_id, request)
         except OSError as error:
             self._warnings.add(f"the run is not kept: {error}")
-            self._runs = NullRunStore()
+            self._runs = NoRuns()
         self._record_to = record_to
         self._place = recording_key if record_to is None else str(record_to)
 

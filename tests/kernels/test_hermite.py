@@ -6,19 +6,13 @@ from hypothesis import given, settings, strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from guidefield.kernels.hermite import piece_peaks
+from tests.knots import random_knots
 
 
 def peaks(kernel, times, positions, velocities):
     speeds, accelerations = np.full((2, len(times) - 1, positions.shape[1]), np.nan)
     kernel(times, positions, velocities, speeds, accelerations)
     return speeds, accelerations
-
-
-def random_knots(seed):
-    rng = np.random.default_rng(seed)
-    n = rng.integers(2, 12)
-    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 0.5, n - 1))])
-    return times, rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-1, 1)
 
 
 @settings(max_examples=40, deadline=None)

@@ -6,15 +6,9 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
 from guidefield.planner.trajectory import Trajectory
+from tests.knots import random_knots
 
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-def random_knots(seed):
-    rng = np.random.default_rng(seed)
-    n = rng.integers(2, 12)
-    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 0.5, n - 1))])
-    return times, rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-1, 1)
 
 
 @settings(max_examples=40, deadline=None)

@@ -14,7 +14,7 @@ from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene
 from guidefield.stores.run_folder import RUNNING
-from guidefield.stores.runs import NullRunStore, Retention, RunStore
+from guidefield.stores.runs import NoRuns, Retention, RunStore
 from tests.replies import plan_reply
 
 REQUEST = PlanRequest(robot="panda", scene="bookshelf", goal=JointsGoal({"a": 1.0}))
@@ -98,9 +98,9 @@ def test_a_refused_request_leaves_no_run(store: RunStore, tmp_path: Path) -> Non
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-@pytest.mark.parametrize("ask", [RunStore.read, RunStore.recording, RunStore.delete, NullRunStore.read])
+@pytest.mark.parametrize("ask", [RunStore.read, RunStore.recording, RunStore.delete, NoRuns.read])
 def test_a_run_that_is_not_there_is_said_so(ask: object, store: RunStore) -> None:
-    owner = NullRunStore() if ask is NullRunStore.read else store
+    owner = NoRuns() if ask is NoRuns.read else store
     with pytest.raises(UnknownObject, match="no run 'nowhere'"):
         ask(owner, "nowhere")
 

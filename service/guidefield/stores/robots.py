@@ -14,7 +14,6 @@ import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
@@ -32,22 +31,6 @@ MAX_BYTES = 4 * 2**30
 """What all stored robots may take on disk."""
 
 _DESCRIPTION = "robot.json"
-
-
-class Robots(Protocol):
-    """What an engine asks of a store of robots."""
-
-    def names(self) -> list[str]:
-        """The robots that clients stored, in alphabetical order."""
-
-    def find(self, name: str) -> SentRobot | None:
-        """A stored robot, or None."""
-
-    def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
-        """Keep a robot that can be loaded; what `load` raises comes through, and nothing is kept."""
-
-    def delete(self, name: str) -> None:
-        """Forget a robot; RobotInvalid if none of that name was stored."""
 
 
 class NoRobots:
@@ -195,6 +178,10 @@ class RobotStore:
 
     def _path(self, name: str) -> Path:
         return self._names / checked_name(name, "robot")
+
+
+Robots = NoRobots | RobotStore
+"""What an engine keeps clients' robots in."""
 
 
 def _unknown(name: str, names: list[str]) -> RobotInvalid:

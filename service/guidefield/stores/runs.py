@@ -12,7 +12,6 @@ import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
@@ -36,41 +35,7 @@ class Retention:
 DEFAULT_RETENTION = Retention()
 
 
-class Runs(Protocol):
-    """What an engine asks of a store of runs; a run is named by its id."""
-
-    def begin(self, run_id: str, request: PlanRequest) -> None:
-        """Keep the request of a run that begins."""
-
-    def recording_path(self, run_id: str) -> Path | None:
-        """Where its recording is to be written, at once and whole, if it is kept."""
-
-    def finish(self, run_id: str, reply: PlanReply) -> None:
-        """Keep the reply."""
-
-    def fail(self, run_id: str, error: ErrorReply) -> None:
-        """Keep the error that ended a run without a reply."""
-
-    def discard(self, run_id: str) -> None:
-        """Forget a run whose request was refused."""
-
-    def summaries(self) -> list[RunSummary]:
-        """The runs that are kept, newest first."""
-
-    def read(self, run_id: str) -> RunReply:
-        """One run; UnknownObject if there is none of that name."""
-
-    def recording(self, run_id: str) -> Path:
-        """The file of one run's recording as it is kept; UnknownObject if there is none."""
-
-    def bodies_folder(self) -> Path | None:
-        """Where the meshes of robots are kept, once for the recordings of all runs; None if nothing is kept."""
-
-    def delete(self, run_id: str) -> None:
-        """Forget one run; UnknownObject if there is none of that name."""
-
-
-class NullRunStore:
+class NoRuns:
     """Keeps no run."""
 
     def begin(self, run_id: str, request: PlanRequest) -> None:
@@ -254,6 +219,10 @@ class RunStore:
                 return
             self._drop(extent.folder)
             count, size = count - 1, size - extent.bytes
+
+
+Runs = NoRuns | RunStore
+"""What an engine keeps runs in; a run is named by its id."""
 
 
 @dataclass(frozen=True)

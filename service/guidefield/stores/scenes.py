@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
@@ -12,22 +11,6 @@ from guidefield.messages import codec
 from guidefield.messages.scene import Scene
 from guidefield.scene import library
 from guidefield.stores.files import checked_name, read_if_any, write_atomically
-
-
-class Scenes(Protocol):
-    """What an engine asks of a store of scenes."""
-
-    def names(self) -> list[str]:
-        """The scenes that can be read, in alphabetical order."""
-
-    def read(self, name: str) -> Scene:
-        """One scene; SceneInvalid, with the names there are, if it is unknown."""
-
-    def write(self, scene: Scene) -> None:
-        """Keep a scene under its own name."""
-
-    def delete(self, name: str) -> None:
-        """Forget a scene; SceneInvalid if it is unknown."""
 
 
 class PackagedScenes:
@@ -130,6 +113,10 @@ class SceneStore:
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{checked_name(name, 'scene')}.json"
+
+
+Scenes = PackagedScenes | SceneStore
+"""What an engine reads scenes from, and keeps them in."""
 
 
 def _unknown(name: str, names: list[str]) -> SceneInvalid:
