@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
+from guidefield.kept import kept_with
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
 from guidefield.kernels.lane_tables import LaneObstacles
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.separation import Parts
+from guidefield.kernels.separation import BLOCK, Parts
 from guidefield.messages.scene import PointCloud
 from guidefield.scene.cloud import cloud_balls
 from guidefield.scene.obstacle import Obstacle
@@ -35,8 +36,65 @@ class LaneScene:
     parts: Parts
 
 
+class _Tables(NamedTuple):
+    """One obstacle's tables, as if there were no other.
+
+    Attributes:
+        sizes: How many stand-ins, nodes, parts and blocks of vertices there are.
+        places: Kind, whether the primitive is the obstacle itself, and root of each stand-in, shape (k, 3).
+        primitives: Their numbers, shape (k, PRIMITIVE), float32.
+        boxes: Their boxes along the world's axes, the least x, y, z, then the largest, shape (k, 6), float32.
+        balls, links, shapes, numbers, vertices: Those of its parts, row by row.
+    """
+
+    sizes: tuple[int, int, int, int]
+    places: np.ndarray
+    primitives: np.ndarray
+    boxes: np.ndarray
+    balls: np.ndarray
+    links: np.ndarray
+    shapes: np.ndarray
+    numbers: np.ndarray
+    vertices: np.ndarray
+
+
+@kept_with
+def _tables(obstacle: Obstacle) -> _Tables:
+    """The tables of an obstacle, made once."""
+    table = PartsTable()
+    stand_ins = _stand_ins(obstacle, table)
+    parts = table.tables()
+    places = np.array([(kind, whole, root) for kind, whole, root, _ in stand_ins], np.int64).reshape(-1, 3)
+    rows = np.array([row for *_, row in stand_ins]).reshape(-1, PRIMITIVE)
+    boxes = np.array([_box(kind, row) for kind, _, _, row in stand_ins]).reshape(-1, 6)
+    return _Tables(
+        (len(places), len(parts.balls) // 4, len(parts.shapes) // 3, len(parts.vertices) // BLOCK),
+        places,
+        rows.astype(np.float32),
+        boxes.astype(np.float32),
+        parts.balls,
+        parts.links.reshape(-1, 3),
+        parts.shapes.reshape(-1, 3),
+        parts.numbers,
+        parts.vertices,
+    )
+
+
+_NOTHING = _Tables(
+    (0, 0, 0, 0),
+    np.empty((0, 3), np.int64),
+    np.empty((0, PRIMITIVE), np.float32),
+    np.empty((0, 6), np.float32),
+    np.empty(0),
+    np.empty((0, 3), np.int64),
+    np.empty((0, 3), np.int64),
+    np.empty(0),
+    np.empty(0, np.float32),
+)
+
+
 def lane_scene(obstacles: tuple[Obstacle, ...], tested: np.ndarray) -> LaneScene:
-    """Build the tables of obstacles.
+    """Build the tables of obstacles: those of each one after the other.
 
     Args:
         obstacles: The obstacles.
@@ -45,27 +103,29 @@ def lane_scene(obstacles: tuple[Obstacle, ...], tested: np.ndarray) -> LaneScene
     Raises:
         UnservedError: if a shape is of a kind that the kernels don't know.
     """
-    table = PartsTable()
-    kinds, whole, roots, columns, rows = [], [], [], [], []
-    for index, obstacle in enumerate(obstacles):
-        for kind, is_whole, root, row in _stand_ins(obstacle, table):
-            kinds.append(kind)
-            whole.append(int(is_whole))
-            roots.append(root)
-            rows.append(row)
-            columns.append(index)
-    arrays = LaneObstacles(
-        size=len(kinds),
-        kinds=np.array(kinds, np.int64),
-        whole=np.array(whole, np.int64),
-        roots=np.array(roots, np.int64),
-        tested=np.ascontiguousarray(tested[:, columns], np.int64).reshape(-1),
-        primitives=np.array(rows, np.float32).reshape(-1),
-        boxes=_boxes(kinds, rows),
+    tables = [_NOTHING, *map(_tables, obstacles)]
+    sizes = np.array([table.sizes for table in tables])
+    first = np.cumsum(sizes, axis=0) - sizes
+    places, primitives, boxes, balls, links, shapes, numbers, vertices = (
+        np.concatenate(column) for column in list(zip(*tables, strict=True))[1:]
     )
-    for array in arrays[1:]:
+    places[:, 2] += np.repeat(first[:, 1], sizes[:, 0])
+    links += (links >= 0) * np.repeat(first[:, [1, 1, 2]], sizes[:, 1], axis=0)
+    shapes[:, 1] += np.repeat(first[:, 3], sizes[:, 2])
+    kinds, whole, roots = np.ascontiguousarray(places.T)
+    arrays = LaneObstacles(
+        size=len(places),
+        kinds=kinds,
+        whole=whole,
+        roots=roots,
+        tested=np.repeat(tested, sizes[1:, 0], axis=1).astype(np.int64).ravel(),
+        primitives=primitives.ravel(),
+        boxes=_together(boxes),
+    )
+    parts = Parts(balls, links.ravel(), shapes.ravel(), numbers, vertices)
+    for array in (*arrays[1:], *parts):
         array.setflags(write=False)
-    return LaneScene(arrays, table.tables())
+    return LaneScene(arrays, parts)
 
 
 def _stand_ins(  # noqa: PLR0911  one for each kind
@@ -129,27 +189,30 @@ def _cluster(corners: np.ndarray, table: PartsTable) -> tuple[int, bool, int, np
     )
 
 
-def _boxes(kinds: list[int], rows: list[np.ndarray]) -> np.ndarray:
-    """Boxes along the world's axes about primitives, sixteen together: the least x, y, z of all, then the largest."""
-    blocks = -(-len(rows) // LANES)
-    ends = np.full((2, 3, blocks * LANES), np.inf)
-    ends[1] = -np.inf
-    for index, (kind, row) in enumerate(zip(kinds, rows, strict=True)):
-        axes, centre, halves, radius = row[:9].reshape(3, 3), row[9:12], row[12:15], row[15]
-        if kind == HALF_SPACE:
-            normal = axes[2]
-            ends[0, :, index], ends[1, :, index] = -np.inf, np.inf
-            along = np.abs(normal) == 1.0
-            ends[1, along & (normal > 0.0), index] = centre[along & (normal > 0.0)]
-            ends[0, along & (normal < 0.0), index] = centre[along & (normal < 0.0)]
-            continue
-        reach = np.abs(axes.T) @ halves
-        if kind == CAPSULE:
-            reach = reach + radius
-        elif kind == CYLINDER:
-            reach = reach + radius * np.sqrt(np.maximum(1.0 - axes[2] ** 2, 0.0))
-        ends[0, :, index], ends[1, :, index] = centre - reach, centre + reach
-    return ends.reshape(2, 3, blocks, LANES).transpose(2, 0, 1, 3).astype(np.float32).ravel()
+def _together(boxes: np.ndarray) -> np.ndarray:
+    """Boxes (n, 6) sixteen together: the least x of all, y, z, then the largest; empty ones fill what is left."""
+    blocks = -(-len(boxes) // LANES)
+    ends = np.full((blocks * LANES, 6), np.inf, np.float32)
+    ends[:, 3:] = -np.inf
+    ends[: len(boxes)] = boxes
+    return np.ascontiguousarray(ends.reshape(blocks, LANES, 6).transpose(0, 2, 1)).ravel()
+
+
+def _box(kind: int, row: np.ndarray) -> np.ndarray:
+    """The box along the world's axes about a primitive: the least x, y, z, then the largest."""
+    axes, centre, halves, radius = row[:9].reshape(3, 3), row[9:12], row[12:15], row[15]
+    if kind == HALF_SPACE:
+        ends = np.repeat([-np.inf, np.inf], 3)
+        for k in range(3):
+            if abs(axes[2, k]) == 1.0:
+                ends[3 * int(axes[2, k] > 0.0) + k] = centre[k]
+        return ends
+    reach = np.abs(axes.T) @ halves
+    if kind == CAPSULE:
+        reach = reach + radius
+    elif kind == CYLINDER:
+        reach = reach + radius * np.sqrt(np.maximum(1.0 - axes[2] ** 2, 0.0))
+    return np.concatenate([centre - reach, centre + reach])
 
 
 def _half_space(shape: Any, placement: Any) -> np.ndarray:

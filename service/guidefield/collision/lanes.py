@@ -30,9 +30,16 @@ TRIES = 60
 
 
 @kept_with
-def _robot(group: PlanningGroup, pairs: bytes) -> LaneRobot:
-    """The tables of a group, made once for the same pairs (int64) that must not touch: scenes change, robots don't."""
-    return lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))
+def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+    """The tables of a group, made once for the same pairs (int64) that must not touch: scenes change, robots don't.
+
+    Raises:
+        UnservedError: if a joint has several degrees of freedom, or a shape is of an unknown kind.
+    """
+    if any(joint.nv != 1 for joint in group.model.joints[1:]):
+        raise UnservedError("a joint with several degrees of freedom")
+    robot = lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))
+    return robot, packed((robot.joints, robot.bodies, robot.parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,41 +63,32 @@ class Lanes:
         Raises:
             UnservedError: if a joint has several degrees of freedom, or a shape is of an unknown kind.
         """
-        if any(joint.nv != 1 for joint in world.model.joints[1:]):
-            raise UnservedError("a joint with several degrees of freedom")
-        own, mixed = np.split(world.pairs, [world.n_self])
-        robot = _robot(world.group, own.tobytes())
-        tested = np.zeros((robot.bodies.size, len(world.scene.obstacles)), bool)
-        tested[mixed[:, 0], mixed[:, 1] - robot.bodies.size] = True
+        own, mixed = world.pairs[: world.n_self], world.pairs[world.n_self :]
+        robot, words = _robot(world.group, own.tobytes())
+        bodies, nv = robot.bodies, world.group.nv
+        tested = np.zeros((bodies.size, len(world.scene.obstacles)), bool)
+        tested[mixed[:, 0], mixed[:, 1] - bodies.size] = True
         scene = lane_scene(world.scene.obstacles, tested)
-        n_bodies, n_obstacles = robot.bodies.size, len(scene.obstacles.kinds)
+        n_obstacles, n_poses = scene.obstacles.size, robot.joints.size * POSE
         scratch = Scratch(
-            poses=np.zeros(world.model.njoints * POSE, np.float32),
-            centres=np.zeros(robot.bodies.carriers * BALL, np.float32),
-            found=np.zeros(3 * (n_bodies * n_obstacles + len(own) + 1), np.int64),
-            obstacle_axes=np.zeros(AXIS_AND_REACH * n_bodies * n_obstacles),
+            poses=np.zeros(n_poses, np.float32),
+            centres=np.zeros(bodies.carriers * BALL, np.float32),
+            found=np.zeros(3 * (bodies.size * n_obstacles + len(own) + 1), np.int64),
+            obstacle_axes=np.zeros(AXIS_AND_REACH * bodies.size * n_obstacles),
             pair_axes=np.zeros(AXIS_AND_REACH * robot.pieces_paired),
             pose_a=np.zeros(12),
             pose_b=np.zeros(12),
             work=np.zeros(WORK),
-            middle=np.zeros(world.group.nv * LANES, np.float32),
-            middle_poses=np.zeros(world.model.njoints * POSE, np.float32),
+            middle=np.zeros(nv * LANES, np.float32),
+            middle_poses=np.zeros(n_poses, np.float32),
             places=np.zeros(2 * LANES, np.float32),
             hits=np.full(3 * HITS, -1, np.int64),
         )
-        block = np.zeros(world.group.nv * LANES, np.float32)
-        tables = LaneWorld(
-            robot.joints,
-            robot.bodies,
-            robot.parts,
-            scene.obstacles,
-            scene.parts,
-            scratch,
-            block,
-            FRACTIONS,
-            world.group.nv,
-        )
-        return cls(world, tables, packed(tables))
+        block = np.zeros(nv * LANES, np.float32)
+        rest = (scene.obstacles, scene.parts, scratch, block, FRACTIONS, nv)
+        tables = LaneWorld(robot.joints, bodies, robot.parts, *rest)
+        # a robot's words come first, and are the same in every scene
+        return cls(world, tables, np.concatenate([words, packed(rest)]))
 
     def forget(self) -> None:
         """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
