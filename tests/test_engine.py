@@ -240,9 +240,21 @@ def test_a_run_without_a_name_gets_one(keeping: Engine, planned: list[dict[str, 
 
 def test_a_name_is_used_once(keeping: Engine, planned: list[dict[str, Any]]) -> None:
     named = msgspec.structs.replace(PLAN, run_id="r1")
-    keeping.answer(named)
+    reply = keeping.answer(named)
+    assert keeping.answer(named) == reply  # asked again, perhaps because the answer got lost
+    assert len(planned) == 1
     with pytest.raises(MalformedRequest, match="'r1' is taken"):
-        keeping.answer(named)
+        keeping.answer(msgspec.structs.replace(named, seed=named.seed + 1))
+
+
+def test_what_ended_a_run_is_told_again(keeping: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_args: object, **_options: object) -> None:
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr("guidefield.handlers.plan.answer_plan", broken)
+    for _ in range(2):
+        with pytest.raises(InternalFailure, match="RuntimeError: a bug"):
+            keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
 
 
 def test_runs_are_filtered(keeping: Engine, planned: list[dict[str, Any]]) -> None:

@@ -34,7 +34,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
-from guidefield.run import Run
+from guidefield.run import Run, answered_before
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
@@ -169,6 +169,8 @@ class Engine:
     ) -> PlanReply:
         from guidefield.handlers.plan import answer_plan
 
+        if (before := answered_before(self._runs, request)) is not None:
+            return before
         run_id = request.run_id or uuid.uuid4().hex
         key = f"guidefield/{self._instance}/runs/{run_id}/recording"
         progress = None if watcher is None else ProgressTold(run_id, received, watcher)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from guidefield.messages.replies import ErrorReply, PlanReply
+from guidefield.errors import UnknownObject
+from guidefield.messages.replies import ErrorReply, PlanReply, error_of
 from guidefield.messages.requests import PlanRequest
 from guidefield.progress import ProgressTold
 from guidefield.stores.runs import NoRuns, Runs
@@ -140,6 +141,23 @@ def whole_recording(runs: Runs, run_id: str) -> bytes:
 
     file, folder = runs.recording(run_id), runs.bodies_folder()
     return file.read_bytes() if folder is None else self_contained(file, folder)
+
+
+def answered_before(runs: Runs, request: PlanRequest) -> PlanReply | None:
+    """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
+
+    Raises:
+        GuidefieldError: what ended that run.
+    """
+    try:
+        kept = None if request.run_id is None else runs.read(request.run_id)
+    except UnknownObject:
+        return None
+    if kept is None or kept.request != request:
+        return None  # another run of that name is refused where it begins
+    if kept.error is not None:
+        raise error_of(kept.error)
+    return kept.reply
 
 
 @dataclass(frozen=True)

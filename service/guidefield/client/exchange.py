@@ -2,8 +2,9 @@
 
 Theory of operation. A question goes to one instance at a time. Zenoh tells when it has brought all that there is: an
 answer, or none, which means that the instance is gone. Where the client named no instance, the question then goes to
-another one; so it does where an instance is too busy to take it. A question is never with two at once, so there is
-never a second answer to it.
+another one; so it does where an instance is too busy to take it. Where there is no other one, and the link was only
+cut for a moment, the same instance is asked again: a plan goes under its name, so that the run that was under way, or
+has ended meanwhile, is what answers. A question is never with two at once, so there is never a second answer to it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,10 @@ from guidefield.messages.codec import Encoding
 
 RETURN_WITHIN = 3.0
 """How long another instance is waited for when the one that was asked is gone [s]."""
+MOST_RETURNS = 5
+"""How often a question goes to the same instance again."""
+PAUSE = 0.1
+"""How long it waits before it goes there again, twice as long each time: Zenoh may not know yet that it is gone [s]."""
 MOST_RUNS = 1_000
 """For how many runs it is remembered which instance has them."""
 
@@ -91,14 +96,22 @@ class Exchange:
         asking.send(self._asked_for(question.run_id))
         return asking.answer
 
-    def leave(self, instance: str, tried: frozenset[str]) -> str | None:
-        """Another instance than those that were tried; None if only one is wanted, or there is none."""
+    def leave(self, instance: str, tried: frozenset[str], *, back: bool) -> str | None:
+        """Where to go from an instance that gave no answer; None if there is no such place.
+
+        Args:
+            instance: Where the question was.
+            tried: Where it was by now: another instance than these is taken, if there is one and any will do.
+            back: Whether the same instance will do too, once it lives again.
+        """
         if self.named is not None:
-            return None
+            return instance if back and self._instances.returns(instance, RETURN_WITHIN) else None
         with self._lock:
             if self._current not in tried and self._current in self._instances.living():
                 return self._current  # another question has moved already
-            found = self._instances.freest(tried, RETURN_WITHIN if instance not in self._instances.living() else 0.0)
+            wait = RETURN_WITHIN if instance not in self._instances.living() else 0.0
+            found = self._instances.freest(tried, 0.0)
+            found = found or self._instances.freest(tried - {instance} if back else tried, wait)
             if found is not None:
                 self._current = found
             return found
@@ -124,6 +137,7 @@ class _Asking:
         self._question = question
         self._deadline = time.monotonic() + question.timeout
         self._tried: frozenset[str] = frozenset()
+        self._returns = 0
         self._instance = ""
         self._brought: list[zenoh.Reply] = []
 
@@ -161,11 +175,15 @@ class _Asking:
 
     def _ask_another(self, error: GuidefieldError) -> None:
         try:
-            other = self._exchange.leave(self._instance, self._tried)
+            lost = isinstance(error, NoService) and self._question.repeatable and self._returns < MOST_RETURNS
+            other = self._exchange.leave(self._instance, self._tried, back=lost)
             if other is None:
                 self.answer.set_exception(error)
-            else:
-                self.send(other)
+                return
+            if other == self._instance:
+                time.sleep(PAUSE * 2**self._returns)
+                self._returns += 1
+            self.send(other)
         except Exception as failure:  # whoever waits must hear of it
             self.answer.set_exception(failure)
 

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from guidefield.errors import ERRORS, GuidefieldError, InternalFailure, MalformedRequest, RequestTooLarge
+from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RequestTooLarge
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import (
@@ -28,6 +28,7 @@ from guidefield.messages.replies import (
     RunsReply,
     SceneReply,
     ScenesReply,
+    error_of,
 )
 from guidefield.messages.requests import KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Scene
@@ -44,7 +45,6 @@ PLAN_MARGIN = 90.0
 
 _R = TypeVar("_R")
 _M = TypeVar("_M", bound=Reply)
-_ERRORS = {int(code): kind for code, kind in ERRORS.items()}
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class Question(Generic[_R]):
         payload: What is sent along.
         timeout: How long the answer is waited for [s].
         run_id: The run that it is about, if any.
+        repeatable: Whether it may be asked again after its answer was lost: the answer is the same then.
     """
 
     key: str
@@ -64,6 +65,7 @@ class Question(Generic[_R]):
     payload: bytes | None = None
     timeout: float = ANSWER_TIMEOUT
     run_id: str | None = None
+    repeatable: bool = True
 
 
 def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
@@ -110,7 +112,7 @@ def store_robot(
 
 def delete_robot(name: str) -> Question[Done]:
     """A stored robot is to be forgotten."""
-    return _reading(f"robots/{name}?delete", Done)
+    return _deleting(f"robots/{name}")
 
 
 def scenes() -> Question[ScenesReply]:
@@ -131,7 +133,7 @@ def store_scene(scene: Scene) -> Question[Done]:
 
 def delete_scene(name: str) -> Question[Done]:
     """A stored scene is to be forgotten."""
-    return _reading(f"scenes/{name}?delete", Done)
+    return _deleting(f"scenes/{name}")
 
 
 def runs(status: str | None, robot: str | None, since: float | None) -> Question[RunsReply]:
@@ -148,7 +150,7 @@ def run(run_id: str) -> Question[RunReply]:
 
 def delete_run(run_id: str) -> Question[Done]:
     """One run is to be forgotten."""
-    return _reading(f"runs/{run_id}?delete", Done, run_id)
+    return _deleting(f"runs/{run_id}", run_id)
 
 
 def cancel(run_id: str) -> Question[Done]:
@@ -172,11 +174,15 @@ def refusal(payload: bytes) -> GuidefieldError | None:
         error = msgspec.msgpack.decode(payload, type=ErrorReply)
     except msgspec.DecodeError:
         return None
-    return _ERRORS.get(error.code, InternalFailure)(error.message, **error.details)
+    return error_of(error)
 
 
 def _reading(key: str, kind: type[_M], run_id: str | None = None) -> Question[_M]:
     return Question(key, _reader(key, kind), run_id=run_id)
+
+
+def _deleting(key: str, run_id: str | None = None) -> Question[Done]:
+    return Question(f"{key}?delete", _reader(key, Done), run_id=run_id, repeatable=False)
 
 
 def _reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:

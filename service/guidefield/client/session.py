@@ -14,6 +14,8 @@ LOOK_AGAIN = 0.05
 """How often something that isn't there yet is looked for [s]."""
 LEASE = 2_000
 """How long a cut link may go unnoticed [ms]."""
+RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5}
+"""How often a cut link is tried again; the configuration's own word for it counts more."""
 
 
 def opened(endpoints: tuple[str, ...], config: Path | None, deadline: float) -> zenoh.Session:
@@ -55,6 +57,8 @@ def _configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config
     else:
         settings.insert_json5("mode", '"client"')
     settings.insert_json5("transport/link/tx/lease", str(LEASE))
+    if json.loads(settings.get_json("connect/retry")) is None:
+        settings.insert_json5("connect/retry", json.dumps(RETRY))
     for scouting in ("multicast", "gossip"):
         settings.insert_json5(f"scouting/{scouting}/enabled", "false")
     return settings

@@ -156,7 +156,8 @@ class Endpoint:
             size=size,
             hear=partial(self._publish, f"guidefield/{self._instance}/runs/{run_id}/progress"),
         )
-        self._under_way.submit(run_id, task, partial(_cancelled, run_id, head, read.encoding, received))
+        cancelled = partial(_cancelled, run_id, head, read.encoding, received)
+        task = self._under_way.submit(run_id, task, cancelled, (read.encoding, read.payload))
         task.add_done_callback(partial(self._end_run, run_id))
         task.add_done_callback(asked.settle)
 

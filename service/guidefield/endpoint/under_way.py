@@ -20,6 +20,7 @@ MOST_REMEMBERED = 1_000
 class _Run:
     task: Task
     cancelled: Callable[[], Answer]
+    words: object
 
 
 class UnderWay:
@@ -35,13 +36,17 @@ class UnderWay:
         self._early: OrderedDict[str, float] = OrderedDict()
         self._lock = threading.Lock()
 
-    def submit(self, run_id: str, task: Task, cancelled: Callable[[], Answer]) -> Task:
-        """Have a run made, unless it was cancelled already.
+    def submit(self, run_id: str, task: Task, cancelled: Callable[[], Answer], words: object) -> Task:
+        """Have a run made, unless it was cancelled already, or is asked for again in the same words.
 
         Args:
             run_id: Its name; a second run of a name is left to the store to refuse.
             task: Its task.
             cancelled: What is answered if it is cancelled before it begins.
+            words: What it was asked with: whose link broke may ask again, and waits for the same run.
+
+        Returns:
+            The task to wait for: this one, or that of the run under way.
 
         Raises:
             ServerBusy: if too much waits already, or the pool is closed.
@@ -51,7 +56,9 @@ class UnderWay:
             if self._early.pop(run_id, None) is not None:
                 task.set_result(cancelled())
                 return task
-            self._runs.setdefault(run_id, _Run(task, cancelled))
+            run = self._runs.setdefault(run_id, _Run(task, cancelled, words))
+            if run.task is not task and run.words == words:
+                return run.task
         task.add_done_callback(lambda _: self._end(run_id, task))
         try:
             return self._pool.submit(task)

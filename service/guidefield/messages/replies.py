@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from guidefield.errors import GuidefieldError
+from guidefield.errors import ERRORS, GuidefieldError, InternalFailure
 from guidefield.messages.kinematics_replies import (
     ClearanceReply as ClearanceReply,
     ForwardKinematicsReply as ForwardKinematicsReply,
@@ -149,3 +149,12 @@ def error_reply(error: GuidefieldError) -> ErrorReply:
     """An exception as the message that stands for it on the wire; details that aren't plain data become text."""
     details = msgspec.to_builtins(error.details, enc_hook=str)
     return ErrorReply(code=int(error.code), name=error.code.name, message=error.message, details=details)
+
+
+def error_of(reply: ErrorReply) -> GuidefieldError:
+    """The exception that a message stands for, the inverse of `error_reply`; InternalFailure for an unknown code."""
+    kind = _ERRORS.get(reply.code, InternalFailure)
+    return kind(reply.message, **reply.details)
+
+
+_ERRORS = {int(code): kind for code, kind in ERRORS.items()}

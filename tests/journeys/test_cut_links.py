@@ -1,0 +1,115 @@
+"""A link that is cut for a moment: what was asked is answered all the same, by the run that was under way."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import msgspec
+import pytest
+
+from guidefield import Client, MalformedRequest
+from tests.journeys.service import ANSWERED_WITHIN, LONG, Service
+
+
+class Link:
+    """Carries bytes between clients and a service, until it is cut; new connections are taken again at once."""
+
+    def __init__(self, endpoint: str) -> None:
+        host, port = endpoint.removeprefix("tcp/").rsplit(":", 1)
+        self._service = host, int(port)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
+        self._ends: list[socket.socket] = []
+        self.cuts = 0
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        ends, self._ends = self._ends, []
+        assert ends, "there is a connection to cut"
+        for end in ends:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+        self.cuts += 1
+
+    def close(self) -> None:
+        self._listener.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                near, _ = self._listener.accept()
+                far = socket.create_connection(self._service)
+                self._ends += [near, far]
+                for one, other in ((near, far), (far, near)):
+                    threading.Thread(target=_carry, args=(one, other), daemon=True).start()
+
+
+def _carry(one: socket.socket, other: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while data := one.recv(1 << 16):
+            other.sendall(data)
+    for end in (one, other):
+        with contextlib.suppress(OSError):
+            end.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.fixture
+def link(service: Service) -> Iterator[Link]:
+    link = Link(service.endpoint)
+    yield link
+    link.close()
+
+
+def _await_busy(client: Client) -> None:
+    deadline = time.monotonic() + ANSWERED_WITHIN
+    while client.info().busy == 0:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
+    service: Service, client: Client, link: Link, named: bool
+) -> None:
+    run_id = f"cut-{named}"
+    with (
+        Client.connect(link.endpoint, instance=client.instance if named else None) as far,
+        concurrent.futures.ThreadPoolExecutor(1) as threads,
+    ):
+        asked = threads.submit(far.plan, {**LONG, "run_id": run_id, "allowed_planning_time": 3.0})
+        _await_busy(client)
+        link.cut()
+        reply = asked.result(ANSWERED_WITHIN)
+        assert reply.run_id == run_id
+        assert client.run(run_id).reply == reply
+        # The answer may get lost when the run has ended: it is there for who asks in the same words.
+        assert far.plan({**LONG, "run_id": run_id, "allowed_planning_time": 3.0}) == reply
+        with pytest.raises(MalformedRequest, match="is taken"):
+            far.plan({**LONG, "run_id": run_id, "allowed_planning_time": 2.0})
+        assert [run.run_id for run in client.runs().runs].count(run_id) == 1
+        assert far.info().uptime > 0.0
+    assert link.cuts == 1
+
+
+def test_what_ended_a_run_is_told_again(client: Client, service: Service) -> None:
+    request = {**LONG, "run_id": "ended", "allowed_planning_time": 60.0}
+    with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        asked = [threads.submit(client.plan, request) for _ in range(2)]  # the second waits for the first one's run
+        _await_busy(client)
+        client.cancel("ended")
+        first, second = (each.result(ANSWERED_WITHIN) for each in asked)
+    assert first.status.name == "PREEMPTED"
+    assert msgspec.to_builtins(first) == msgspec.to_builtins(second)
+
+
+def test_questions_outlive_cuts_between_and_amid_them(client: Client, link: Link) -> None:
+    with Client.connect(link.endpoint) as far:
+        for _ in range(2):
+            assert "bookshelf" in far.scenes()
+            link.cut()
+    assert link.cuts == 2
