@@ -6,12 +6,33 @@ B_{k+1} = L_k^{-1} U_k. The work is linear in the number of blocks.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import types
 
-from guidefield.kernels.cholesky import factorize
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled
 from guidefield.kernels.tree_kinematics import BLOCKS, BLOCKS_OUT
+
+
+@compiled(types.boolean(MATRIX_OUT))
+def _factorize(block_out: Floats) -> bool:
+    """Replace a symmetric matrix, lower triangle, by its Cholesky factor; whether it is positive definite."""
+    n = block_out.shape[0]
+    for j in range(n):
+        pivot = block_out[j, j]
+        for k in range(j):
+            pivot -= block_out[j, k] * block_out[j, k]
+        if not pivot > 0.0:
+            return False
+        pivot = math.sqrt(pivot)
+        block_out[j, j] = pivot
+        for i in range(j + 1, n):
+            value = block_out[i, j]
+            for k in range(j):
+                value -= block_out[i, k] * block_out[j, k]
+            block_out[i, j] = value / pivot
+    return True
 
 
 @compiled(types.void(MATRIX_OUT, MATRIX_OUT, VECTOR_OUT, MATRIX_OUT, VECTOR_OUT))
@@ -79,7 +100,7 @@ def solve_free(
         L = factors[k]
         if k > 0:
             _eliminate(factors[k - 1], couplings[k - 1], solution_out[k - 1], L, solution_out[k])
-        if not factorize(L):
+        if not _factorize(L):
             return False
         for i in range(size):
             value = solution_out[k, i]

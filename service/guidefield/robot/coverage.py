@@ -79,11 +79,6 @@ class Coverage:
         """Largest overhang of a sphere [m], at most `delta` unless a shape is `LARGE`."""
         return max(shape.cover.overhang for shape in self.shapes)
 
-    @property
-    def mean_overhang(self) -> float:
-        """Mean overhang of the spheres [m]."""
-        return float(np.concatenate([shape.cover.overhangs for shape in self.shapes]).mean())
-
 
 def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logged) -> Coverage:
     """Covers and inner balls of a robot's collision shapes; computed once, and kept on disk.
