@@ -96,7 +96,7 @@ class Engine:
             requests.ReadRobot: self._read_robot,
             requests.StoreRobot: self._store_robot,
             requests.DeleteRobot: self._delete_robot,
-            requests.ReadScenes: self._read_scenes,
+            requests.ReadScenes: lambda _: ScenesReply(scenes=self._scenes.names()),
             requests.ReadScene: self._read_scene,
             requests.StoreScene: self._store_scene,
             requests.DeleteScene: self._delete_scene,
@@ -119,8 +119,8 @@ class Engine:
         Args:
             request: JSON bytes, plain data, or a Struct.
             record_to: Where to write the recording of a plan; None leaves that to the store of runs.
-            received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded. Deadlines
-                count from it.
+            received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded and the robot
+                prepared for its first use. Deadlines count from it.
             watcher: Hears how far a plan is, and may end it.
 
         Raises:
@@ -130,7 +130,9 @@ class Engine:
             decoded = codec.decode_request(request)
             if received is None:
                 if isinstance(decoded, requests.PlanRequest):
-                    importlib.import_module("guidefield.handlers.plan")  # the first time it compiles for a while
+                    from guidefield.handlers.plan import prepare_ahead  # the first time it compiles for a while
+
+                    prepare_ahead(decoded, self._robot)
                 received = time.monotonic()
             reply = self._dispatch(decoded, record_to, received, watcher)
         except GuidefieldError:
@@ -141,28 +143,34 @@ class Engine:
             if isinstance(error, MemoryError):
                 raise WorkerCrashed("the request needs more memory than there is") from None
             _log.exception("a request failed with a bug of ours")
-            raise _bug(error) from error
+            raise InternalFailure.of(error) from error
         self._counters["answered"] += 1
         return reply
 
-    def warm_up(self) -> None:
-        """Load what the first plan would wait for: packages and kernels."""
+    def warm_up(self, robots: Sequence[str] = ()) -> None:
+        """Load what the first plan would wait for: packages and kernels, and what some robots need for their first.
+
+        Raises:
+            RobotInvalid: if a robot is unknown or can't be used.
+        """
         for room in ("handlers.plan", "recorder.recorder"):
             importlib.import_module(f"guidefield.{room}")
-        name = self._scenes.names()[0]
-        self.answer(requests.Potential(scene=name, points=[(0.0, 0.0, 0.0)]))
+        self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
+        preparation = importlib.import_module("guidefield.collision.preparation")
+        for robot in robots:
+            preparation.prepare(self._robot(robot))
 
     def _dispatch(
         self, request: requests.Request, record_to: Path | None, received: float, watcher: Watcher | None
     ) -> Reply:
         if isinstance(request, requests.PlanRequest):
             return self._plan(request, record_to, received, watcher)
+        kind = type(request)
         if record_to is not None:
-            raise MalformedRequest(f"only a plan can be recorded, not {type(request).__name__}")
-        handler = self._handlers.get(type(request))
-        if handler is None:
-            raise MalformedRequest(f"{type(request).__name__} is no request", path="$")
-        return handler(request)
+            raise MalformedRequest(f"only a plan can be recorded, not {kind.__name__}")
+        if kind not in self._handlers:
+            raise MalformedRequest(f"{kind.__name__} is no request", path="$")
+        return self._handlers[kind](request)
 
     def _plan(
         self, request: requests.PlanRequest, record_to: Path | None, received: float, watcher: Watcher | None
@@ -177,16 +185,15 @@ class Engine:
         run = Run(run_id, request, self._runs, record_to, key, progress)
         try:
             began = time.monotonic()
-            robot, scene = self._robot(request.robot), self._scene(request.scene)
-            load_seconds = time.monotonic() - began
             reply = answer_plan(
                 request,
-                robot,
-                scene,
+                self._robot(request.robot),
+                self._scene(request.scene),
                 run_id=run_id,
                 received=received,
-                load_seconds=load_seconds,
+                began=began,
                 record=run.record,
+                preparing=run.prepare,
                 cancelled=run.cancelled,
             )
             return run.end(reply)
@@ -194,7 +201,7 @@ class Engine:
             run.refuse()
             raise
         except Exception as error:
-            run.fail(error_reply(_bug(error)))
+            run.fail(error_reply(InternalFailure.of(error)))
             raise
 
     def _kinematics(self, request: requests.KinematicsRequest) -> Reply:
@@ -216,15 +223,14 @@ class Engine:
         return robot(self._robot(request.name))
 
     def _store_robot(self, request: requests.StoreRobot) -> Done:
+        from guidefield.handlers.robots import prepared
+
         self._robots.write(request.name, request.files, self._catalog.load)
-        return Done(done=f"robot {request.name!r} is stored")
+        return Done(done=f"robot {request.name!r} is stored{prepared(self._robot(request.name))}")
 
     def _delete_robot(self, request: requests.DeleteRobot) -> Done:
         self._robots.delete(request.name)
         return Done(done=f"robot {request.name!r} is deleted")
-
-    def _read_scenes(self, _request: requests.ReadScenes) -> ScenesReply:
-        return ScenesReply(scenes=self._scenes.names())
 
     def _read_scene(self, request: requests.ReadScene) -> SceneReply:
         return SceneReply(scene=self._scenes.read(request.name))
@@ -277,11 +283,6 @@ class Engine:
     def _scene(self, reference: requests.SceneReference) -> Scene:
         """The scene that a request means, built."""
         return self._built.of(self._scenes.read(reference) if isinstance(reference, str) else reference)
-
-
-def _bug(error: Exception) -> InternalFailure:
-    kind = type(error).__name__
-    return InternalFailure(f"a bug in guidefield stopped this request: {kind}: {error}", kind=kind)
 
 
 _default = functools.cache(Engine)

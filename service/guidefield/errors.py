@@ -142,6 +142,12 @@ class InternalFailure(GuidefieldError):
 
     code = Status.FAILURE
 
+    @classmethod
+    def of(cls, bug: Exception) -> InternalFailure:
+        """What is told of a bug."""
+        kind = type(bug).__name__
+        return cls(f"a bug in guidefield stopped this request: {kind}: {bug}", kind=kind)
+
 
 ERRORS: dict[Status, type[GuidefieldError]] = {
     kind.code: kind

@@ -46,6 +46,7 @@ class ProgressTold:
         self._watcher = watcher
         self._told = -math.inf
         self._stage = "load"
+        self._preparing: str | None = None
         self._plane: int | None = None
         self._world: World | None = None
         self._q: np.ndarray | None = None
@@ -64,11 +65,16 @@ class ProgressTold:
 
         match event:
             case trace.StageEntered(name=name):
-                self._stage, self._plane = name, None
+                self._stage, self._plane, self._preparing = name, None, None
                 self._tell()
             case trace.Step(q=q, plane=plane):
                 self._q, self._plane = q, plane
                 self._tell_if_due()
+
+    def prepare(self, what: str) -> None:
+        """Be told what of the robot is prepared."""
+        self._preparing = what
+        self._tell()
 
     def pass_time_and_ask(self) -> bool:
         """Tell again if it is time; whether the run is to end early."""
@@ -89,6 +95,7 @@ class ProgressTold:
             clearance=self._clearance,
             best_clearance=self._best,
             elapsed=self._told - self._received,
+            preparing=self._preparing,
         )
         self._watcher.tell(codec.encode(told))
 

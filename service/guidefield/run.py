@@ -71,6 +71,11 @@ class Run:
         """Whether somebody asked the run to end; asked at every iteration, it also lets time pass for its progress."""
         return self._progress is not None and self._progress.pass_time_and_ask()
 
+    def prepare(self, what: str) -> None:
+        """Be told what of the robot is prepared."""
+        if self._progress is not None:
+            self._progress.prepare(what)
+
     def record(self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]) -> _Observers:
         """An observer of this run that tells its progress, and writes its recording when it is finished."""
         if self._progress is not None:

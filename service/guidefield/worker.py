@@ -48,6 +48,7 @@ class EngineSetup:
         json_logs: Whether as JSON.
         retention: How many runs are kept.
         packages: Folders of packages from which a robot that is sent may take meshes.
+        prepare: Robots that each worker prepares for their first plan before it is ready.
     """
 
     instance: str
@@ -56,6 +57,7 @@ class EngineSetup:
     json_logs: bool = False
     retention: Retention = DEFAULT_RETENTION
     packages: tuple[Path, ...] = ()
+    prepare: tuple[str, ...] = ()
 
     def runs(self) -> RunStore:
         """Where its runs are kept."""
@@ -76,7 +78,7 @@ class EngineSetup:
         """In a worker process: log, and warm an engine up."""
         logs.configure(self.log_level, json=self.json_logs)
         engine = self.engine()
-        engine.warm_up()
+        engine.warm_up(self.prepare)
         return EngineWorker(engine)
 
 

@@ -2,10 +2,11 @@
 
 Options: [--output FOLDER] [--seconds N] [--planning N] [--memory GB] [name ..]. A line for each robot: time to load in
 a fresh process with an empty cache on disk and with a full one, degrees of freedom, pairs of links by the reason for
-which they aren't tested, and a plan from its rest configuration to a random free one among random boxes: certified, and
-looked at again by Coal at dense samples. A robot that can't be planned for has its error instead. Each runs in a
-process of its own within limits of time and memory, so that none is left out. With --output, the table is also written
-there as robots.md and robots.json.
+which they aren't tested, time to find covers, time to cut meshes into convex parts with their trees and that to read
+them back (CPU time, but for the time of planning), and a plan from its rest configuration to a random free one among
+random boxes: certified, and looked at again by Coal at dense samples. A robot that can't be planned for has its error
+instead. Each runs in processes of its own within limits of time and memory, so that none is left out. With --output,
+the table is also written there as robots.md and robots.json.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ COLUMNS = {
     "spheres": "spheres",
     "overhang": "overhang [mm]",
     "covering": "covered [s]",
+    "preparing": "cut [s]",
+    "prepared": "cut, cached [s]",
     "pairs": "pairs",
     "left_out": "left out",
     "status": "plan",
@@ -68,7 +71,10 @@ def run(arguments: list[str]) -> None:
     lines = []
     print(_heading(), flush=True)
     for name in names:
-        lines.append(_in_process(name, asked))
+        try:
+            lines.append(_in_process(name, asked))
+        except (OSError, ValueError) as error:  # a process that can't be started, or says nothing that can be read
+            lines.append({"name": name, "status": "NOT MEASURED", "message": str(error)})
         print(_row(lines[-1]), flush=True)
         if asked.output is not None:
             write(asked.output, lines)
@@ -114,8 +120,16 @@ def _in_process(name: str, asked: argparse.Namespace) -> Line:
                 last = (done.stderr.strip().splitlines() or ["no word"])[-1]
                 return {**line, "status": f"ENDED WITH {done.returncode}", "message": last}
             told = json.loads(done.stdout.strip().splitlines()[-1])
-            line.update({"cold" if only else "cached": told.pop("load", None), **told})
+            line.update(_renamed(told, only == ["--load"]))
     return line
+
+
+def _renamed(told: Line, cold: bool) -> Line:
+    """What a process says of a robot, with the times of the first one and those of the second told apart."""
+    if cold:
+        return {("cold" if key == "load" else key): value for key, value in told.items()}
+    second = {"load": "cached", "preparing": "prepared"}
+    return {second.get(key, key): value for key, value in told.items() if key != "covering"}
 
 
 def _heading() -> str:

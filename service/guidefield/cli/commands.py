@@ -114,6 +114,9 @@ def serve(
         list[Path] | None,
         typer.Option(exists=True, file_okay=False, help="Folder of packages whose meshes clients' robots may use."),
     ] = None,
+    prepare: Annotated[
+        list[str] | None, typer.Option(help="Robot to prepare for its first plan before serving; may be repeated.")
+    ] = None,
     keep_runs: Annotated[int, typer.Option(min=1, help="How many runs are kept.")] = Retention.runs,
     keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = 20.0,
     keep_days: Annotated[float, typer.Option(min=0.0, help="How old they may be [days].")] = float("inf"),
@@ -133,6 +136,7 @@ def serve(
         json_logs=json_logs,
         otel=otel,
         packages=tuple(folder.resolve() for folder in packages or ()),
+        prepare=tuple(prepare or ()),
     )
     serving.serve_until_signal(settings, typer.echo)
 

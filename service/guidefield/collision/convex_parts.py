@@ -80,7 +80,7 @@ class PartsTable:
 
     def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
         """Add a Coal mesh in convex parts that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        return self._mesh(_known_pieces(shape, cut), placement)
+        return self._mesh(known_pieces(shape, cut), placement)
 
     def pieces(self, root: int) -> np.ndarray:
         """Nodes, shape (k,), that together are all of a body, each nearly convex; the root itself where that is."""
@@ -174,7 +174,7 @@ def _known_mesh(shape: Any) -> MeshTree:
     return _known(shape, pieces_tree)
 
 
-def _known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
+def known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
     """The tree of a Coal mesh in convex parts, made once for the same vertices, and kept on disk."""
     return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut))
 

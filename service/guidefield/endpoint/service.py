@@ -60,6 +60,7 @@ class ServiceSettings:
         otel: Whether queries are traced with OpenTelemetry.
         grace: How long requests that are being worked on may take at the end [s].
         packages: Folders of packages from which a robot that a client sends may take meshes.
+        prepare: Robots that are prepared for their first plan before the service is ready.
     """
 
     data: Path
@@ -74,6 +75,7 @@ class ServiceSettings:
     otel: bool = False
     grace: float = 10.0
     packages: tuple[Path, ...] = ()
+    prepare: tuple[str, ...] = ()
 
 
 def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
@@ -97,6 +99,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         json_logs=settings.json_logs,
         retention=settings.retention,
         packages=settings.packages,
+        prepare=settings.prepare,
     )
     config = session_config(settings)
     with contextlib.ExitStack() as opened:

@@ -25,7 +25,7 @@ import numpy as np
 
 _log = logging.getLogger(__name__)
 
-MOST_BYTES = 512 * 2**20
+MOST_BYTES = 2**30
 """Size of the folder, beyond which entries are removed."""
 
 KEPT_SHARE = 0.75

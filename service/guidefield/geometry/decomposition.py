@@ -27,6 +27,12 @@ PLACES = 7
 SAMPLES = 500
 """About how many points of a part's surface the comparison looks at."""
 
+DIRECTIONS = 64
+"""Of the points of a half the comparison keeps those furthest in these directions, and in the opposite ones."""
+
+TOLERANCE = 5e-4
+"""How much too large a part's stand-off may be given, as that of `stand_off`."""
+
 OVERLAP = 1e-9
 """How far a cell reaches beyond its planes [m], so that rounding leaves nothing between two."""
 
@@ -123,7 +129,7 @@ def _cell(body: Solid, planes: Floats, pieces: Pieces) -> _Cell | None:
     except ValueError:
         return None
     given = np.unique(body.given[pieces.sources])
-    return _Cell(planes, pieces, Part(hull, stand_off(hull, body), given[given >= 0]))
+    return _Cell(planes, pieces, Part(hull, stand_off(hull, body, tolerance=TOLERANCE), given[given >= 0]))
 
 
 def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
@@ -143,14 +149,15 @@ def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
 def _planes(cell: _Cell) -> Floats:
     """Planes (n, 4) that are worth halving a cell by, the best first."""
     points = _samples(cell)
-    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    whole = _volume(points)
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    heights = (points @ (axes.T / np.maximum(spread, 1e-9 * spread[0]))) @ _DIRECTIONS
+    whole = _volume(points, heights)
     rated = []
     for axis in np.vstack([axes, np.eye(3)]):
         along = points @ axis
         low, high = along.min(), along.max()
         for place in low + (high - low) * np.arange(1, PLACES + 1) / (PLACES + 1):
-            left = _volume(points[along <= place]) + _volume(points[along >= place])
+            left = sum(_volume(points[half], heights[half]) for half in (along <= place, along >= place))
             if left < WORTH * whole:
                 rated.append((left, *axis, place))
     planes: Floats = np.array(sorted(rated)[:4]).reshape(-1, 5)[:, 1:]
@@ -166,12 +173,26 @@ def _samples(cell: _Cell) -> Floats:
     return samples
 
 
-def _volume(points: Floats) -> float:
-    """Volume of the hull of points [m^3]."""
+def _volume(points: Floats, heights: Floats) -> float:
+    """Volume of the hull of those points (n, 3) that are furthest in some direction; heights are (n, d) [m^3]."""
+    if not len(points):
+        return 0.0
+    points = points[np.unique(np.concatenate([heights.argmax(axis=0), heights.argmin(axis=0)]))]
     try:
         return hull_volume(points)
     except ValueError:  # a vertex with too many neighbours: as large as its box
         return float(np.prod(np.ptp(points, axis=0)))
+
+
+def _spread_directions() -> Floats:
+    """Directions (3, `DIRECTIONS`) over a half of the sphere, about evenly."""
+    k = np.arange(DIRECTIONS)
+    heights, turns = (k + 0.5) / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
+    across = np.sqrt(1.0 - heights**2)
+    return np.stack([across * np.cos(turns), across * np.sin(turns), heights])
+
+
+_DIRECTIONS = _spread_directions()
 
 
 def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:
@@ -185,7 +206,7 @@ def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:
                 hull = convex_hull(np.vstack([a.hull.vertices, b.hull.vertices]))
             except ValueError:
                 continue
-            distance = stand_off(hull, body, tight)
+            distance = stand_off(hull, body, tight, TOLERANCE)
             if distance <= tight:
                 together = Part(hull, distance, np.union1d(a.triangles, b.triangles))
                 parts = [part for part in parts if part not in (a, b)] + [together]

@@ -18,6 +18,9 @@ from guidefield.kernels.triangle_distance import SurfaceTables
 _SLIVER = 1e-12
 """Twice the area of a triangle over its longest edge's square, below which it is a line that its neighbours share."""
 
+MOST_SOLIDS = 64
+"""Of more solids all but the largest count as one, in which depths are then less: every look goes through each."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -132,6 +135,10 @@ def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
             owner[k] = holding
         else:
             triangles[members[k]] = triangles[members[k]][:, ::-1]
+    distinct = np.unique(owner)
+    if len(distinct) > MOST_SOLIDS:  # by their volumes; the union of the small ones winds about what any of them does
+        small = distinct[np.argsort(-np.abs(np.array(volumes))[distinct], kind="stable")[MOST_SOLIDS - 1 :]]
+        owner[np.isin(owner, small)] = small[0]
     _, owners = np.unique(owner[piece], return_inverse=True)
     return np.ascontiguousarray(triangles), owners.reshape(-1).astype(np.int64)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
@@ -9,8 +10,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from guidefield.collision.preparation import StoppedError, Told, needs_preparation, prepare
 from guidefield.collision.world import World
-from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, Status
+from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, Status
 from guidefield.geometry.placements import se3
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
@@ -56,8 +58,9 @@ def answer_plan(
     *,
     run_id: str,
     received: float,
-    load_seconds: float = 0.0,
+    began: float | None = None,
     record: Record = lambda *_: None,
+    preparing: Told = lambda _: None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> PlanReply:
     """Plan, and say what came of it.
@@ -68,15 +71,16 @@ def answer_plan(
         scene: The scene that it names.
         run_id: Name of the run.
         received: When it arrived, on the clock of `time.monotonic` [s]; the deadline counts from then.
-        load_seconds: Time that loading robot and scene took [s].
+        began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
+        preparing: Told what of the robot is prepared, where that isn't known from before.
         cancelled: Whether somebody asked to stop.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
     """
-    begin = time.monotonic()
+    began = time.monotonic() if began is None else began
     _require_served(request, scene)
     robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = _start(request, robot)
@@ -110,8 +114,8 @@ def answer_plan(
         seed=request.seed,
         budget=Budget(received + request.allowed_planning_time, cancelled),
     )
-    refusal = _refusal(problem)
-    load_seconds += time.monotonic() - begin
+    refusal = _refusal(problem) or _unprepared(request, problem, preparing)
+    load_seconds = time.monotonic() - began
     derivation = Derivation()
     if refusal is None:
         problem, derivation = with_derived_planes(problem, request)
@@ -238,6 +242,37 @@ def _refusal(problem: Problem) -> Plan | None:
         faults = limit_faults(problem.group.joints, problem.goal.configurations[0])
         if faults:
             return refused(problem, Status.GOAL_STATE_INVALID, *_limit_message("goal", faults))
+    return None
+
+
+def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference], RobotModel]) -> None:
+    """Prepare a request's robot before its time begins. What can't be used is refused later, where that is kept."""
+    with contextlib.suppress(GuidefieldError):
+        robot = load(request.robot)
+        base = request.robot_placement
+        group = select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
+        if _connects(request) and needs_preparation(group):
+            prepare(robot)
+
+
+def _connects(request: PlanRequest) -> bool:
+    """Whether a plan certainly needs a connection by lanes."""
+    return not (isinstance(request.goal, requests.GuidePlaneGoal) or request.path_constraints)
+
+
+def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan | None:
+    """Prepare the robot if a connection needs it; the plan if time was up before that, None if it wasn't."""
+    if not _connects(request) or not needs_preparation(problem.group):
+        return None
+    try:
+        prepare(problem.group.robot, problem.budget.spent, preparing)
+    except StoppedError as stopped:
+        message = (
+            f"the first use of a robot prepares its meshes, and time was up before {stopped}; what is prepared is kept:"
+            " ask again, or allow more time for the first plan"
+        )
+        details = {"stage": "load", "preparing": str(stopped)}
+        return refused(problem, problem.budget.spent() or Status.TIMED_OUT, message, details)
     return None
 
 

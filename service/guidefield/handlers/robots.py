@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable
 from typing import Protocol
 
+from guidefield.collision.preparation import StoppedError, prepare
 from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply
 from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 from guidefield.robot.catalog import Catalog
@@ -14,6 +16,9 @@ from guidefield.robot.convex_parts import known_parts
 from guidefield.robot.coverage import ShapeCoverage, known_coverage
 from guidefield.robot.model import Joint, RobotModel
 from guidefield.robot.sent import SentRobot
+
+PREPARE_WITHIN = 60.0
+"""How long a robot that a client stores is prepared [s]."""
 
 
 class StoredRobots(Protocol):
@@ -30,6 +35,16 @@ def robots(catalog: Catalog, stored: StoredRobots) -> RobotsReply:
     """The robots that can be named, and what was found wrong with those that cannot be used."""
     sent = [robot for name in stored.names() if (robot := stored.find(name)) is not None]
     return RobotsReply(robots=catalog.summaries(sent))
+
+
+def prepared(model: RobotModel) -> str:
+    """Prepare a robot that was stored for its first plan; what to add to a sentence about it."""
+    deadline = time.monotonic() + PREPARE_WITHIN
+    try:
+        prepare(model, lambda: time.monotonic() > deadline)
+    except StoppedError as stopped:
+        return f"; {PREPARE_WITHIN:g} s of preparing its meshes were not enough, its first plan goes on from {stopped}"
+    return ""
 
 
 def robot(model: RobotModel) -> RobotReply:

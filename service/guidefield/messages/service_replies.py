@@ -49,11 +49,12 @@ class Progress(Reply):
 
     Attributes:
         run_id: Its name.
-        stage: The stage that it is in, such as guide, connect, relax, parameterize, certify.
+        stage: The stage that it is in, such as load, guide, connect, relax, parameterize, certify.
         plane: Index of the guide plane that it approaches, if any.
         clearance: Distance of the robot from the obstacles at the last step [m]; None without obstacles, or before.
         best_clearance: The largest of those told by now [m].
         elapsed: Time since the request arrived [s].
+        preparing: In the stage load, what of the robot is prepared for its first use: ``cutting link2, shape 3 of 8``.
     """
 
     run_id: str
@@ -62,4 +63,5 @@ class Progress(Reply):
     clearance: float | None
     best_clearance: float | None
     elapsed: float
+    preparing: str | None = None
     schema: int = 1

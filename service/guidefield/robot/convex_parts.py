@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -13,8 +14,11 @@ from guidefield.geometry.cache import Arrays, recalled, remembered
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Surface
+from guidefield.robot.coverage import Progress
 from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import WIDEST_GAP, triangulation
+
+_log = logging.getLogger(__name__)
 
 TIGHT = 0.005
 """A part that stands off its mesh by no more isn't halved [m]."""
@@ -25,14 +29,35 @@ MOST = 8
 _known: weakref.WeakKeyDictionary[RobotModel, tuple[Decomposition | None, ...]] = weakref.WeakKeyDictionary()
 
 
-def convex_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
+def logged(done: int, of: int, link: str) -> None:
+    """Say in the log how far it is."""
+    _log.info("cutting link %s into convex parts: %d of %d shapes done", link, done, of)
+
+
+def convex_parts(robot: RobotModel, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
     """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
 
     They take some seconds for each mesh, are found once, and kept on disk. None for a primitive or hull, which is
     convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in its list.
+
+    Args:
+        robot: The robot.
+        progress: Told before each mesh that isn't known yet; what it raises comes through.
     """
     if robot not in _known:
-        _known[robot] = tuple(_decomposition(shape.geometry) for shape in robot.geometry.geometryObjects)
+        shapes = list(robot.geometry.geometryObjects)
+        found: list[Decomposition | None] = []
+        for index, shape in enumerate(shapes):
+            if not isinstance(shape.geometry, coal.BVHModelBase):
+                found.append(None)
+                continue
+            question = _question(shape.geometry)
+            arrays = recalled(*question)
+            if arrays is None:
+                progress(index, len(shapes), str(robot.model.frames[shape.parentFrame].name))
+                arrays = remembered(*question)
+            found.append(_restored(arrays))
+        _known[robot] = tuple(found)
     return _known[robot]
 
 
@@ -45,10 +70,6 @@ def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
         for shape in robot.geometry.geometryObjects
     )
     return tuple(None if arrays is None else _restored(arrays) for arrays in kept)
-
-
-def _decomposition(shape: Any) -> Decomposition | None:
-    return _restored(remembered(*_question(shape))) if isinstance(shape, coal.BVHModelBase) else None
 
 
 def _question(mesh: Any) -> tuple[str, Arrays, Callable[[], Arrays]]:

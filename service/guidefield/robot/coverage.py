@@ -28,15 +28,15 @@ LARGE = 20_000.0
 """A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many."""
 
 Progress = Callable[[int, int, str], None]
-"""Told before each shape: how many are done, how many there are, its name."""
+"""Told before each shape that isn't known yet: how many are done, how many there are, its link."""
 
 
 _log = logging.getLogger(__name__)
 
 
-def logged(done: int, of: int, name: str) -> None:
+def logged(done: int, of: int, link: str) -> None:
     """Say in the log how far it is."""
-    _log.info("covering %s: %d of %d shapes done", name, done, of)
+    _log.info("covering link %s: %d of %d shapes done", link, done, of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
     Args:
         robot: The robot.
         delta: By how much the covers may leave the shapes [m].
-        progress: Told before each shape, if there is anything to be done.
+        progress: Told before each shape that isn't known yet; what it raises comes through.
 
     Raises:
         ValueError: if `delta` is not positive.
@@ -98,8 +98,12 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
         shapes = []
         geometry = robot.geometry.geometryObjects
         for done, shape in enumerate(geometry):
-            progress(done, len(geometry), shape.name)
-            shapes.append(_restored(remembered(*_question(shape.geometry, delta))))
+            question = _question(shape.geometry, delta)
+            arrays = recalled(*question)
+            if arrays is None:
+                progress(done, len(geometry), str(robot.model.frames[shape.parentFrame].name))
+                arrays = remembered(*question)
+            shapes.append(_restored(arrays))
         known[delta] = Coverage(tuple(shapes), delta)
     return known[delta]
 

@@ -1,0 +1,80 @@
+"""What a robot needs before its first connection, found once and kept on disk: balls, convex parts, trees of meshes.
+
+It takes some seconds for an arm whose links are meshes, tens of seconds for a humanoid. What one call found, another
+needn't find again, in whatever process: a preparation that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from guidefield.collision.convex_parts import known_pieces
+from guidefield.robot.convex_parts import convex_parts
+from guidefield.robot.coverage import coverage
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.model import RobotModel
+
+_log = logging.getLogger(__name__)
+
+Told = Callable[[str], None]
+"""Told before each piece of work what is prepared: such as ``covering link2, shape 3 of 8``."""
+
+LONG = 1.0
+"""A preparation that takes longer is worth a line in the log [s]."""
+
+
+class StoppedError(Exception):
+    """A preparation was stopped; its text says before what."""
+
+
+def needs_preparation(group: PlanningGroup) -> bool:
+    """Whether connections of a group use what is prepared: each of its joints has one degree of freedom."""
+    return all(joint.nv == 1 for joint in group.model.joints[1:])
+
+
+def prepare(robot: RobotModel, spent: Callable[[], object] = lambda: None, told: Told = lambda _: None) -> None:
+    """Find all that is missing.
+
+    Args:
+        robot: The robot.
+        spent: Whether time is up, asked before each piece of work; what is found by then is kept.
+        told: Told what is being prepared.
+
+    Raises:
+        StoppedError: if time was up.
+    """
+    if robot in _prepared:
+        return
+    began = time.monotonic()
+
+    def step(doing: str) -> Callable[[int, int, str], None]:
+        def before(done: int, of: int, link: str) -> None:
+            what = f"{doing} {link}, shape {done + 1} of {of}"
+            if spent():
+                raise StoppedError(what)
+            told(what)
+
+        return before
+
+    coverage(robot, progress=step("covering"))
+    cut = convex_parts(robot, step("cutting"))
+    shapes = list(robot.geometry.geometryObjects)
+    before = step("sorting the triangles of")
+    for index, (shape, parts) in enumerate(zip(shapes, cut, strict=True)):
+        if parts is not None:
+            before(index, len(shapes), _link(robot, shape))
+            known_pieces(shape.geometry, parts)
+    _prepared.add(robot)
+    if time.monotonic() - began > LONG:
+        _log.info("prepared robot %s in %.1f s", robot.name, time.monotonic() - began)
+
+
+_prepared: weakref.WeakSet[RobotModel] = weakref.WeakSet()
+
+
+def _link(robot: RobotModel, shape: Any) -> str:
+    return str(robot.model.frames[shape.parentFrame].name)

@@ -1,0 +1,122 @@
+"""What a robot's first plan waits for: found in pieces, kept on disk, told while it is found."""
+
+from __future__ import annotations
+
+import json
+import time
+import weakref
+from pathlib import Path
+
+import pytest
+
+from guidefield.collision import convex_parts, mesh_pieces, preparation
+from guidefield.collision.preparation import StoppedError, prepare
+from guidefield.engine import Engine
+from guidefield.kernels.cache import cache_folder
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
+from guidefield.messages.scene import Scene
+from guidefield.robot import convex_parts as parts_room
+from guidefield.robot.catalog import Catalog
+from tests.geometry import solids
+from tests.robot.odd_meshes import stl
+
+
+class Heard:
+    """Who waits for a run, and hears what it tells."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[str, object]] = []
+
+    def cancelled(self) -> bool:
+        return False
+
+    def tell(self, what: bytes) -> None:
+        self.told.append(json.loads(what))
+
+
+@pytest.fixture
+def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder for a cache that is empty on disk and in memory."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))  # the kernels' is full
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(convex_parts, "_KNOWN", {})
+    return tmp_path
+
+
+def bent(folder: Path) -> UrdfFile:
+    """A robot whose two links are channels."""
+    vertices, triangles = solids.channel()
+    (folder / "channel.stl").write_bytes(stl(vertices[triangles]))
+    link = '<link name="l{}"><collision><geometry><mesh filename="channel.stl"/></geometry></collision></link>'
+    joint = (
+        '<joint name="j" type="revolute"><origin xyz="0 0 0.3"/><parent link="l0"/><child link="l1"/>'
+        '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    )
+    (folder / "bent.urdf").write_text(f'<robot name="bent">{link.format(0)}{link.format(1)}{joint}</robot>')
+    return UrdfFile(path=str(folder / "bent.urdf"))
+
+
+def request_for(robot: UrdfFile, allowed: float) -> PlanRequest:
+    return PlanRequest(
+        robot=robot,
+        scene=Scene(name="empty"),
+        goal=JointsGoal(positions={"j": 1.0}),
+        guide_planes=[],
+        allowed_planning_time=allowed,
+        recording="off",
+    )
+
+
+def test_it_says_what_it_prepares_stops_between_two_pieces_and_goes_on_from_there(cold: Path) -> None:
+    urdf = bent(cold)
+    heard: list[str] = []
+    with pytest.raises(StoppedError, match="cutting l0, shape 1 of 2"):
+        prepare(Catalog().load(urdf), lambda: len(heard) == 1, heard.append)
+    assert heard == ["covering l0, shape 1 of 2"], "both links have the same mesh"
+    prepare(Catalog().load(urdf), told=heard.append)
+    assert heard[1:3] == ["cutting l0, shape 1 of 2", "sorting the triangles of l0, shape 1 of 2"]
+
+
+def test_a_second_process_computes_nothing(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    urdf = bent(cold)
+    prepare(Catalog().load(urdf))
+    kept = {path.name: path.stat().st_size for path in (cold / "cache").rglob("*-*")}
+    assert {name.partition("-")[0] for name in kept} >= {"coverage", "parts", "tree"}
+    monkeypatch.setattr(convex_parts, "_KNOWN", {})  # as another process has it
+    monkeypatch.setattr(mesh_pieces, "bisected", None)
+    monkeypatch.setattr(parts_room, "decompose", None)
+    prepare(Catalog().load(urdf))
+    assert {path.name for path in (cold / "cache").rglob("*-*")} == set(kept)
+
+
+def test_over_the_wire_preparing_counts_and_is_told(cold: Path) -> None:
+    urdf, engine, heard = bent(cold), Engine(), Heard()
+    late = engine.answer(request_for(urdf, 1e-3), received=time.monotonic(), watcher=heard)
+    assert isinstance(late, PlanReply)
+    assert late.status.name == "TIMED_OUT"
+    assert late.status.details == {"stage": "load", "preparing": "covering l0, shape 1 of 2"}
+    reply = engine.answer(request_for(urdf, 600.0), received=time.monotonic(), watcher=heard)
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS"
+    prepared = [told["preparing"] for told in heard.told if told["stage"] == "load" and told["preparing"]]
+    assert list(dict.fromkeys(prepared))[:2] == ["covering l0, shape 1 of 2", "cutting l0, shape 1 of 2"]
+    assert heard.told[-1]["preparing"] is None
+    assert 0.0 < reply.timing.load <= reply.timing.total
+
+
+def test_in_this_process_preparing_does_not_count(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(preparation, "_prepared", weakref.WeakSet())
+    found = parts_room.decompose
+
+    def slow(*asked: object) -> object:
+        clock[0] += 1000.0
+        return found(*asked)
+
+    monkeypatch.setattr(parts_room, "decompose", slow)
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    reply = Engine().answer(request_for(bent(cold), 600.0))
+    assert clock[0] == 1000.0
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS"
