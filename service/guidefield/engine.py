@@ -245,8 +245,7 @@ class Engine:
         return Done(done=f"scene {request.name!r} is deleted")
 
     def _read_runs(self, request: requests.ReadRuns) -> RunsReply:
-        runs = self._runs.summaries()
-        return RunsReply(runs=[run for run in runs if request.wants(run.status, run.robot, run.began)])
+        return RunsReply(runs=[r for r in self._runs.summaries() if request.wants(r.status, r.robot, r.began)])
 
     def _read_run(self, request: requests.ReadRun) -> RunReply:
         return self._runs.read(request.run_id)
