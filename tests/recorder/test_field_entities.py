@@ -9,6 +9,7 @@ import rerun as rr
 
 from guidefield.kernels.field import field_at_points
 from guidefield.messages import scene as messages
+from guidefield.messages.values import Placement
 from guidefield.potential import RobotField
 from guidefield.recorder.field_entities import LONGEST_ARROW, RESOLUTION, charges, picture_of_plane
 from guidefield.scene.scene import Scene, build
@@ -37,6 +38,13 @@ def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
         / longest,
         rtol=0.05,
     )
+
+
+def test_a_picture_among_moving_obstacles_is_told_from_others() -> None:
+    route = messages.ObstacleTrajectory(times=[0.0, 1.0], placements=[Placement(), Placement(position=(0.0, 1.0, 0.0))])
+    ball = messages.Sphere(name="ball", radius=0.1, trajectory=route)
+    paths = {chunk.entity_path for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP)}
+    assert paths == {"/field/picture_at_start", "/field/slice"}
 
 
 def test_where_nothing_is_charged_there_is_none() -> None:

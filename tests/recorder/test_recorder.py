@@ -14,7 +14,7 @@ import pytest
 import rerun as rr
 
 from guidefield.messages import replies
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import PlanRequest, PoseGoal
 from guidefield.planner.trace import Step
 from guidefield.recorder import log
 from guidefield.recorder.motion import SHOWN_STEP
@@ -83,7 +83,7 @@ def test_holds_what_a_reader_looks_for(recording):
         "/obstacles/boxes",
         "/obstacles/balls",
         "/obstacles/cylinders",
-        "/obstacles/single/wall",
+        "/obstacles/walls",
         "/guide_planes",
         "/path/tip",
         "/path/planned",
@@ -223,10 +223,18 @@ def test_plots_the_trajectory_and_its_limits(run, recording):
     shares = np.array(recording.values("/plots/use/velocity", "Scalars:scalars", "path_time"))
     assert np.allclose(shares[:, :-2], velocities / run.group.velocity_limits)
     assert (shares[:, -2:] == [-1.0, 1.0]).all()
-    assert recording.one("/plots/use/velocity", "SeriesLines:names") == [*run.group.velocity_names, "- limit", "limit"]
+    assert recording.one("/plots/use/velocity", "SeriesLines:names") == [
+        *run.group.velocity_names,
+        "lower limit",
+        "upper limit",
+    ]
     accelerations = np.array(recording.values("/plots/acceleration", "Scalars:scalars", "path_time"))
     shares = np.array(recording.values("/plots/use/acceleration", "Scalars:scalars", "path_time"))
     assert np.allclose(shares[:, :-2], accelerations / run.group.acceleration_limits)
+    positions = np.array(recording.values("/plots/position", "Scalars:scalars", "path_time"))
+    shares = np.array(recording.values("/plots/use/position", "Scalars:scalars", "path_time"))[:, :-2]
+    group = run.group
+    assert np.allclose(group.lower + (shares + 1.0) / 2.0 * (group.upper - group.lower), positions)
     inside = (times[:-1] + times[1:]) / 2  # acceleration is the slope of velocity, straight between knots
     slopes = np.diff(velocities, axis=0) / np.diff(times)[:, None]
     knots = np.array(run.reply.trajectory.times)
@@ -254,7 +262,7 @@ def test_shows_the_closest_pair_where_there_is_one(run, recording):
 def test_draws_obstacles_where_they_are(run, recording):
     named = {obstacle.name: obstacle for obstacle in run.scene.obstacles}
     colors = []
-    for name in ("pill", "wedge", "wall", "floor"):
+    for name in ("pill", "wedge", "floor"):
         drawn = np.array(recording.one(f"/obstacles/single/{name}", "Mesh3D:vertex_positions"))
         distances = np.linalg.norm(drawn[:, None] - named[name].vertices[None], axis=2)
         assert distances.min(axis=1).max() < SINGLE
@@ -272,6 +280,10 @@ def test_draws_obstacles_where_they_are(run, recording):
         colors += recording.one(entity, f"{kind}:colors")
     assert np.allclose(recording.one("/obstacles/cylinders", "Cylinders3D:lengths"), [0.14], atol=SINGLE)
     assert np.allclose(recording.one("/obstacles/cylinders", "Cylinders3D:radii"), [0.03], atol=SINGLE)
+    wall = np.array(recording.one("/obstacles/walls", "Mesh3D:vertex_positions"))
+    assert {tuple(corner) for corner in wall.tolist()} == {(1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0)}
+    assert recording.one("/obstacles/walls", "names") == ["wall"]
+    colors += list(set(recording.one("/obstacles/walls", "Mesh3D:vertex_colors")))
     assert len(set(colors)) == len(run.scene.obstacles)
 
 
@@ -338,6 +350,39 @@ def test_records_a_failure_with_its_partial_motion(run, tmp_path):
     assert (red >> 24, (red >> 16) & 255) == (230, 57)
     assert "/robot/at_fault/panda_hand_0" in recording.entities
     assert "12 mm in front of GP 2" in recording.one("/documents/summary", "TextDocument:text")[0]
+
+
+def test_a_goal_that_is_refused_is_shown(run, tmp_path):
+    details = {"stage": "goal", "pair": ["panda_hand", "can"], "depth": 0.01}
+    status = replies.Outcome(code=-12, name="GOAL_IN_COLLISION", message="the goal is in collision", details=details)
+    changes = {"path": run.reply.path[:1], "trajectory": None, "metrics": None, "clearance": None}
+    recording = record(run, tmp_path / "run.rrd", status=status, **changes)
+    (position,) = recording.values("/plots/position", "Scalars:scalars", "path_time")
+    q = run.group.q_origin.copy()
+    q[0] = run.request.goal.positions["panda_joint1"]
+    assert np.allclose(position, q)
+    assert recording.one("/path/failure", "Points3D:labels") == ["goal in collision: panda_hand - can"]
+    data = run.group.model.createData()
+    pin.framesForwardKinematics(run.group.model, data, run.group.expand(q))
+    tip = data.oMf[run.group.model.getFrameId(run.group.tip)].translation
+    assert np.allclose(recording.one("/path/failure", "Points3D:positions"), [tip], atol=SINGLE)
+
+
+def test_a_pose_to_reach_is_shown(run, tmp_path):
+    goal = PoseGoal(position=(0.5, 0.1, 0.4), quaternion_xyzw=(0.0, 1.0, 0.0, 0.0))
+    asked = replace(run, request=msgspec.structs.replace(run.request, goal=goal))
+    recording = record(asked, tmp_path / "run.rrd")
+    assert np.allclose(recording.one("/path/goal", "Transform3D:translation"), [goal.position], atol=SINGLE)
+    assert np.allclose(recording.one("/path/goal", "Transform3D:quaternion"), [goal.quaternion_xyzw], atol=SINGLE)
+    assert "/path/failure" not in recording.entities
+
+
+def test_the_robot_is_there_at_each_step_of_a_plan_without_steps(run, tmp_path):
+    events = tuple(event for event in run.events if not isinstance(event, Step))
+    recording = record(replace(run, events=events), tmp_path / "run.rrd")
+    frames = Frames(recording, "step")
+    assert frames.times.tolist() == [0]
+    assert np.allclose(frames.placement("panda_hand", 0), Frames(recording, "path_time").placement("panda_hand", 0))
 
 
 def test_records_a_failure_without_any_motion(run, tmp_path):

@@ -10,12 +10,19 @@ import rerun.blueprint as rrb
 
 from guidefield.recorder.camera import Eye
 from guidefield.recorder.chunks import STEP
+from guidefield.recorder.field_entities import PICTURE, PICTURE_AT_START
 from guidefield.recorder.robot_entities import GHOST_ENTITY
 
 FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))
 """Ghosts where the robot itself is shown too."""
 
 LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+
+SWITCHED_OFF = ("/robot/collision", "/robot/spheres")
+"""What is there but not shown at first: the shapes that are judged, and the balls that contain them."""
+
+BACKGROUND = (13, 16, 17)
+"""Colour around the picture of the field (RGB), as that of the viewer."""
 
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
@@ -34,8 +41,8 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
     tabs = [_overview(eye, present)]
     if "/planner/log" in present:
         tabs.append(_planner(eye, present))
-    if "/field/picture" in present:
-        tabs.append(_field(eye))
+    if not present.isdisjoint({PICTURE, PICTURE_AT_START}):
+        tabs.append(_field(eye, PICTURE in present))
     return rrb.Blueprint(
         rrb.Tabs(*tabs, _joints(present), _documents(), active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
@@ -60,7 +67,7 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     )
     moving = ["/robot/**", "/path/**", GHOST_ENTITY]
     pictures = rrb.Tabs(
-        _scene("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, "/robot/collision": _off()}),
+        _scene("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, **{path: _off() for path in SWITCHED_OFF}}),
         _scene("Whole way", eye, [GHOST_ENTITY, "/path/tip"], {}),
         active_tab=0,
     )
@@ -71,7 +78,7 @@ def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     words = [rrb.TextLogView(origin="/planner/log", name="What the planner did", columns=LOG_COLUMNS)]
     if "/planner/potential" in present:
         words.append(_plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False))
-    shown = ["/robot/visual/**", "/robot/at_fault/**", "/planner/**", "/path/planned"]
+    shown = ["/robot/visual/**", "/robot/at_fault/**", "/planner/**", "/path/planned", "/path/goal", "/path/failure"]
     so_far = {path: SO_FAR for path in ("/planner/tip", "/planner/tree") if path in present}
     steps = _scene("Steps (choose the timeline 'step')", eye, shown, so_far)
     return rrb.Horizontal(
@@ -79,20 +86,30 @@ def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     )
 
 
-def _field(eye: Eye) -> rrb.Horizontal:
+def _field(eye: Eye, at_rest: bool) -> rrb.Horizontal:
     shown = ["/robot/collision/**", "/field/charges/**", "/field/forces", "/field/slice", "/path/tip"]
-    forces = _scene("Charged points and forces", eye, shown, {})
-    picture = rrb.Spatial2DView(origin="/field/picture", name="Potential in the plane along the tip's way")
-    return rrb.Horizontal(forces, picture, column_shares=[1.6, 1.0], name="Field")
+    forces = _scene("Forces on links, charged points by force (red: strong, blue: a hundredth)", eye, shown, {})
+    when = "" if at_rest else " before obstacles move"
+    words = f"Potential in the plane of the tip's way{when} (dark: far; lines: as of a wall 1, 2, 5, 10 .. cm away)"
+    picture = rrb.Spatial2DView(
+        origin=PICTURE if at_rest else PICTURE_AT_START,
+        name=words,
+        background=rrb.Background(color=BACKGROUND, kind=rrb.BackgroundKind.SolidColor),
+    )
+    return rrb.Horizontal(forces, picture, column_shares=[1.2, 1.0], name="Field")
 
 
-def _joints(present: Set[str]) -> rrb.Vertical:
+def _joints(present: Set[str]) -> rrb.Grid:
     plots = [
         ("/plots/position", "Positions [rad, m]"),
+        ("/plots/use/position", "Positions between their limits"),
+        ("/plots/velocity", "Velocities [rad/s, m/s]"),
         ("/plots/use/velocity", "Velocities as shares of their limits"),
+        ("/plots/acceleration", "Accelerations [rad/s², m/s²]"),
         ("/plots/use/acceleration", "Accelerations as shares of their limits"),
     ]
-    return rrb.Vertical(*(_plot(origin, name) for origin, name in plots if origin in present), name="Joints")
+    shown = [_plot(origin, name) for origin, name in plots if origin in present]
+    return rrb.Grid(*shown, grid_columns=min(len(shown), 2), name="Joints")
 
 
 def _documents() -> rrb.Horizontal:

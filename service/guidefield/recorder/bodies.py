@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pinocchio as pin
 import rerun as rr
@@ -24,6 +24,9 @@ COLLISION_COLOR = (96, 165, 250, 110)
 
 FAULT_COLOR = (230, 57, 53, 255)
 """Colour of what is in collision (RGBA)."""
+
+OUTSIDE = 0.003
+"""How far outside of a link its red shape is drawn: neither shines through the other [m]."""
 
 MEDIA_TYPE_GLB = "model/gltf-binary"
 
@@ -64,9 +67,10 @@ def prepare(robot: RobotModel) -> RobotBodies:
 
 
 def highlighted(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
-    """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`."""
+    """The collision geometry of some links once more, in red, as `/robot/at_fault/<body>`; just outside of the link."""
     for body in _collision_bodies(robot, links):
-        yield _chunk("at_fault", body, FAULT_COLOR)
+        assert isinstance(body.surface, Surface), "what is judged is a surface"
+        yield _chunk("at_fault", replace(body, surface=body.surface.grown(OUTSIDE)), FAULT_COLOR)
 
 
 def _collision_bodies(robot: RobotModel, links: Collection[str] | None = None) -> tuple[Body, ...]:

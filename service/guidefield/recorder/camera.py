@@ -19,7 +19,7 @@ PREFERRED_AZIMUTH = 1.96
 PREFERENCE = 1.2
 """Share of hidden points that the preferred direction makes up for."""
 
-DISTANCE = 1.9
+DISTANCE = 2.15
 """How far the eye is, as a multiple of the radius of what it looks at."""
 
 SMALLEST_RADIUS = 0.35
@@ -66,19 +66,16 @@ def choose_eye(tip: np.ndarray, joints: np.ndarray, landmarks: np.ndarray, obsta
     corners, owners = _occluders(obstacles)
     forward = np.vstack([tip, landmarks]).mean(axis=0) - joints.mean(axis=0)
     heading = float(np.arctan2(forward[1], forward[0]))
-    best, best_score, best_hits = target, np.inf, np.zeros((0, 0), bool)
-    for direction, preference in _directions(heading):
-        position = target + distance * direction
-        hits = _hits(position, points, corners)
-        score = float(hits.any(axis=1).mean()) - PREFERENCE * preference
-        if score < best_score:
-            best, best_score, best_hits = position, score, hits
-    return Eye(best, target, _hiding(best_hits, owners, obstacles))
+    directions, preferences = _directions(heading)
+    eyes = target + distance * directions
+    hits = _hits(eyes, points, corners)
+    best = int(np.argmin(hits.any(axis=2).mean(axis=1) - PREFERENCE * preferences))
+    return Eye(eyes[best], target, _hiding(hits[best], owners, obstacles))
 
 
-def _directions(heading: float) -> list[tuple[np.ndarray, float]]:
-    """Unit vectors (3,) from the target to the eye, each with how much it is preferred, from 0 to 1."""
-    directions = []
+def _directions(heading: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (e, 3) from the target to the eye, and how much each is preferred, from 0 to 1, shape (e,)."""
+    directions, preferences = [], []
     for elevation in ELEVATIONS:
         for azimuth in np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False):
             off = abs(abs(azimuth) - PREFERRED_AZIMUTH) / np.pi
@@ -86,8 +83,9 @@ def _directions(heading: float) -> list[tuple[np.ndarray, float]]:
             flat = heading + azimuth
             level = np.cos(elevation)
             direction = np.array([level * np.cos(flat), level * np.sin(flat), np.sin(elevation)])
-            directions.append((direction, 1.0 - off - side))
-    return directions
+            directions.append(direction)
+            preferences.append(1.0 - off - side)
+    return np.array(directions), np.array(preferences)
 
 
 def _occluders(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
@@ -101,20 +99,20 @@ def _occluders(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
     return corners[largest], owners[largest]
 
 
-def _hits(eye: np.ndarray, points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Which triangles (t, 3, 3) cut the segments from an eye to points (n, 3): shape (n, t).
+def _hits(eyes: np.ndarray, points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Which triangles (t, 3, 3) cut the segments from eyes (e, 3) to points (n, 3): shape (e, n, t).
 
     Source: T. Möller, B. Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997.
     """
-    rays = points - eye
+    rays = points - eyes[:, None]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    offset = eye - corners[:, 0]
+    offset = eyes[:, None] - corners[:, 0]
     turned = np.cross(offset, first)
     determinant = -rays @ np.cross(first, second).T
     inverse = 1.0 / np.where(np.abs(determinant) < 1e-12, np.inf, determinant)
-    u = rays @ np.cross(second, offset).T * inverse
-    v = rays @ turned.T * inverse
-    along = np.einsum("tk,tk->t", turned, second) * inverse
+    u = rays @ np.cross(second, offset).swapaxes(1, 2) * inverse
+    v = rays @ turned.swapaxes(1, 2) * inverse
+    along = np.einsum("etk,tk->et", turned, second)[:, None] * inverse
     inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (inverse != 0.0)
     cut: np.ndarray = inside & (along > 1e-6) & (along < 1.0 - 1e-6)
     return cut

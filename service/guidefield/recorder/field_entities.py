@@ -18,8 +18,8 @@ from guidefield.scene.field_slice import field_slice
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import planes_along
 
-MOMENTS = 13
-"""Configurations at which forces are shown, of those at which the robot is."""
+MOMENTS, MOMENTS_AMONG_MOVING = 13, 7
+"""Configurations at which forces are shown, of those at which the robot is; a scene each where obstacles move."""
 
 LONGEST_ARROW = 0.25
 """Length of the arrow of the largest force of a recording [m]."""
@@ -29,6 +29,12 @@ FORCE_DECADES = 2.0
 
 RESOLUTION = 120
 """Pixels along the longer side of a picture of the field."""
+
+QUALITY = 90
+"""Of the picture's compression (JPEG, 0 to 100)."""
+
+PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
+"""Entities of the picture: where nothing moves, and where it is that of the obstacles before they do."""
 
 ARROW_COLOR = (255, 140, 60, 255)
 POINT_RADIUS = 0.007
@@ -87,7 +93,9 @@ def picture_of_plane(scene: Scene, tip: np.ndarray) -> Iterator[Chunk]:
         return
     rows, columns = drawn.image.shape[:2]
     way = rr.LineStrips2D([plane.projected(tip, rows, columns)], colors=[(255, 255, 255, 255)], radii=[0.4])
-    yield still("/field/picture", rr.Image(drawn.image).compress(jpeg_quality=90), way)
+    picture = rr.Image(drawn.image).compress(jpeg_quality=QUALITY)
+    smooth = rr.EncodedImage.from_fields(magnification_filter="bicubic")
+    yield still(PICTURE_AT_START if scene.moves else PICTURE, picture, smooth, way)
     pane = rr.Mesh3D(
         vertex_positions=plane.corners,
         triangle_indices=[(0, 2, 1), (0, 3, 2)],

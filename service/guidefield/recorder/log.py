@@ -19,7 +19,7 @@ from guidefield.recorder.search import GROWTH
 MOST_EVENTS = 20_000
 """Events that are kept; what comes after is counted only."""
 
-MOST_FRAMES = 120
+MOST_FRAMES = 60
 """Steps at which the robot is shown: of more, as many, evenly chosen."""
 
 STEP_COLORS = {

@@ -12,6 +12,7 @@ import pinocchio as pin
 from guidefield.errors import InvalidConfiguration
 from guidefield.messages import replies as messages
 from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import JointSetGoal, JointsGoal, PlanRequest
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.configuration import LENGTHS, values_from_wire
@@ -65,6 +66,20 @@ def shown_motion(
         return _untimed(group, reply.path)
     q = group.q_origin if start is None else start
     return Motion(np.zeros(1), q[None], timed=False)
+
+
+def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -> np.ndarray | None:
+    """The goal's first configuration (nq,), if what failed is that it can't be an end of the motion; else None."""
+    goal = request.goal
+    if reply.status.details.get("stage") != "goal" or not isinstance(goal, JointsGoal | JointSetGoal):
+        return None
+    positions = goal.positions if isinstance(goal, JointsGoal) else goal.positions[0]
+    q = group.q_origin.copy()
+    for joint in group.joints:
+        if joint.name in positions:
+            value = values_from_wire(joint, positions[joint.name], InvalidConfiguration)
+            q[joint.idx_q : joint.idx_q + joint.nq] = value
+    return q
 
 
 def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> np.ndarray:

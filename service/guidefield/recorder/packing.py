@@ -13,6 +13,9 @@ from guidefield.messages import codec
 MESSAGE_COMPONENT = "message"
 """The component of a document's entity that holds the message itself."""
 
+LEVEL = 1
+"""Of compression: harder ones take three times as long and save nothing on numbers."""
+
 LARGEST_MESSAGE = 1 << 28
 """Bytes of a message, unpacked, that are read from a recording at most."""
 
@@ -21,7 +24,7 @@ _M = TypeVar("_M", bound=msgspec.Struct)
 
 def packed(message: msgspec.Struct) -> np.ndarray:
     """A message as bytes, shape (n,), uint8."""
-    return np.frombuffer(zlib.compress(codec.encode(message, codec.Encoding.MSGPACK)), np.uint8)
+    return np.frombuffer(zlib.compress(codec.encode(message, codec.Encoding.MSGPACK), LEVEL), np.uint8)
 
 
 def unpacked(content: bytes, kind: type[_M]) -> _M:

@@ -23,10 +23,10 @@ Color = tuple[int, int, int, int]
 CLEAR = 0.10
 """Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
 
-PLOTTED = 1000
+PLOTTED = 800
 """Numbers in a plot of all joints, about."""
 
-LEAST_PLOTTED = 60
+LEAST_PLOTTED = 48
 """Rows in such a plot, if there are as many."""
 
 OBSTACLE_COLOR = (94, 184, 255, 255)
@@ -67,7 +67,7 @@ def closest_pair(profile: ClearanceProfile) -> Chunk:
 
 
 def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) -> Iterator[Chunk]:
-    """Joint positions, velocities and accelerations, the latter two also as shares of their limits."""
+    """Joint positions, velocities and accelerations, as they are and as shares of their limits: -1 lower, 1 upper."""
     names, rates = group.position_names, group.velocity_names
     if trajectory is None or not trajectory.times:
         rows = position_rows(group, motion.configurations)
@@ -76,18 +76,24 @@ def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) 
     curve = thinned(curves(group, trajectory), PLOTTED // len(names))
     times = path_times(curve.times)
     yield from _curves("/plots/position", times, curve.positions, names, palette(len(names)))
+    shares = {}
+    if group.is_euclidean and np.isfinite(group.upper - group.lower).any():
+        with np.errstate(invalid="ignore"):  # joints without limits have no share of them
+            shares["position"] = (2.0 * curve.positions - group.lower - group.upper) / (group.upper - group.lower)
     for kind, values, limits in (
         ("velocity", curve.velocities, group.velocity_limits),
         ("acceleration", curve.accelerations, group.acceleration_limits),
     ):
         yield from _curves(f"/plots/{kind}", times, values, rates, palette(len(rates)))
-        bounded = np.column_stack([values / limits, np.tile([-1.0, 1.0], (len(values), 1))])
+        shares[kind] = values / limits
+    for kind, share in shares.items():
+        bounded = np.column_stack([share, np.tile([-1.0, 1.0], (len(share), 1))])
         colors = [*palette(len(rates)), LIMIT_COLOR, LIMIT_COLOR]
-        yield from _curves(f"/plots/use/{kind}", times, bounded, [*rates, "- limit", "limit"], colors)
+        yield from _curves(f"/plots/use/{kind}", times, bounded, [*rates, "lower limit", "upper limit"], colors)
 
 
 def thinned(curve: Curves, most: int) -> Curves:
-    """Every so manieth row of curves, their first and last among them, so that there are at most so many or 60."""
+    """Every so manieth row of curves, their first and last among them, so that there are at most so many."""
     rows = np.unique(np.linspace(0, len(curve.times) - 1, max(most, LEAST_PLOTTED)).round().astype(int))
     return Curves(curve.times[rows], curve.positions[rows], curve.velocities[rows], curve.accelerations[rows])
 
@@ -135,5 +141,5 @@ def _rows(rows: np.ndarray) -> Any:
 def _warmth(distance: float) -> Color:
     """Green from `CLEAR` on, over amber to red at contact."""
     hue = 0.36 * float(np.clip(distance / CLEAR, 0.0, 1.0))
-    red, green, blue = colorsys.hls_to_rgb(hue, 0.55, 0.85)
+    red, green, blue = colorsys.hls_to_rgb(hue, 0.68, 0.9)
     return round(255 * red), round(255 * green), round(255 * blue), 255

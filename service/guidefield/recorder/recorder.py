@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
+from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import ClearanceProfile
@@ -29,7 +30,7 @@ from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import Eye, choose_eye
 from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
-from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, shown_motion
+from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, refused_goal, shown_motion
 from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group import PlanningGroup
@@ -90,7 +91,10 @@ class Recorder:
             OSError: if the file cannot be written; nothing is left of it.
         """
         steps = self._log.steps()
+        refused = refused_goal(self._group, self._request, reply)
         motion = shown_motion(self._group, reply, profile, steps[-1][1].q if steps else None)
+        if refused is not None:
+            motion = Motion(np.zeros(1), refused[None], timed=False)
         at = poses(self._group, motion.configurations)
         landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
         joints = at.placements[:, :, :3].reshape(-1, 3)
@@ -98,10 +102,10 @@ class Recorder:
         drawn = bodies_file.prepared(self._group.robot, self._place.bodies)
         chunks = [
             *self._moving(reply, profile, motion, at, drawn.links),
-            *self._lasting(reply, motion, eye, drawn),
+            *self._lasting(reply, motion, at.tip[-1], eye, drawn),
         ]
         if self._full:
-            chunks += [*self._planning(reply, drawn.links), *self._field(motion, at)]
+            chunks += [*self._planning(reply, motion.configurations[0], drawn.links), *self._field(motion, at)]
         timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
         if self._place.whole:
             present = frozenset(chunk.entity_path for chunk in chunks)
@@ -128,7 +132,7 @@ class Recorder:
             yield plots.closest_pair(profile)
             yield from plots.clearance(profile, self._request.min_clearance)
 
-    def _lasting(self, reply: PlanReply, motion: Motion, eye: Eye, drawn: Drawn) -> Iterator[Chunk]:
+    def _lasting(self, reply: PlanReply, motion: Motion, tip: np.ndarray, eye: Eye, drawn: Drawn) -> Iterator[Chunk]:
         """What holds for the whole run."""
         at_fault = _colliding(reply)
         yield from bodies.highlighted(self._group.robot, at_fault)
@@ -136,6 +140,9 @@ class Recorder:
             yield ghosts
         yield from scene_entities.obstacles(self._scene.obstacles, eye.hiding, at_fault)
         yield from scene_entities.guide_planes(reply.guide_planes)
+        yield from scene_entities.goal(self._request.goal)
+        if reply.status.code != Status.SUCCESS:
+            yield scene_entities.failure(reply, tip)
         yield from documents.properties(self._request, reply, self._group, self._scene)
         yield documents.summary_document(
             self._request, reply, self._group, self._scene, [*drawn.faults, *_shown_pace(motion)]
@@ -149,7 +156,8 @@ class Recorder:
             return
         steps = self._log.steps()
         if motion.timed or not steps:
-            rows = log.shown_steps(len(motion.times), field_entities.MOMENTS)
+            most = field_entities.MOMENTS_AMONG_MOVING if self._scene.moves else field_entities.MOMENTS
+            rows = log.shown_steps(len(motion.times), most)
             qs, times = motion.configurations[rows], path_times(motion.times[rows])
             scenes = [self._scene.at(time) if motion.timed else self._scene for time in motion.times[rows].tolist()]
         else:
@@ -160,7 +168,7 @@ class Recorder:
         yield from field_entities.charges(self._group, scenes, qs, times)
         yield from field_entities.picture_of_plane(self._scene, at.tip)
 
-    def _planning(self, reply: PlanReply, links: Sequence[str]) -> Iterator[Chunk]:
+    def _planning(self, reply: PlanReply, start: np.ndarray, links: Sequence[str]) -> Iterator[Chunk]:
         """What the planner did, over its steps."""
         steps = self._log.steps()
         yield from log.text_log(self._log, reply)
@@ -168,15 +176,15 @@ class Recorder:
         numbered = list(self._log.numbered())
         yield from search.trees(self._group, [(n, event) for n, event in numbered if isinstance(event, TreeGrown)])
         yield from search.relaxed(self._group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
-        if not steps:
-            return
-        at = poses(self._group, [step.q for _, step in steps])
-        yield from log.step_points(self._log, at.tip)
         shown = log.shown_steps(len(steps))
-        times = np.array([steps[index][0] for index in shown])
-        frames = Poses(at.joints, at.placements[shown], at.tip[shown])
-        yield robot_entities.link_motion(self._group, links, frames, times, STEP)
-        yield plots.step_positions(self._group, np.array([steps[index][1].q for index in shown]), times)
+        times, qs = [steps[index][0] for index in shown], [steps[index][1].q for index in shown]
+        if not steps:  # trees and relaxed paths are told without the robot, which waits at its start
+            times, qs = [0], [start]
+        at = poses(self._group, qs)
+        yield robot_entities.link_motion(self._group, links, at, np.array(times), STEP)
+        yield plots.step_positions(self._group, np.array(qs), np.array(times))
+        if steps:
+            yield from log.step_points(self._log, poses(self._group, [step.q for _, step in steps]).tip)
 
 
 def _colliding(reply: PlanReply) -> frozenset[str]:

@@ -14,8 +14,11 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.messages import scene as messages
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import Goal, PoseGoal
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.chunks import entity, path_times, still, timed
+from guidefield.recorder.surface import Surface
 from guidefield.scene.obstacle import Obstacle
 
 Color = tuple[int, int, int, int]
@@ -24,6 +27,8 @@ Color = tuple[int, int, int, int]
 GOLDEN_ANGLE = 0.381966
 """Share of the colour circle between one obstacle's hue and the next: never close to those before it."""
 
+FAILURE_COLOR = (255, 220, 215, 255)
+GOAL_COLOR = (120, 220, 160, 255)
 FLOOR_COLOR = (118, 122, 130, 255)
 PLANE_HUES = (0.52, 0.60)
 PANE_ALPHA = 40
@@ -34,7 +39,7 @@ SEE_THROUGH_ALPHA = 70
 def obstacles(
     all_of_them: Sequence[Obstacle], see_through: Collection[str], at_fault: Collection[str]
 ) -> Iterator[Chunk]:
-    """Every obstacle as a solid body: one entity for all that are primitives of a kind, a single one for any other.
+    """Every obstacle as a solid body: one entity for all primitives of a kind, one for all walls, one for each other.
 
     Also those that move, are in collision or hide something have an entity of their own, `/obstacles/single/<name>`.
 
@@ -44,12 +49,16 @@ def obstacles(
         at_fault: Names of those that are in collision: they are red.
     """
     alike: dict[type, list[tuple[Obstacle, Color]]] = {}
+    walls: list[tuple[Obstacle, Color]] = []
     for number, obstacle in enumerate(all_of_them):
         color = bodies.FAULT_COLOR if obstacle.name in at_fault else obstacle_color(obstacle, number)
         if {obstacle.name}.isdisjoint({*see_through, *at_fault}) and obstacle.motion is None:
             kind = next((kind for kind in PRIMITIVES if isinstance(obstacle.shape, kind)), None)
             if kind is not None:
                 alike.setdefault(kind, []).append((obstacle, color))
+                continue
+            if isinstance(obstacle.message, messages.Polygon):
+                walls.append((obstacle, color))
                 continue
         drawn = surface.shaded(obstacle.vertices, obstacle.triangles)
         alpha = SEE_THROUGH_ALPHA if obstacle.name in see_through else color[3]
@@ -60,6 +69,21 @@ def obstacles(
         drawn_as = batch(shapes, np.array(placements))
         names = {"labels": [one.name for one, _ in members], "show_labels": False, "fill_mode": "solid"}
         yield still(f"/obstacles/{path}", drawn_as(colors=[color for _, color in members], **names))
+    if walls:
+        yield _walls(walls)
+
+
+def _walls(members: Sequence[tuple[Obstacle, Color]]) -> Chunk:
+    """Flat obstacles as one mesh, lit from both sides, and their names in the order of its triangles."""
+    parts = []
+    for one, color in members:
+        corners = one.vertices[one.triangles].reshape(-1, 3).astype(np.float32)
+        spanned = np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3])
+        normals = np.repeat(spanned / np.linalg.norm(spanned, axis=1, keepdims=True), 3, axis=0).astype(np.float32)
+        parts.append(Surface(corners, np.arange(len(corners), dtype=np.uint32).reshape(-1, 3), normals).colored(color))
+    return still(
+        "/obstacles/walls", bodies.mesh(surface.joined(parts)), rr.AnyValues(names=[one.name for one, _ in members])
+    )
 
 
 def single(name: str) -> str:
@@ -114,6 +138,23 @@ def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
         show_labels=True,
     )
     yield still("/guide_planes", pane, edges, labels)
+
+
+def goal(asked: Goal) -> Iterator[Chunk]:
+    """The pose that the tip is to reach, if the goal is one: its axes and its name."""
+    if isinstance(asked, PoseGoal):
+        at = rr.Transform3D(translation=asked.position, quaternion=rr.Quaternion(xyzw=asked.quaternion_xyzw))
+        name = rr.Points3D([[0.0, 0.0, 0.0]], labels=["goal"], colors=[GOAL_COLOR], radii=[0.008], show_labels=True)
+        yield still("/path/goal", at, rr.TransformAxes3D(0.1), name)
+
+
+def failure(reply: PlanReply, tip: np.ndarray) -> Chunk:
+    """Where a plan failed: a mark at the tip (3,) [m, world] as it then was, and in a few words what happened."""
+    pair = reply.status.details.get("pair")
+    between = f": {pair[0]} - {pair[1]}" if isinstance(pair, list | tuple) and len(pair) == 2 else ""
+    words = f"{reply.status.name.replace('_', ' ').lower()}{between}"
+    mark = rr.Points3D([tip], labels=[words], colors=[FAILURE_COLOR], radii=[0.015], show_labels=True)
+    return still("/path/failure", mark)
 
 
 def _rgba(hue: float, lightness: float, saturation: float, alpha: int) -> Color:

@@ -19,10 +19,10 @@ GROWTH = 8
 MOST_NODES = 200
 """Nodes of a tree that are shown: the first ones."""
 
-MOST_ITERATIONS = 10
+MOST_ITERATIONS = 8
 """Iterations of the relaxation that are shown: of more, as many, evenly chosen."""
 
-MOST_WAYPOINTS = 48
+MOST_WAYPOINTS = 32
 """Points by which a path that is being relaxed is shown."""
 
 TREE_COLOR = (150, 170, 200, 140)

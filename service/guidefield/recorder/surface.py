@@ -57,6 +57,10 @@ class Surface:
         vertices = self.vertices @ rotation + placement.translation.astype(np.float32)
         return Surface(vertices, self.triangles, self.normals @ rotation, self.colors)
 
+    def grown(self, by: float) -> Surface:
+        """The same with each vertex so far out along its normal [m]."""
+        return Surface(self.vertices + np.float32(by) * self.normals, self.triangles, self.normals, self.colors)
+
     def colored(self, color: Sequence[int]) -> Surface:
         """The same in one colour (RGBA)."""
         colors = np.tile(np.asarray(color, np.uint8), (len(self.vertices), 1))

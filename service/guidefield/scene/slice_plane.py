@@ -106,7 +106,7 @@ def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
     if path.ndim != 2 or path.shape[1] != 3 or not len(path) or not np.isfinite(path).all():
         raise ValueError(f"`path` must be finite positions, shape (n, 3), got shape {path.shape}")
     middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
-    _, strays, axes = np.linalg.svd(path - path.mean(axis=0), full_matrices=True)
+    _, strays, axes = np.linalg.svd(path - path.mean(axis=0), full_matrices=len(path) < 3)
     strays = np.r_[strays, np.zeros(3 - len(strays))]
     main = axes[0] if strays[0] > 0.0 else np.array([1.0, 0.0, 0.0])
     if strays[1] > STRAIGHT * strays[0]:
