@@ -103,6 +103,16 @@ class Client:
             request: The request.
             progress: Is called, in another thread, with how far the run is.
             fields: Those of a PlanRequest, instead of a request.
+
+        Returns:
+            The plan, or an honest "no" with its reason: look at its `status`.
+
+        Raises:
+            MalformedRequest: if it isn't a plan request, or a request and fields are given.
+            RequestTooLarge: if it is too long to be looked at.
+            ServerBusy: if too much waits already.
+            WorkerCrashed: if the process that worked on it died; the service lives on.
+            GuidefieldError: whatever else is ill-posed about it, as `errors.py` lists.
         """
         question = questions.plan(request, fields)
         assert question.run_id is not None, "a plan is asked for with a name"
@@ -115,11 +125,28 @@ class Client:
                 raise
 
     def cancel(self, run_id: str) -> str:
-        """End a run early: its reply is PREEMPTED, with the best by then; says in a sentence what that means."""
+        """End a run early: its reply is PREEMPTED, with the best by then.
+
+        Args:
+            run_id: Name of the run.
+
+        Returns:
+            A sentence that says what that means, also where no such run is under way.
+        """
         return self._ask(questions.cancel(run_id)).done
 
     def kinematics(self, request: KinematicsRequest) -> KinematicsReply:
-        """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
+        """Ask for placements, configurations, clearances or potentials.
+
+        Args:
+            request: One of the four kinematics requests.
+
+        Returns:
+            The reply of the request's kind.
+
+        Raises:
+            InvalidConfiguration, InvalidGroup, UnknownFrame, RobotInvalid, SceneInvalid: if the request is ill-posed.
+        """
         return self._ask(questions.kinematics(request))
 
     def robots(self) -> RobotsReply:
@@ -127,7 +154,14 @@ class Client:
         return self._ask(questions.robots())
 
     def robot(self, name: str) -> RobotReply:
-        """One robot: joints, limits, frames, groups, collision pairs."""
+        """One robot: joints, limits, frames, groups, collision pairs.
+
+        Args:
+            name: Its name, as `robots` lists them.
+
+        Raises:
+            RobotInvalid: if there is none of that name, or it can't be used.
+        """
         return self._ask(questions.robot(name))
 
     def store_robot(
@@ -139,11 +173,30 @@ class Client:
         meshes: Mapping[str, bytes] | None = None,
         root_joint: RootJoint = "fixed",
     ) -> None:
-        """Store a robot of one's own under a name; `meshes` are files by the URIs that the URDF has for them."""
+        """Store a robot of one's own, in place of an earlier one of its name.
+
+        Args:
+            name: What to call it; not a name of the catalog.
+            urdf: Its URDF's text.
+            srdf: Its SRDF's text.
+            meshes: Mesh files, and what they name, by the URIs that the URDF and they have for them.
+            root_joint: How its root link moves in the world.
+
+        Raises:
+            RobotInvalid: if it can't be used, or the name is the catalog's.
+            RequestTooLarge: if it is too large, or too many are stored.
+        """
         self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))
 
     def delete_robot(self, name: str) -> None:
-        """Forget a stored robot."""
+        """Forget a stored robot.
+
+        Args:
+            name: Its name.
+
+        Raises:
+            RobotInvalid: if none of that name is stored.
+        """
         self._ask(questions.delete_robot(name))
 
     def scenes(self) -> list[str]:
@@ -151,31 +204,76 @@ class Client:
         return self._ask(questions.scenes()).scenes
 
     def scene(self, name: str) -> Scene:
-        """One scene."""
+        """One scene.
+
+        Args:
+            name: Its name, as `scenes` lists them.
+
+        Raises:
+            SceneInvalid: if there is none of that name.
+        """
         return self._ask(questions.scene(name)).scene
 
     def store_scene(self, scene: Scene) -> None:
-        """Store a scene under its own name."""
+        """Store a scene under its own name.
+
+        Raises:
+            SceneInvalid: if something in it can't be used, or the name is a packaged scene's.
+        """
         self._ask(questions.store_scene(scene))
 
     def delete_scene(self, name: str) -> None:
-        """Forget a stored scene."""
+        """Forget a stored scene.
+
+        Args:
+            name: Its name.
+
+        Raises:
+            SceneInvalid: if none of that name is stored.
+        """
         self._ask(questions.delete_scene(name))
 
     def runs(self, *, status: str | None = None, robot: str | None = None, since: float | None = None) -> RunsReply:
-        """The runs that are kept, newest first: those of a status or robot, or begun since a time [s since 1970]."""
+        """The runs that are kept, newest first.
+
+        Args:
+            status: Only those that ended so, by the name of a status.
+            robot: Only those of a robot.
+            since: Only those begun since then [s since 1970].
+        """
         return self._ask(questions.runs(status, robot, since))
 
     def run(self, run_id: str) -> RunReply:
-        """One run: its request, and its reply once there is one."""
+        """One run: its request, and its reply once there is one.
+
+        Args:
+            run_id: Its name.
+
+        Raises:
+            UnknownObject: if none of that name is kept.
+        """
         return self._ask(questions.run(run_id))
 
     def delete_run(self, run_id: str) -> None:
-        """Forget one run with its recording."""
+        """Forget one run with its recording.
+
+        Args:
+            run_id: Its name.
+
+        Raises:
+            UnknownObject: if none of that name is kept.
+        """
         self._ask(questions.delete_run(run_id))
 
     def recording(self, run_id: str) -> bytes:
-        """The recording of one run, to be written to an `.rrd` file."""
+        """The recording of one run, to be written to an `.rrd` file.
+
+        Args:
+            run_id: Its name.
+
+        Raises:
+            UnknownObject: if none of that name is kept, or it has no recording.
+        """
         return self._ask(questions.recording(run_id))
 
     def info(self) -> InfoReply:

@@ -76,8 +76,12 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
         fields: Those of a plan request.
 
     Raises:
-        MalformedRequest: if that isn't a plan request.
+        MalformedRequest: if that isn't a plan request, or both are given.
     """
+    if request is not None and fields:
+        raise MalformedRequest(
+            f"give a plan request or its fields, not both; beside a request came {', '.join(fields)}"
+        )
     given = codec.decode_request(fields if request is None else request)
     if not isinstance(given, PlanRequest):
         raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")
