@@ -9,8 +9,9 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.guide import ON_PLANE, cross
+from guidefield.planner.guide import cross
 from guidefield.planner.problem import Budget
+from guidefield.planner.rounds import ON_PLANE
 from guidefield.planner.steps import reach_point
 from guidefield.planner.tip_reach import inset_of, tip_radius
 from guidefield.planner.trace import Step

@@ -9,10 +9,11 @@ from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.aim import ANYWHERE
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.constraints import on_plane
-from guidefield.planner.guide import ON_PLANE, cross
+from guidefield.planner.guide import cross
 from guidefield.planner.minimizer import descend
 from guidefield.planner.problem import Problem
 from guidefield.planner.projected import Projected
+from guidefield.planner.rounds import ON_PLANE
 from guidefield.planner.settling import Minimizer
 from guidefield.planner.steps import Walker
 from guidefield.planner.univariate import Univariate

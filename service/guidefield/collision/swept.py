@@ -76,6 +76,10 @@ class SweptWorld:
             z0, z1 = E @ z0 + offset, E @ z1 + offset
         return bool(motion_apart(self.robot, self.tables, z0, z1, margin, SELF_MARGIN, FLOOR))
 
+    def keeps(self, q: np.ndarray, margin: float) -> bool:
+        """`apart` at a single configuration (nq,): True is rigorous."""
+        return self.apart(*self.ends(q, q), margin)
+
     @cached_property
     def _zero(self) -> np.ndarray:
         """The chart's origin, shape (nv,)."""

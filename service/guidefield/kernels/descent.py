@@ -42,7 +42,9 @@ class Settings(NamedTuple):
     Attributes:
         regularization: Share of the metric's mean diagonal added to it.
         on_constraint: How near a trial comes to the constraint [m or rad].
-        tolerance: It ends where a step promises, or brings, less than this share of U.
+        tolerance: It ends where a step promises, or brings, less than this share of U ..
+        fine: .. and, where the robot is then nearer to obstacles than `close`, less than this share.
+        close: See `fine` [m].
         margin: Distance kept from obstacles [m].
         self_margin: What capsules of the robot keep from each other [m].
         floor: Motions are halved down to this [m].
@@ -52,13 +54,15 @@ class Settings(NamedTuple):
     regularization: float
     on_constraint: float
     tolerance: float
+    fine: float
+    close: float
     margin: float
     self_margin: float
     floor: float
     exact: int
 
 
-SETTINGS = types.NamedTuple((SCALAR, SCALAR, SCALAR, SCALAR, SCALAR, SCALAR, types.int64), Settings)
+SETTINGS = types.NamedTuple((*(SCALAR,) * 8, types.int64), Settings)
 COUNTS_OUT = types.Array(types.int64, 1, "C")
 
 
@@ -130,6 +134,12 @@ def _taken(
     return _TAKEN, reached
 
 
+@inlined
+def _is_close(swept: Any, bodies: Any, settings: Any, z: Floats) -> bool:
+    """Whether the capsules at chart coordinates are nearer to obstacles than `settings.close`, or can't tell."""
+    return not motion_apart(swept, bodies, z, z, settings.close, settings.self_margin, settings.floor)
+
+
 @compiled(
     [
         types.int64(
@@ -173,12 +183,14 @@ def descend(
     U = forces(mover.joints, robot, tables, here.q, here.world, here.wrenches, here.inertias)
     counts_out[0], counts_out[1], counts_out[2] = 0, 1, 0
     potentials_out[0] = U
-    alpha = longest
+    alpha, tolerance = longest, settings.tolerance
     while counts_out[0] < path_out.shape[0]:
         slope = direction(mover, constraint, settings.regularization, here, factors, room)
-        if -slope < settings.tolerance * U or slope >= 0.0:
-            return ENDED
         chart_values(mover.joints, here.q, swept.origin, zero, z0)
+        if -slope < tolerance * U and tolerance > settings.fine and _is_close(swept, bodies, settings, z0):
+            tolerance = settings.fine
+        if -slope < tolerance * U or slope >= 0.0:
+            return ENDED
         verdict, reached = _REFUSED, 0.0
         while verdict == _REFUSED and alpha > 0.5**_TRIALS:
             if _retracted(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
@@ -196,6 +208,8 @@ def descend(
         before, U, alpha = U, reached, 1.0
         potentials_out[counts_out[0]] = U
         here, there = there, here
-        if before - U < settings.tolerance * before:
-            return ENDED
+        if before - U < tolerance * before:
+            if tolerance <= settings.fine or not _is_close(swept, bodies, settings, z1):
+                return ENDED
+            tolerance = settings.fine
     return OUT_OF_STEPS

@@ -9,7 +9,7 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.mover import MOVER, Mover, tip_jacobian, tip_position
-from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.signatures import MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled, inlined
 from guidefield.kernels.tree_kinematics import joint_placements, motion_subspaces
 
 ON_PLANE, HELD, SLIDING = 1, 3, 4
@@ -32,7 +32,8 @@ class TipConstraint(NamedTuple):
     rotation: Floats
 
 
-CONSTRAINT = types.NamedTuple((types.int64, VECTOR, VECTOR, MATRIX), TipConstraint)
+CONSTRAINT = types.NamedTuple((types.int64, VECTOR_OUT, VECTOR_OUT, MATRIX_OUT), TipConstraint)
+"""Its arrays may be written to: a kernel moves it from round to round."""
 
 
 @inlined

@@ -40,7 +40,7 @@ class Aim:
     def closest_point(self, point: np.ndarray) -> np.ndarray:
         """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
         closest = np.empty(3)
-        closest_point(self._table, point, closest)
+        closest_point(self.table, point, closest)
         return closest
 
     def distance(self, point: np.ndarray) -> float:
@@ -49,14 +49,15 @@ class Aim:
 
     def within(self, farthest: float) -> TipGuard:
         """A guard: the tip may not be farther from the inset polygon than this [m]."""
-        return self._table._replace(farthest=farthest)
+        return self.table._replace(farthest=farthest)
 
     def inside(self, depth: float) -> TipGuard:
         """A guard: the tip's foot may not come nearer to the polygon's edges than this [m], whatever its height."""
-        return self._table._replace(depth=min(depth, self.plane.inradius) - SLACK * self.plane.flat.size)
+        return self.table._replace(depth=min(depth, self.plane.inradius) - SLACK * self.plane.flat.size)
 
     @cached_property
-    def _table(self) -> TipGuard:
+    def table(self) -> TipGuard:
+        """The polygon for the kernels: a guard that lets the tip be anywhere."""
         flat, inset = self.plane.flat, min(self.inset, self.plane.inradius)
         return TipGuard(
             origin=frozen(flat.origin),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from guidefield.errors import InvalidGroup
-from guidefield.planner.guide import FIRST_STEP, PROJECTED, Attempt
+from guidefield.planner.guide import PROJECTED
+from guidefield.planner.rounds import FIRST_STEP, Attempt
 from guidefield.planner.univariate import Univariate
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.link_chain import link_chain

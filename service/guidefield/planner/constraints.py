@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kernels.field_tables import frozen
 from guidefield.kernels.tip_constraint import HELD, ON_PLANE, SLIDING, TipConstraint, constraint_at
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.mover import mover_of
 
-_NONE = frozen(np.eye(3))
+_NONE = np.eye(3)
 
 
 def on_plane(point: np.ndarray, normal: np.ndarray) -> TipConstraint:
@@ -55,4 +54,4 @@ def evaluated(constraint: TipConstraint, group: PlanningGroup, q: np.ndarray) ->
 
 
 def _held(values: np.ndarray) -> np.ndarray:
-    return frozen(np.array(values, dtype=np.float64))
+    return np.array(values, dtype=np.float64, order="C")

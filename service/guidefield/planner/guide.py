@@ -7,44 +7,27 @@ accepted step belongs to the path.
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from guidefield.collision.swept import swept_world
 from guidefield.errors import Status
 from guidefield.planner.aim import Aim
 from guidefield.planner.problem import Problem
 from guidefield.planner.projected import Blocks, Projected
-from guidefield.planner.settling import Minimizer
+from guidefield.planner.rounds import FIRST_STEP, Attempt, Round, rounds
 from guidefield.planner.steps import MARGIN, Walker
 from guidefield.planner.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.trace import Note, Step
 from guidefield.scene.guide_plane import GuidePlane
 
-FIRST_STEP = 0.1
-"""Length of an advance, delta_0 [m]: a third of a link, a third of a mouth."""
-SMALLEST_STEP = FIRST_STEP / 50
-"""Below this an advance is given up, delta_min [m]."""
-GUARD = 0.5
-"""Share of an advance's gain that slide and reorient have to keep, 1 - beta."""
-ON_PLANE = 1e-4
-"""How near the plane counts as on it [m]."""
 CREEPING = 0.1
 """A round gains little if it brings less than this share of what an advance may bring."""
 CREEPING_ROUNDS = 3
 """So many such rounds in a row are a standstill."""
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """One way of trying a plane: who minimises, and the length of an advance [m]."""
-
-    minimizer: Minimizer
-    step: float
-
 
 PROJECTED = (
     Attempt(Projected(Blocks.ONE), FIRST_STEP),
@@ -104,36 +87,6 @@ def cross(
     return best
 
 
-class Round(enum.Enum):
-    """How a round of advance, slide and reorient ended."""
-
-    ARRIVED = "arrived"
-    NEARER = "nearer"
-    BLOCKED = "blocked"
-
-
-def approach(walker: Walker, aim: Aim, attempt: Attempt) -> Round:
-    """One round towards a guide plane: advance, slide and reorient; the walker takes every step."""
-    distance = aim.distance(walker.tip)
-    if distance <= ON_PLANE:
-        return Round.ARRIVED
-    direction = (aim.closest_point(walker.tip) - walker.tip) / distance
-    since = len(walker.path) - 1
-    step, smallest = min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance)
-    moved = walker.advance(direction, step, smallest, attempt.minimizer.reach)
-    if moved.q is None:
-        return Round.BLOCKED
-    arrived = moved.step >= distance - ON_PLANE
-    if arrived:  # minimise in the guide plane itself, inside its polygon
-        plane = aim.plane
-        attempt.minimizer.settle(walker, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
-    else:
-        gained = distance - aim.distance(walker.tip)
-        attempt.minimizer.settle(walker, walker.tip, direction, aim.within(distance - GUARD * gained))
-    walker.straighten(since)
-    return Round.ARRIVED if arrived else Round.NEARER
-
-
 def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
     """Rounds until the tip is on the plane or a reason to give up turns up."""
     aim = Aim(plane, inset_of(problem, plane))
@@ -143,20 +96,20 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
     while True:
         if (spent := problem.budget.spent()) is not None:
             return _given_up(spent, "planning was stopped", walker, aim, index)
-        distance = aim.distance(walker.tip)
-        ended = approach(walker, aim, attempt)
-        if ended is Round.BLOCKED:
-            return _blocked(walker, aim, index)
-        if ended is Round.ARRIVED:
-            return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
-        kept = distance - aim.distance(walker.tip)
-        creeping = creeping + 1 if kept < CREEPING * min(attempt.step, distance) else 0
-        if creeping >= CREEPING_ROUNDS:
-            return _given_up(
-                Status.STUCK_IN_MINIMUM,
-                f"stuck in a minimum of the potential {1000 * distance:.0f} mm before guide plane {plane.name!r}",
-                walker, aim, index,
-            )  # fmt: skip
+        for made in rounds(walker, aim, attempt):
+            if made.ended is Round.BLOCKED:
+                return _blocked(walker, aim, index)
+            if made.ended is Round.ARRIVED:
+                return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
+            little = made.before - made.after < CREEPING * min(attempt.step, made.before)
+            creeping = creeping + 1 if little else 0
+            if creeping >= CREEPING_ROUNDS:
+                return _given_up(
+                    Status.STUCK_IN_MINIMUM,
+                    f"stuck in a minimum of the potential {1000 * made.before:.0f} mm before guide plane"
+                    f" {plane.name!r}",
+                    walker, aim, index,
+                )  # fmt: skip
 
 
 def _blocked(walker: Walker, aim: Aim, index: int) -> Crossing:
@@ -202,5 +155,7 @@ def margin_at(problem: Problem, q: np.ndarray) -> float:
         problem: Robot, world and what is asked for.
         q: Where the robot starts, shape (nq,).
     """
+    if swept_world(problem.world).keeps(q, 2.0 * MARGIN):
+        return max(problem.min_clearance, MARGIN)
     start = max(problem.world.clearance(q).obstacle_distance, 0.0)
     return max(problem.min_clearance, min(MARGIN, 0.5 * start))

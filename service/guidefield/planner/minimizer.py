@@ -46,6 +46,14 @@ class Descent:
         return self.potentials[-1]
 
 
+def settings_of(walker: Walker, tolerance: float) -> Settings:
+    """How descents go, for the kernels."""
+    exact = int(swept_world(walker.problem.world).exact)
+    return Settings(
+        REGULARIZATION, ON_CONSTRAINT, tolerance, FINE, CLOSE, walker.margin, SELF_MARGIN, FLOOR, exact
+    )  # fmt: skip
+
+
 def descend(
     walker: Walker,
     constraint: TipConstraint,
@@ -71,12 +79,9 @@ def descend(
     while True:
         found = np.empty((min(AT_ONCE, most_steps - len(path)), len(q)))
         values = np.empty(len(found) + 1)
-        settings = Settings(
-            REGULARIZATION, ON_CONSTRAINT, tolerance, walker.margin, SELF_MARGIN, FLOOR, int(swept.exact)
-        )  # fmt: skip
         answer = descend_kernel(
-            mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard, settings,
-            q, longest, found, values, trial, counts,
+            mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard,
+            settings_of(walker, tolerance), q, longest, found, values, trial, counts,
         )  # fmt: skip
         steps = int(counts[0])
         field.evaluations += int(counts[1])
@@ -90,16 +95,11 @@ def descend(
                 q = found[steps]
                 path.append(q[planned])
                 potentials.append(float(trial[1]))
-                if before - potentials[-1] < tolerance * before:
+                if before - potentials[-1] < tolerance * before and walker.keeps(path[-1], path[-1], CLOSE):
                     answer = ENDED
             else:
                 longest = 0.5 * float(trial[0])
-        if len(path) >= most_steps or problem.budget.spent():
+        if answer == ENDED or len(path) >= most_steps or problem.budget.spent():
             break
-        if answer == ENDED:
-            stands = q[planned]
-            if tolerance <= FINE or walker.keeps(stands, stands, CLOSE):
-                break
-            tolerance = FINE
     problem.counters.iterations += len(path)
     return Descent(tuple(path), tuple(potentials))

@@ -15,11 +15,12 @@ from guidefield.collision.timed_certificate import certify_timed
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
 from guidefield.planner.finish import Finished, finish
-from guidefield.planner.guide import PROJECTED, Attempt, cross
+from guidefield.planner.guide import PROJECTED, cross
 from guidefield.planner.leaving import Left, after, joined, leave
 from guidefield.planner.onward import Found, connect_to_goal, connect_to_plane
 from guidefield.planner.problem import Problem
 from guidefield.planner.refusal import refusal
+from guidefield.planner.rounds import Attempt
 from guidefield.planner.stages import StageFailed, Stages
 from guidefield.planner.timed import cross_planes_timed
 from guidefield.planner.trace import Note, StageLeft

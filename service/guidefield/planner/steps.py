@@ -135,7 +135,13 @@ class Walker:
             return None
         return motion_free(self.problem.world, *self._refused, self.margin)
 
-    def take(self, q: np.ndarray, kind: str, message: str, potential: float | None = None) -> None:
+    def refused_between(self, *ends: np.ndarray) -> None:
+        """Note the ends of the last motion that was not free, two configurations (nq,); none if there was none."""
+        self._refused = swept_world(self.problem.world).ends(*ends) if ends else None
+
+    def take(
+        self, q: np.ndarray, kind: str, message: str, potential: float | None = None, *, kept: bool = True
+    ) -> None:
         """Accept a configuration.
 
         Args:
@@ -143,9 +149,11 @@ class Walker:
             kind: What kind of step it is.
             message: What an observer is told of it.
             potential: U there [m], if it is known.
+            kept: Whether it belongs to the path: not where a straight way was found that leaves it out.
         """
-        self.path.append(q)
-        self._tip = None
+        if kept:
+            self.path.append(q)
+            self._tip = None
         self.problem.tell(Step(kind, q, message, potential, self.plane))
 
     def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Moved:

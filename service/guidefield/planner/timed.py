@@ -17,8 +17,9 @@ from guidefield.collision.certificate import Verdict
 from guidefield.collision.timed_certificate import certify_moving
 from guidefield.errors import Status
 from guidefield.planner.aim import ANYWHERE, Aim
-from guidefield.planner.guide import ON_PLANE, Attempt, Round, approach, margin_at
+from guidefield.planner.guide import margin_at
 from guidefield.planner.problem import Problem
+from guidefield.planner.rounds import ON_PLANE, Attempt, Round, approach
 from guidefield.planner.stages import StageFailed, Stages
 from guidefield.planner.steps import Walker
 from guidefield.planner.tip_reach import inset_of, unreachable_at_once

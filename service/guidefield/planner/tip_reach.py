@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.ball import obstacle_touched
+from guidefield.collision.swept import swept_world
 from guidefield.kept import kept_with
+from guidefield.kernels.distance import distance_at_points
+from guidefield.kernels.field_tables import frozen
 from guidefield.planner.problem import Problem
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.chart import TRANSLATION
@@ -58,6 +61,8 @@ def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
         )
     corners = plane.inset_vertices(inset_of(problem, plane))
     places = np.vstack([plane.centroid, *(plane.centroid + t * (corners - plane.centroid) for t in (0.5, 1.0))])
+    if distance_at_points(swept_world(problem.world).tables, places, 2.0 * radius)[0].max() > radius:
+        return None
     blocking = None
     for place in places:
         touched = obstacle_touched(problem.scene, place, radius)
@@ -69,7 +74,11 @@ def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
 
 def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
     """Origin of the first planned joint, shape (3,) [m, world], and the sum of lengths to the tip [m]."""
-    group = problem.group
+    return _arm_reach(problem.group)
+
+
+@kept_with
+def _arm_reach(group: PlanningGroup) -> tuple[np.ndarray, float]:
     tip_frame = group.model.frames[group.tip_id]
     chain = [index for index in group.model.supports[tip_frame.parentJoint] if index]
     lengths = [float(np.linalg.norm(group.model.jointPlacements[index].translation)) for index in chain[1:]]
@@ -79,4 +88,4 @@ def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
         if joint.kind in TRANSLATION and joint.name in names:
             at = TRANSLATION[joint.kind]
             reach += float(np.linalg.norm(np.maximum(np.abs(joint.lower[at]), np.abs(joint.upper[at]))))
-    return group.model.jointPlacements[chain[0]].translation.copy(), reach
+    return frozen(group.model.jointPlacements[chain[0]].translation.copy()), reach
