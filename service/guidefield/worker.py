@@ -101,5 +101,4 @@ class EngineWorker:
             return False, codec.encode(error_reply(error), job.query.encoding)
         except Exception as error:
             _log.exception("an answer could not be written")
-            failure = InternalFailure(f"a bug in guidefield stopped this answer: {type(error).__name__}: {error}")
-            return False, codec.encode(error_reply(failure), job.query.encoding)
+            return False, codec.encode(error_reply(InternalFailure.of(error)), job.query.encoding)

@@ -9,11 +9,7 @@ from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import PlanRequest
-
-PATIENCE = 60.0
-"""A worker that plans longer than its request allows by this is stopped [s]."""
-LONGEST_WORK = 600.0
-"""A worker that works longer on anything but a plan is stopped [s]."""
+from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK
 
 
 class CannotWork(RuntimeError):
@@ -44,4 +40,4 @@ def seconds_for(request: bytes) -> float:
         decoded = codec.decode_request(request)
     except GuidefieldError:
         return LONGEST_WORK
-    return decoded.allowed_planning_time + PATIENCE if isinstance(decoded, PlanRequest) else LONGEST_WORK
+    return decoded.allowed_planning_time + BACKSTOP if isinstance(decoded, PlanRequest) else LONGEST_WORK

@@ -94,7 +94,7 @@ class Asked:
             self._refuse(error)
         except Exception as error:
             _log.exception("a query failed with a bug of ours")
-            self._refuse(InternalFailure(f"a bug in guidefield stopped this query: {type(error).__name__}: {error}"))
+            self._refuse(InternalFailure.of(error))
 
     def _refuse(self, error: GuidefieldError) -> None:
         try:

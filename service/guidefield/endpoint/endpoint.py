@@ -30,7 +30,7 @@ from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import Done, error_reply
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import Answer, Deadline, Task
+from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Answer, Deadline, Task
 from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import Runs
@@ -40,10 +40,6 @@ HEAVY_KEYS = ("plan", "kinematics", "robots")
 """What needs a worker; and so does any other query with a payload."""
 KINDS = ("plan", "kinematics", "robots", "scenes", "runs", "info")
 """What queries are timed under, by the first chunk of their key."""
-BACKSTOP = 60.0
-"""A worker that plans longer than its request allows by this is stopped [s]."""
-LONGEST_WORK = 600.0
-"""A worker that works longer on anything but a plan is stopped [s]."""
 MOST_READS = 64
 """How many queries for files may wait."""
 

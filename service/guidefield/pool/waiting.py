@@ -14,6 +14,11 @@ from guidefield.errors import ServerBusy
 Answer = tuple[bool, bytes]
 """Whether it is a reply, or else an error; and the payload."""
 
+BACKSTOP = 60.0
+"""A worker that plans longer than its request allows by this is to be stopped [s]."""
+LONGEST_WORK = 600.0
+"""A worker that works longer on anything but a plan is to be stopped [s]."""
+
 
 @dataclass(frozen=True)
 class Deadline:
