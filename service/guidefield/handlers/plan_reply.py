@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def reply_to(
     received: float,
     load_seconds: float,
     measure_seconds: float,
-    warnings: list[str],
+    warnings: Sequence[str],
 ) -> PlanReply:
     """Put a plan into the wire's words.
 
