@@ -45,7 +45,7 @@ def test_every_triangle_is_once_in_the_tree_and_within_the_balls_above(count: in
         return below(links[node, 0]) + below(links[node, 1])
 
     for node in range(root, len(links)):  # a polytope's vertices are the corners below it, where it is of few
-        if links[node, 0] >= 0 and links[node, 2] >= 0 and (triangles := below(node)) and len(triangles) < 22:
+        if links[node, 0] >= 0 and links[node, 2] >= 0 and (triangles := below(node)) and len(triangles) < 86:
             _, first, blocks = shapes[links[node, 2]]
             held = vertices[first : first + blocks].transpose(0, 2, 1).reshape(-1, 3)
             apart = np.linalg.norm(np.concatenate(triangles)[:, None] - held, axis=2)

@@ -11,9 +11,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.collision.mesh_tree import MeshTree, mesh_tree
 from guidefield.geometry.decomposition import Decomposition
+from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
+from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import PART, POLYTOPE, TRIANGLE, Parts
@@ -97,7 +97,8 @@ class PartsTable:
         root = self._n_nodes
         self._n_parts += count
         self._n_nodes += len(mesh.balls)
-        for nodes, corners in mesh.clusters:
+        for nodes, members in mesh.clusters:
+            corners = corners_of_clusters(mesh.corners, members)
             links[nodes, 2] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
         for node, hull in mesh.hulls.items():
             links[node, 2] = self._add_hull(_moved(placement, hull))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.collision.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.decomposition import Decomposition, decompose
+from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.solid import solid
 from guidefield.kernels.beyond_planes import not_beyond
 from tests.collision.test_lanes import torus

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.collision.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
 from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.decomposition import Decomposition, Part
 from guidefield.geometry.elements import Pieces, bisected
+from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
 from guidefield.kernels.beyond_planes import not_beyond
 
 LONGEST = 0.08
@@ -74,12 +74,12 @@ def _stored(tree: MeshTree) -> Arrays:
         "nodes": np.array(list(tree.hulls), np.int64),
         "counts": np.array([len(vertices) for vertices in tree.hulls.values()], np.int64),
         **{f"nodes {most}": nodes for most, (nodes, _) in zip(CLUSTERS, tree.clusters, strict=True)},
-        **{f"corners {most}": corners for most, (_, corners) in zip(CLUSTERS, tree.clusters, strict=True)},
+        **{f"members {most}": rows for most, (_, rows) in zip(CLUSTERS, tree.clusters, strict=True)},
     }
 
 
 def _restored(arrays: Arrays) -> MeshTree:
     hulls = np.split(arrays["hulls"], np.cumsum(arrays["counts"])[:-1])
     polytopes = dict(zip(arrays["nodes"].tolist(), hulls, strict=False))
-    clusters = tuple((arrays[f"nodes {most}"], arrays[f"corners {most}"]) for most in CLUSTERS)
+    clusters = tuple((arrays[f"nodes {most}"], arrays[f"members {most}"]) for most in CLUSTERS)
     return MeshTree(arrays["corners"], arrays["balls"], arrays["links"], polytopes, arrays["pieces"], clusters)

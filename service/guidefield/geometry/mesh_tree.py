@@ -13,8 +13,8 @@ MOST_VERTICES = 192
 """A hull with more gives way to a polytope about it with about as many."""
 
 
-CLUSTERS = (5, 21)
-"""The first nodes on the way down that hold no more triangles get their corners as a polytope: 16 or 64 of them."""
+CLUSTERS = (5, 21, 85)
+"""The first nodes on the way down with no more triangles get their corners as a polytope: 16, 64 or 256 of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +27,8 @@ class MeshTree:
         links: Children and triangle of each node, shape (n, 3); -1 where there is none.
         hulls: Vertices of polytopes about all that is below a node, each of shape (k, 3) [m], by node.
         pieces: Nodes, shape (p,), that together are all of it, each nearly convex if that is known; else the root.
+        clusters: For each of `CLUSTERS` the nodes, shape (k,), and the triangles below each, shape (k, most): one of
+            them fills what is left.
     """
 
     corners: np.ndarray
@@ -52,7 +54,7 @@ def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree
         balls.append(_balls_about(triangles[members], starts, sizes))
         for most, nodes in zip(CLUSTERS, found, strict=True):
             first = np.flatnonzero((sizes > 1) & (sizes <= most) & (above > most))
-            nodes.append((made + first, _corners(triangles, members, starts[first], sizes[first], most)))
+            nodes.append((made + first, _runs(members, starts[first], sizes[first], most)))
         split = sizes > 1
         children = made + len(sizes) + 2 * np.cumsum(split) - 2
         rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
@@ -98,20 +100,23 @@ def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:
     clusters = tuple(
         (
             np.concatenate([tree.clusters[k][0] + n for tree, n in zip(trees, nodes, strict=True)]),
-            np.concatenate([tree.clusters[k][1] for tree in trees]),
+            np.concatenate([tree.clusters[k][1] + p for tree, p in zip(trees, parts, strict=True)]),
         )
         for k in range(len(CLUSTERS))
     )
     return MeshTree(corners, balls, np.concatenate([top, *links]), hulls, nodes.astype(np.int64), clusters)
 
 
-def _corners(
-    triangles: np.ndarray, members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int
-) -> np.ndarray:
-    """The corners of runs of at most so many triangles, shape (n, 16 or 64, 3): one of them fills what is left."""
-    chosen = members[starts[:, None] + np.minimum(np.arange(most), sizes[:, None] - 1)]
-    corners = triangles[chosen].reshape(len(starts), 3 * most, 3)
-    return np.concatenate([corners, corners[:, :1]], axis=1)
+def corners_of_clusters(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
+    """The corners of clusters of triangles (k, most), a multiple of sixteen of each; shape (k, 3 most + 1, 3)."""
+    found = corners[members].reshape(len(members), 3 * members.shape[1], 3)
+    return np.concatenate([found, found[:, :1]], axis=1)
+
+
+def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int) -> np.ndarray:
+    """Runs of members as rows (n, most), the last of each repeated."""
+    rows: np.ndarray = members[starts[:, None] + np.minimum(np.arange(most), sizes[:, None] - 1)]
+    return rows
 
 
 def _balls_about(triangles: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
