@@ -34,6 +34,10 @@ UNIMPORTED = {"example-robot-data", "pillow", "pycollada", "scipy"}
 """Data, and what trimesh needs for the files and questions that we give it."""
 COMES_WITH_NUMBA = {"llvmlite"}
 """numba demands the one version that fits."""
+SHAPE = re.compile(r"\((?:[\w.+*/ -]|\.\.\.)+,(?:[\w.+*/, -]|\.\.\.)*\)|\(\d\)|shape")
+"""How docstrings say shapes: (n, 3), (nq,), (3), or in words."""
+AS_ANOTHER = re.compile(r"`\w+`")
+"""Another function, whose docstring says them."""
 HOME_PATH = re.compile(r"(?<![\w.])/(?:root|home|Users)/\w+")
 
 
@@ -111,6 +115,30 @@ def test_names_say_what_things_are(path: Path) -> None:
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Name | ast.Call):
             raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
             assert not (isinstance(raised, ast.Name) and raised.id == "NotImplementedError")
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_relative)
+def test_a_public_function_says_the_shape_of_its_arrays(path: Path) -> None:
+    silent = []
+    for holder, function in _public_functions(ast.parse(path.read_text())):
+        annotations = [argument.annotation for argument in (*function.args.args, *function.args.kwonlyargs)]
+        kinds = " ".join(ast.unparse(kind) for kind in (*annotations, function.returns) if kind is not None)
+        if re.search(r"ndarray|NDArray|Floats|Integers", kinds):
+            said = (ast.get_docstring(function) or "").replace(f"`{function.name}`", "")
+            if not (SHAPE.search(said) or AS_ANOTHER.search(said)):
+                silent.append(f"{holder}{function.name}")
+    assert not silent, f"no shape is said of the arrays of {', '.join(silent)}"
+
+
+def _public_functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
+    """Public functions and methods of public classes; before each the name of its class."""
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            yield "", node
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            for method in node.body:
+                if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
+                    yield f"{node.name}.", method
 
 
 def test_no_file_speaks_of_somebodys_home() -> None:

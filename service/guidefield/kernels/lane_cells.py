@@ -117,7 +117,7 @@ def left_of_cells(
     coordinates: Floats32,
     scratch: Scratch,
 ) -> int:
-    """The lanes of a mask whose cells are not known to keep the bodies of a meeting apart."""
+    """The lanes of a mask whose cells are not known to keep a meeting's bodies apart; shapes as in `block_touches`."""
     grids, numbers, places, verdicts = bodies.grids, bodies.grid_numbers, scratch.places, bodies.verdicts
     place, at, left = GRID_PLACES * meeting, GRID_NUMBERS * meeting, 0
     count_u, count_v, start = grids[place + 1], grids[place + 3], grids[place + 4]

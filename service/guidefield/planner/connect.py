@@ -166,7 +166,7 @@ class LaneTree:
         return None if found.path is None else self._lanes.shortened(found.path, resolution, problem.min_clearance)
 
     def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002 - lanes need none
-        """See `Proposer`: what was proposed is as short as lanes make it."""
+        """See `Proposer`: what was proposed, shape (n, nv), is as short as lanes make it."""
         return path
 
 
@@ -190,7 +190,7 @@ class SampledTree:
         return None if found.path is None else np.array(found.path)
 
     def shortened(self, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """See `Proposer`."""
+        """See `Proposer`, with the same shapes."""
         return shortcut(self._problem, path, rng)
 
 

@@ -68,6 +68,14 @@ class KeptWaypoints:
         return {plane: int(self.at[which]) for plane, which in self.planes.items()}
 
     def spread(self, path: np.ndarray, segments: int) -> tuple[np.ndarray, KeptWaypoints]:
-        """The path with its other waypoints spread evenly over about so many segments, and these in it."""
+        """The path with its other waypoints spread evenly over about so many segments, and these in it.
+
+        Args:
+            path: Chart points, shape (n, nv) [rad or m].
+            segments: About how many segments there are to be.
+
+        Returns:
+            Chart points, shape (k, nv), and the kept ones among them.
+        """
         points, at = respaced(path, self.at, segments)
         return points, replace(self, at=at)

@@ -59,7 +59,7 @@ class Projected:
             yield reached
 
     def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
-        """Slide and reorient on a plane until U falls no more."""
+        """Slide and reorient on a plane until U falls no more; see `Minimizer`, with the same shapes."""
         problem = walker.problem
         if self.blocks is Blocks.ONE:
             self._descend(walker, on_plane(point, normal), guard, "descend")

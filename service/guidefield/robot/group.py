@@ -188,7 +188,7 @@ class PlanningGroup:
         return row
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
-        """A configuration drawn evenly within the limits.
+        """A configuration, shape (nq,), drawn evenly within the limits.
 
         Angles without limits are drawn from one turn, rotations from all, positions within `ROAM` of the origin's.
         """

@@ -64,7 +64,10 @@ class Cone:
         return float(np.arctan2(np.linalg.norm(np.cross(axis, self.target)), axis @ self.target))
 
     def row(self, placement: Any) -> np.ndarray:
-        """Turning about the common normal from target to axis widens the angle; anywhere, where they are parallel."""
+        """As in `PathConstraint`, shape (6,).
+
+        Turning about the common normal from target to axis widens the angle; anywhere, where they are parallel.
+        """
         normal = np.cross(self.target, placement.rotation @ self.axis)
         length = float(np.linalg.norm(normal))
         return np.concatenate([np.zeros(3), normal / length if length > 0.0 else np.zeros(3)])
@@ -95,7 +98,7 @@ class Near:
         return float(np.linalg.norm(self.across @ (placement.translation - self.point)))
 
     def row(self, placement: Any) -> np.ndarray:
-        """Straight away from it; nothing, where the origin is on it."""
+        """As in `PathConstraint`, shape (6,): straight away from it; nothing, where the origin is on it."""
         away = self.across.T @ (self.across @ (placement.translation - self.point))
         length = float(np.linalg.norm(away))
         return np.concatenate([away / length if length > 0.0 else np.zeros(3), np.zeros(3)])
