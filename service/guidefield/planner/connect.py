@@ -71,7 +71,7 @@ def connect(
             continue
         if not prove or _certified(problem, z_start, goal).free:
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
-    proposer = SampledTree(problem) if problem.lanes is None else LaneTree(problem, problem.lanes)
+    proposer: Proposer = SampledTree(problem) if problem.lanes is None else LaneTree(problem, problem.lanes)
     resolution = proposer.resolution
     for _ in range(proposer.attempts):
         before = problem.counters.iterations
