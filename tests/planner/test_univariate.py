@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,21 @@ def test_every_plane_is_crossed(title: str) -> None:
         tip = made.kinematics.tip_position(q)
         assert abs(plane.signed_height(tip)) <= ON_PLANE
         assert plane.contains(tip)
+
+
+@pytest.mark.parametrize(("title", "least"), [("seed_b_tapered", 0.044), ("seed_c_blocked", 0.015)])
+def test_rounds_that_come_near_obstacles_on_the_way_are_made_in_shorter_advances(title: str, least: float) -> None:
+    """The issue's clearance, by Coal, at points along the straight motions between the path's configurations."""
+    made = seed_problem(title)
+    q, group = made.q_start, made.group
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index, ATTEMPTS["univariate"](group))
+        q = crossing.path[-1]
+        for start, end in pairwise(crossing.path):
+            a = group.chart(start)
+            b = group.unwrapped(group.chart(end), a)
+            between = [group.from_chart(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 8)]
+            assert min(made.world.clearance(p).obstacle_distance for p in between) >= least
 
 
 @pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])

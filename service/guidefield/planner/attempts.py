@@ -16,7 +16,7 @@ def projected(group: PlanningGroup) -> tuple[Attempt, ...]:
         chain = link_chain(group)
     except InvalidGroup:
         return PROJECTED
-    return (*PROJECTED, Attempt(Univariate(chain), FIRST_STEP))
+    return (*PROJECTED, Attempt(Univariate(chain), FIRST_STEP, careful=True))
 
 
 def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
@@ -26,7 +26,7 @@ def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
         InvalidGroup: if the group isn't a chain of ball or universal joints.
     """
     minimizer = Univariate(link_chain(group))
-    return Attempt(minimizer, FIRST_STEP), Attempt(minimizer, FIRST_STEP / 2)
+    return Attempt(minimizer, FIRST_STEP, careful=True), Attempt(minimizer, FIRST_STEP / 2, careful=True)
 
 
 ATTEMPTS = {"projected": projected, "univariate": univariate}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,8 @@ GUARD = 0.5
 """Share of an advance's gain that slide and reorient have to keep, 1 - beta."""
 ON_PLANE = 1e-4
 """How near the plane counts as on it [m]."""
+SHORT = FIRST_STEP / 4
+"""An advance of this length is not made again with shorter ones [m]."""
 AT_ONCE = 4
 """Rounds between two looks at the budget, in one kernel."""
 
@@ -38,10 +40,17 @@ _MARGINS = frozen(np.array(WIDE_MARGINS))
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way of trying a plane: who minimises, and the length of an advance [m]."""
+    """One way of trying a plane.
+
+    Attributes:
+        minimizer: Who lowers the potential.
+        step: Length of an advance [m].
+        careful: Whether a round that comes nearer to obstacles than its ends do is made again with shorter advances.
+    """
 
     minimizer: Minimizer
     step: float
+    careful: bool = False
 
 
 class Round(enum.Enum):
@@ -92,6 +101,9 @@ def approach(walker: Walker, aim: Aim, attempt: Attempt) -> Round:
         gained = distance - aim.distance(walker.tip)
         attempt.minimizer.settle(walker, walker.tip, direction, aim.within(distance - GUARD * gained))
     walker.straighten(since)
+    if attempt.careful and step > SHORT and walker.dips(since):
+        walker.undo(since)
+        return approach(walker, aim, replace(attempt, step=0.5 * step))
     return Round.ARRIVED if arrived else Round.NEARER
 
 

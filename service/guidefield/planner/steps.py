@@ -15,7 +15,7 @@ from guidefield.collision.certificate import Verdict, motion_free
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.reach import reach
 from guidefield.planner.problem import Problem
-from guidefield.planner.trace import Step
+from guidefield.planner.trace import Note, Step
 from guidefield.robot.mover import mover_of, planned_values
 
 MARGIN = 2e-3
@@ -26,6 +26,9 @@ COMFORTABLE = 0.02
 
 WIDE_MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
 """Distances from obstacles by which ways between the same configurations are compared, the widest first [m]."""
+
+DIPS = (0.06, 0.045, 0.03, 0.015)
+"""A way dips that does not keep the widest of these distances that both its ends keep [m]."""
 
 Reach = Callable[[Problem, np.ndarray, np.ndarray], Iterable[np.ndarray]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
@@ -119,6 +122,22 @@ class Walker:
                     return
         if self.free(steps[0], steps[-1]):
             del self.path[since + 1 : -1]
+
+    def dips(self, since: int) -> bool:
+        """Whether the way from an earlier configuration comes nearer to obstacles than both its ends do.
+
+        Args:
+            since: Index in the path of the earlier configuration.
+        """
+        swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
+        margin = next((margin for margin in DIPS if all(swept.keeps(q, margin) for q in ends)), None)
+        return margin is not None and not all(self.keeps(a, b, margin) for a, b in pairwise(self.path[since:]))
+
+    def undo(self, since: int) -> None:
+        """Go back to an earlier configuration, whose index in the path is given."""
+        del self.path[since + 1 :]
+        self._tip = None
+        self.problem.tell(Note("comes too near to obstacles on the way: goes back, and on in shorter advances"))
 
     def keeps(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
         """Whether capsules can tell that the straight motion between configurations (nq,) keeps a margin [m]."""
