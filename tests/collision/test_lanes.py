@@ -17,6 +17,7 @@ from guidefield.kernels.lane_kinematics import POSE, placements_of_configuration
 from guidefield.kernels.lane_tables import BAND
 from guidefield.messages import scene as messages
 from guidefield.robot.group import PlanningGroup
+from guidefield.robot.selection import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
 from tests.robots import box_arm, group, grouped
@@ -209,6 +210,23 @@ def test_an_empty_scene() -> None:
     world = World.build(group("panda"), build(messages.Scene(name="test")))
     zs = draw(world.group, 200, 9)
     np.testing.assert_array_equal(Lanes.build(world).touching(zs), [world.in_collision(z) for z in zs])
+
+
+def test_groups_of_one_robot_share_their_tables_if_these_are_the_same() -> None:
+    robot, names = group("panda").robot, [joint.name for joint in group("panda").joints]
+    scene = build(messages.Scene(name="test"))
+
+    def tables(x: float, q: np.ndarray) -> Lanes:
+        placement = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+        return Lanes.build(World.build(select(robot, names, None, q, placement), scene))
+
+    bent = robot.rest.copy()
+    bent[group("panda").model.idx_qs[1]] += 0.3
+    first = tables(0.0, robot.rest)
+    assert tables(0.0, bent).tables.bodies is first.tables.bodies
+    moved = tables(0.1, robot.rest)
+    assert moved.tables.bodies is not first.tables.bodies
+    assert not np.array_equal(moved.tables.bodies.cover, first.tables.bodies.cover)  # what stands still went along
 
 
 @pytest.mark.parametrize("joints", ["x planar", "floating"])
