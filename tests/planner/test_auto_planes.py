@@ -171,6 +171,27 @@ def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str) -> 
     assert reply.stages[0].outcome == f"derived {len(names)} guide planes"
 
 
+def test_a_pose_in_a_tube_is_looked_for_from_where_the_planes_lead() -> None:
+    """From the start and from random configurations none is found that is free: the snake has to lie in the tube."""
+    made = seed_problem("seed_e_L_3")
+    q = made.q_start
+    for index, plane in enumerate(made.guide_planes):
+        q = cross(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
+    tip = made.kinematics.frame_placement(q, made.group.tip_id)
+    quaternion = pin.Quaternion(tip.rotation).normalized().coeffs().tolist()
+    goal = {"type": "pose", "position": tip.translation.tolist(), "quaternion_xyzw": quaternion}
+    options = {"goal": goal, "allowed_planning_time": 60.0}
+    reply = ask("seed_e_L_3", guide_planes="auto", planner="auto", **options)
+    assert reply.status.name == "SUCCESS", reply.status
+    assert reply.certificate.collision_free
+    assert "looked for from where" in reply.stages[1].outcome
+    end = made.kinematics.frame_placement(made.group.part_of(np.array(reply.path[-1])), made.group.tip_id)
+    assert np.linalg.norm(end.actInv(tip).translation) < 1e-3
+    assert np.linalg.norm(pin.log3(end.actInv(tip).rotation)) < 1e-2
+    refused = ask("seed_e_L_3", guide_planes=[], planner="tree", **options)
+    assert refused.status.name == "NO_IK_SOLUTION"
+
+
 def test_where_there_is_no_way_the_reply_says_so() -> None:
     scene = msgspec.to_builtins(library.read("seed_e_L_3"))
     ends = [(1.2, 0.6, 0.0), (1.2, 1.6, 0.0)]

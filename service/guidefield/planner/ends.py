@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,13 @@ def goal_points(problem: Problem) -> np.ndarray | None:
     return None
 
 
-def tip_points(problem: Problem, target: PoseTarget) -> np.ndarray:
+def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray] = ()) -> np.ndarray:
     """Chart points (m, nv) of free configurations that bring the tip to a pose.
+
+    Args:
+        problem: Robot and world.
+        target: The pose.
+        starts: Configurations (nq,) that are looked from before the problem's start and random ones.
 
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason.
@@ -56,7 +62,7 @@ def tip_points(problem: Problem, target: PoseTarget) -> np.ndarray:
     result = solve(
         problem.group,
         target,
-        starts=(problem.q_start,),
+        starts=(*starts, problem.q_start),
         count=GOAL_SOLUTIONS,
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda q: end_fault(problem, q) is None and _keeps_clearance(problem, q),

@@ -17,8 +17,9 @@ from guidefield.planner.ends import check_start, goal_points
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide import PROJECTED, cross
 from guidefield.planner.leaving import Left, after, joined, leave
+from guidefield.planner.led_goal import led_goal_points
 from guidefield.planner.onward import Found, connect_to_goal, connect_to_plane
-from guidefield.planner.problem import Problem
+from guidefield.planner.problem import Problem, TipGoal
 from guidefield.planner.refusal import refusal
 from guidefield.planner.rounds import Attempt
 from guidefield.planner.stages import StageFailed, Stages
@@ -108,19 +109,39 @@ def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) ->
     try:
         with stages.entered("ends", "start and goal") as stage:
             check_start(problem)
-            goals = goal_points(problem)
-            stage.outcome = (
-                "the start is free" if goals is None else f"start free, {len(goals)} free configurations at the goal"
-            )
+            goals, later = _goals_or_later(problem, planner)
+            if later:
+                stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
+            elif goals is None:
+                stage.outcome = "the start is free"
+            else:
+                stage.outcome = f"start free, {len(goals)} free configurations at the goal"
         if problem.scene.moves:
             return _plan_in_time(problem, found, stages, attempts)
         if planner is not Planner.TREE:
             _cross_planes(problem, found, stages, planner, attempts)
+        if later:
+            goals = led_goal_points(problem, found, stages, attempts)
         if goals is not None:
             return _to_goal(problem, found, goals, stages)
     except StageFailed as failure:
         return _partial(problem, found, failure, stages)
     return _finished(problem, finish(problem, found.path, found.crossings, stages), stages)
+
+
+def _goals_or_later(problem: Problem, planner: Planner) -> tuple[np.ndarray | None, bool]:
+    """Chart points of the goal, None where a plane is the goal; and whether to look for them again behind the planes.
+
+    Raises:
+        StageFailed: as `goal_points`, where no guide planes lead to the goal.
+    """
+    try:
+        return goal_points(problem), False
+    except StageFailed as failure:
+        leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
+        if not (leads and isinstance(problem.goal, TipGoal) and failure.status is Status.NO_IK_SOLUTION):
+            raise
+        return None, True
 
 
 def _to_goal(problem: Problem, found: Found, goals: np.ndarray, stages: Stages) -> Plan:

@@ -1,0 +1,60 @@
+"""Goal poses that inverse kinematics finds no free configuration for, until guide planes have led the robot near."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.planner.ends import tip_points
+from guidefield.planner.guide import cross
+from guidefield.planner.onward import Found
+from guidefield.planner.problem import Problem, TipGoal
+from guidefield.planner.rounds import Attempt
+from guidefield.planner.stages import Stages
+from guidefield.planner.tip_reach import tip_radius
+from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import GuidePlane, build
+
+ROOM = 1.05
+"""Half side of the square about the goal over the radius of the tip's body."""
+
+
+def led_goal_points(problem: Problem, found: Found, stages: Stages, attempts: Sequence[Attempt]) -> np.ndarray:
+    """Chart points (m, nv) that reach the goal's pose, looked for from where the guided planner gets to it.
+
+    The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
+    configuration it arrives at is one that fits there, and the pose is looked for next to it.
+
+    Args:
+        problem: Robot, world and a `TipGoal`.
+        found: The motion so far, through all guide planes; it grows by the way to the goal's place.
+        stages: Gets a stage for it.
+        attempts: How the square is tried.
+
+    Raises:
+        StageFailed: NO_IK_SOLUTION with the reason.
+    """
+    assert isinstance(problem.goal, TipGoal)
+    group, target = problem.group, problem.goal.target
+    with stages.entered("guide", "to the place of the goal's pose") as stage:
+        q = group.from_chart(found.path[-1])
+        square = _square(problem, q, np.asarray(target.placement.translation))
+        crossing = cross(problem, q, square, len(problem.guide_planes), attempts)
+        stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
+    if crossing.status is Status.SUCCESS:
+        found.extend(group.chart_path(list(crossing.path), found.path[-1]))
+    return tip_points(problem, target, (crossing.path[-1], q))
+
+
+def _square(problem: Problem, q: np.ndarray, place: np.ndarray) -> GuidePlane:
+    """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
+    way = place - problem.kinematics.tip_position(q)
+    length = float(np.linalg.norm(way))
+    across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
+    half = ROOM * max(tip_radius(problem), 1e-3)
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    vertices = [tuple(vertex) for vertex in (place + corners @ across).tolist()]
+    return build(messages.GuidePlane(name="goal", vertices=vertices), 0)
