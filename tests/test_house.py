@@ -30,7 +30,7 @@ IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 """Packages below a folder of their own, which `importlib.metadata` doesn't look into."""
 OPTIONAL = {"ray", "opentelemetry"}
 """Imported where the extra of that name is installed."""
-UNIMPORTED = {"example-robot-data", "pillow", "pycollada", "scipy"}
+UNIMPORTED = {"example-robot-data", "pycollada", "scipy"}
 """Data, and what trimesh needs for the files and questions that we give it."""
 COMES_WITH_NUMBA = {"llvmlite"}
 """numba demands the one version that fits."""

@@ -11,7 +11,7 @@ from guidefield.kernels.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.potential import RobotField
-from guidefield.recorder.field_entities import LONGEST_ARROW, RESOLUTION, charges, picture_of_plane
+from guidefield.recorder.field_entities import LONGEST_ARROW, MAGNIFIED, RESOLUTION, charges, picture_of_plane
 from guidefield.scene.scene import Scene, build
 from tests.recorder.runs import placed_group
 
@@ -35,6 +35,7 @@ def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
         np.linalg.norm(np.diff(way, axis=0), axis=1),
         np.linalg.norm(np.diff(shares * [np.linalg.norm(across), np.linalg.norm(down)], axis=0), axis=1)
         * RESOLUTION
+        * MAGNIFIED
         / longest,
         rtol=0.05,
     )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -98,3 +100,21 @@ def test_a_disk_that_refuses_the_meshes_is_told_in_the_summary(run, tmp_path):
     run.recorder(file, Place(file, tmp_path / "robots", whole=False)).finish(run.reply, run.profile)
     (summary,) = Recording(file).one("/documents/summary", "TextDocument:text")
     assert "the robot's meshes could not be kept" in summary
+
+
+def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(bodies_file, "MOST_FILES", 3)
+    robots, now = tmp_path / "robots", time.time()
+    robots.mkdir()
+    for name, age in (
+        ("a.rrd", 50.0),
+        ("b.rrd", 900.0),
+        ("c.rrd", 100.0),
+        (".d.rrd.1.draft", 9e3),
+        (".e.rrd.2.draft", 9.0),
+    ):
+        (robots / name).write_text("")
+        os.utime(robots / name, (now - age, now - age))
+    bodies_file._prepared.cache_clear()
+    drawn = bodies_file.prepared(run.group.robot, robots)
+    assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.rrd.2.draft"}

@@ -5,9 +5,11 @@ A file is named by what it was made from. It holds the meshes as a recording sho
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
+import time
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +27,12 @@ from guidefield.robot.model import RobotModel
 
 KEPT = 8
 """Robots whose sketches are kept in a process."""
+
+MOST_FILES = 64
+"""Robots kept prepared in a folder; recordings of a robot that was dropped leave the store without its meshes."""
+
+ABANDONED = 3600.0
+"""Age from which a file that was never finished won't be [s]."""
 
 NAMES = "/prepared"
 """The entity that tells what a file holds."""
@@ -94,16 +102,32 @@ def read_meshes(file: Path) -> list[Chunk]:
 def _prepared(robot: RobotModel, folder: Path) -> Drawn:
     file = folder / f"{_fingerprint(robot)}.rrd"
     try:
-        return _read(file)
+        known = _read(file)
     except UNREADABLE:
         made = bodies.prepare(robot)
+    else:
+        with contextlib.suppress(OSError):
+            os.utime(file)  # it is in use: others are dropped before it
+        return known
     drawn = Drawn(file, made.links, made.sketch, made.faults)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_atomically(file, encode_recording(file.stem, [*made.chunks, *_sketch_chunks(made)], None))
     except OSError as error:
         return replace(drawn, faults=(*drawn.faults, f"the robot's meshes could not be kept: {error}"))
+    with contextlib.suppress(OSError):  # another process may make room too
+        _make_room(folder)
     return drawn
+
+
+def _make_room(folder: Path) -> None:
+    """Drop the robots that were used longest ago, if there are too many, and what writers that were killed left."""
+    files = sorted(folder.glob("*.rrd"), key=lambda file: file.stat().st_mtime, reverse=True)
+    for old in files[MOST_FILES:]:
+        old.unlink(missing_ok=True)
+    for draft in folder.glob(".*.draft"):
+        if time.time() - draft.stat().st_mtime > ABANDONED:
+            draft.unlink(missing_ok=True)
 
 
 def _fingerprint(robot: RobotModel) -> str:

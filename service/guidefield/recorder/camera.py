@@ -19,7 +19,7 @@ PREFERRED_AZIMUTH = 1.96
 PREFERENCE = 1.2
 """Share of hidden points that the preferred direction makes up for."""
 
-DISTANCE = 2.15
+DISTANCE = 1.9
 """How far the eye is, as a multiple of the radius of what it looks at."""
 
 SMALLEST_RADIUS = 0.35
@@ -49,22 +49,22 @@ class Eye:
     hiding: frozenset[str]
 
 
-def choose_eye(tip: np.ndarray, joints: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle]) -> Eye:
+def choose_eye(tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle]) -> Eye:
     """Choose from where to look at a motion.
 
     Args:
         tip: The tip's way, shape (n, 3) [m, world].
-        joints: Where joints are on the way, shape (m, 3) [m, world]; they are to be in the picture too.
+        robot: Points of the robot on the way, shape (m, 3) [m, world]; they are to be in the picture too.
         landmarks: Other points that are, shape (k, 3) [m, world], k may be 0: where the motion was to lead.
         obstacles: What may hide the motion.
     """
-    seen = np.vstack([tip, joints, landmarks])
+    seen = np.vstack([tip, robot, landmarks])
     lowest, highest = seen.min(axis=0), seen.max(axis=0)
     target = 0.5 * (lowest + highest)
     distance = DISTANCE * max(0.5 * float(np.linalg.norm(highest - lowest)) + 0.15, SMALLEST_RADIUS)
     points = tip[np.unique(np.linspace(0, len(tip) - 1, SAMPLES).astype(int))]
     corners, owners = _occluders(obstacles)
-    forward = np.vstack([tip, landmarks]).mean(axis=0) - joints.mean(axis=0)
+    forward = np.vstack([tip, landmarks]).mean(axis=0) - robot.mean(axis=0)
     heading = float(np.arctan2(forward[1], forward[0]))
     directions, preferences = _directions(heading)
     eyes = target + distance * directions

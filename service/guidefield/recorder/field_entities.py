@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pinocchio as pin
 import rerun as rr
+from PIL import Image
 from rerun.chunk import Chunk
 
 from guidefield.kernels.field import field_at_points
@@ -27,10 +28,10 @@ LONGEST_ARROW = 0.25
 FORCE_DECADES = 2.0
 """How many powers of ten of force the colours of points and the lengths of arrows tell apart."""
 
-RESOLUTION = 120
-"""Pixels along the longer side of a picture of the field."""
+RESOLUTION, MAGNIFIED = 120, 3
+"""Pixels along the longer side at which the field is known, and how many a picture has for each: it is smooth."""
 
-QUALITY = 90
+QUALITY = 80
 """Of the picture's compression (JPEG, 0 to 100)."""
 
 PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
@@ -91,11 +92,11 @@ def picture_of_plane(scene: Scene, tip: np.ndarray) -> Iterator[Chunk]:
     drawn = field_slice(scene, plane, RESOLUTION)
     if not np.isfinite(drawn.log_potential).any():
         return
-    rows, columns = drawn.image.shape[:2]
-    way = rr.LineStrips2D([plane.projected(tip, rows, columns)], colors=[(255, 255, 255, 255)], radii=[0.4])
-    picture = rr.Image(drawn.image).compress(jpeg_quality=QUALITY)
-    smooth = rr.EncodedImage.from_fields(magnification_filter="bicubic")
-    yield still(PICTURE_AT_START if scene.moves else PICTURE, picture, smooth, way)
+    rows, columns = (MAGNIFIED * size for size in drawn.image.shape[:2])
+    way = rr.LineStrips2D([plane.projected(tip, rows, columns)], colors=[(255, 255, 255, 255)], radii=[0.4 * MAGNIFIED])
+    smooth = np.asarray(Image.fromarray(drawn.image).resize((columns, rows), Image.Resampling.BICUBIC))
+    picture = rr.Image(smooth).compress(jpeg_quality=QUALITY)
+    yield still(PICTURE_AT_START if scene.moves else PICTURE, picture, way)
     pane = rr.Mesh3D(
         vertex_positions=plane.corners,
         triangle_indices=[(0, 2, 1), (0, 3, 2)],

@@ -97,9 +97,10 @@ class Recorder:
             motion = Motion(np.zeros(1), refused[None], timed=False)
         at = poses(self._group, motion.configurations)
         landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
-        joints = at.placements[:, :, :3].reshape(-1, 3)
-        eye = choose_eye(at.tip, joints, landmarks, self._scene.obstacles)
         drawn = bodies_file.prepared(self._group.robot, self._place.bodies)
+        ends = [robot_entities.extent(self._group, drawn, q) for q in motion.configurations[[0, -1]]]
+        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), *ends])
+        eye = choose_eye(at.tip, robot, landmarks, self._scene.obstacles)
         chunks = [
             *self._moving(reply, profile, motion, at, drawn.links),
             *self._lasting(reply, motion, at.tip[-1], eye, drawn),

@@ -96,6 +96,17 @@ def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
     return still(GHOST_ENTITY, bodies.mesh(surface.joined(parts))) if parts else None
 
 
+def extent(group: PlanningGroup, drawn: Drawn, q: np.ndarray) -> np.ndarray:
+    """Corners (m, 3) [m, world] of the boxes about the links that move, at a configuration (nq,)."""
+    placements = link_placements(group, q, drawn.links)
+    corners = [np.empty((0, 3))]
+    for link, sketch in drawn.sketch:
+        if group.model.frames[frame_index(group.model, link)].parentJoint:
+            placed = sketch.moved(placements[link]).vertices
+            corners.append(np.array([placed.min(axis=0), placed.max(axis=0)]))
+    return np.concatenate(corners)
+
+
 def spread_along(configurations: np.ndarray, count: int) -> list[int]:
     """Rows of configurations (n, nq), first and last included, about evenly far along the way."""
     steps = np.linalg.norm(np.diff(configurations, axis=0), axis=1)

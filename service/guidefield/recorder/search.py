@@ -19,10 +19,10 @@ GROWTH = 8
 MOST_NODES = 200
 """Nodes of a tree that are shown: the first ones."""
 
-MOST_ITERATIONS = 8
+MOST_ITERATIONS = 6
 """Iterations of the relaxation that are shown: of more, as many, evenly chosen."""
 
-MOST_WAYPOINTS = 32
+MOST_WAYPOINTS = 24
 """Points by which a path that is being relaxed is shown."""
 
 TREE_COLOR = (150, 170, 200, 140)
