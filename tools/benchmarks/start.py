@@ -1,0 +1,98 @@
+"""How long it takes until anything is planned: kernels compiled from nothing, and from import to a first plan.
+
+Usage: tools/bench start [--robot NAME] [--warm-only]
+
+Each row is a process of its own, in a cache folder of its own, one after the other: with nothing in it (which compiles
+what the first plan needs), again with all that is known of the robot, and last every kernel of the project. The plan
+takes a robot of the catalog in a packaged scene from its rest to a free configuration on the lane kernels. CPU time and
+time on the clock; the latter means something on an idle machine only. With --warm-only the user's own cache is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+GOAL_KERNELS, GOAL_WARM = 90.0, 2.0
+"""All kernels from an empty cache, and from import to the first plan with full ones [s]."""
+
+_FIRST_PLAN = """
+import json, sys, time
+began = time.perf_counter()
+import numpy as np
+import pinocchio as pin
+from guidefield.collision.lanes import Lanes
+from guidefield.collision.world import World
+from guidefield.planner import lane_tree
+from guidefield.planner.problem import Budget
+from guidefield.robot.catalog import Catalog
+from guidefield.robot.selection import select
+from guidefield.scene import library
+from guidefield.scene.scene import build
+imported = time.process_time()
+robot = Catalog().load(sys.argv[1])
+group = select(robot, None, None, robot.rest, pin.SE3.Identity())
+loaded = time.process_time()
+lanes = Lanes.build(World.build(group, build(library.read("bookshelf"))))
+tables = time.process_time()
+rng = np.random.default_rng(0)
+drawn = np.array([group.chart(group.random(rng)) for _ in range(200)])
+goal = drawn[~lanes.touching(drawn)][0]
+start = group.chart(group.part_of(robot.rest))
+found = lane_tree.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget())
+planned = time.process_time()
+steps = {"import": imported, "robot": loaded - imported, "tables": tables - loaded, "plan": planned - tables}
+print(json.dumps(steps | {"all": planned, "clock": time.perf_counter() - began, "found": found.path is not None}))
+"""
+
+_ALL_KERNELS = """
+import importlib, json, pathlib, time
+began, times = time.perf_counter(), {}
+import guidefield.kernels as room
+for source in sorted(pathlib.Path(room.__file__).parent.glob("*.py")):
+    before = time.process_time()
+    importlib.import_module(f"guidefield.kernels.{source.stem}")
+    times[source.stem] = time.process_time() - before
+longest = sorted(times, key=times.get)[:-7:-1]
+told = {name: times[name] for name in longest}
+print(json.dumps({"all": time.process_time(), "clock": time.perf_counter() - began} | told))
+"""
+
+
+def run(arguments: list[str]) -> None:
+    """Print a row for each process."""
+    parser = argparse.ArgumentParser(prog="tools/bench start", description=__doc__.partition("\n")[0])
+    parser.add_argument("--robot", default="panda", help="of the catalog")
+    parser.add_argument("--warm-only", action="store_true", help="only the first plan, with the user's own caches")
+    options = parser.parse_args(arguments)
+    if options.warm_only:
+        _row("known robot, compiled", _FIRST_PLAN, options.robot)
+        print(f"goal: {GOAL_WARM:g} s")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        _row("first plan, nothing known", _FIRST_PLAN, options.robot, folder)
+        _row("known robot, compiled", _FIRST_PLAN, options.robot, folder)
+    with tempfile.TemporaryDirectory() as folder:
+        _row("all kernels, the longest", _ALL_KERNELS, options.robot, folder)
+        _row("all kernels, compiled", _ALL_KERNELS, options.robot, folder)
+    print(f"goals: {GOAL_KERNELS:g} s for all kernels, {GOAL_WARM:g} s to a first plan when all is known")
+
+
+def _row(title: str, script: str, robot: str, folder: str | None = None) -> None:
+    """Run a script in a process, with its caches in a folder, and print what it tells [s]."""
+    own = {} if folder is None else {"XDG_CACHE_HOME": folder, "NUMBA_CACHE_DIR": ""}
+    ended = subprocess.run(
+        [sys.executable, "-c", script, robot], env=os.environ | own, capture_output=True, text=True, check=False
+    )
+    if ended.returncode != 0:
+        print(f"{title}: {ended.stderr.strip().splitlines()[-1]}")
+        return
+    told = json.loads(ended.stdout.splitlines()[-1])
+    print(
+        f"{title}: "
+        + ", ".join(f"{name} {value if value is True else round(value, 2)}" for name, value in told.items())
+    )
