@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 from typing import Any, ClassVar
 
 
@@ -168,3 +169,8 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
     )
 }
 """Kind of error by wire code: how a client turns a ``reply_err`` back into an exception."""
+
+
+def without_source(error: Exception) -> str:
+    """What an error of Zenoh says, without where in Zenoh's own source it was raised."""
+    return re.sub(r"!?\s+at \S+\.rs:\d+\.?", "", str(error))

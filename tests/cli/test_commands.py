@@ -208,3 +208,18 @@ def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:
     assert done.stdout.count("SUCCESS") == 2
     assert done.stdout.count("to open it") == 2
     assert {path.name for path in (tmp_path / "runs").iterdir()} == {"demo-guide-planes.rrd", "demo-pose.rrd"}
+
+
+def test_what_zenoh_says_is_told_without_where_in_its_source() -> None:
+    done = guidefield("query", "-", "--connect", f"tcp/127.0.0.1:{free_port()}", stdin=json.dumps(POTENTIAL))
+    assert done.returncode == 2
+    assert "nobody listens at tcp/127.0.0.1" in done.stderr
+    assert ".rs" not in done.stderr
+
+
+def test_the_help_says_every_unit_and_version() -> None:
+    assert guidefield("--version").stdout.startswith("guidefield ")
+    said = guidefield("serve", "--help").stdout
+    assert "[MiB]" in said
+    assert "[GiB]" in said
+    assert " ." not in said  # words in brackets that the help's markup has swallowed

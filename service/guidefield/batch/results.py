@@ -136,7 +136,9 @@ def items(requests: Path, folder: Path, *, recordings: bool) -> Iterator[Item]:
     try:
         lines = requests.read_bytes().splitlines()
     except OSError as error:
-        raise MalformedRequest(f"the requests can't be read: {error}", path=str(requests)) from None
+        raise MalformedRequest(
+            f"the requests can't be read: {requests.name}: {error.strerror}", path=str(requests)
+        ) from None
     for number, line in enumerate(lines, 1):
         if line.strip():
             yield Item(number, line, folder / RECORDINGS / f"{number}.rrd" if recordings else None)

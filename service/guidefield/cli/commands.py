@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -35,14 +36,10 @@ from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
 
 app = typer.Typer(
-    help="Motion planning and kinematics for any URDF robot, certified, over Zenoh, with a recording of every run.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-app.add_typer(runs_app, name="runs")
-app.command()(replay)
 
 out = Console()
 err = Console(stderr=True)
@@ -60,13 +57,32 @@ def main() -> None:
         sys.exit(2)
 
 
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"guidefield {version('guidefield')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and exit.")
+    ] = False,
+) -> None:
+    """Motion planning and kinematics for any URDF robot, certified, over Zenoh, with a recording of every run."""
+
+
 @app.command()
 def plan(
     request: RequestFile,
     output: ReplyFile = None,
     record: Annotated[Path | None, typer.Option(help="Write a recording of the run here (.rrd).")] = None,
 ) -> None:
-    """Plan in this process, without a service; any other request is answered too."""
+    """Plan in this process, without a service.
+
+    A request is such as {"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"}}; those for
+    kinematics, clearance and the potential are answered too.
+    """
     asked = _read(request)
     serving.tell_if_kernels_compile(err.print)
     _report(answer(asked, record_to=record), output)
@@ -119,9 +135,11 @@ def serve(
     ] = None,
     keep_runs: Annotated[int, typer.Option(min=1, help="How many runs are kept.")] = Retention.runs,
     keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = 20.0,
-    keep_days: Annotated[float, typer.Option(min=0.0, help="How old they may be [days].")] = float("inf"),
+    keep_days: Annotated[float, typer.Option(min=0.0, help="How many days they are kept.")] = float("inf"),
     json_logs: Annotated[bool, typer.Option("--json-logs", help="Log one JSON object a line.")] = False,
-    otel: Annotated[bool, typer.Option("--otel", help="Trace queries with OpenTelemetry (guidefield[otel]).")] = False,
+    otel: Annotated[
+        bool, typer.Option("--otel", help="Trace queries with OpenTelemetry (needs the extra otel).")
+    ] = False,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(
@@ -182,7 +200,7 @@ def demo(
 @app.command()
 def show(
     run: RunName,
-    web: Annotated[bool, typer.Option(help="In a web browser instead of a window.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="In a web browser instead of a window.")] = False,
     data: Data = None,
     name: Service = "local",
 ) -> None:
@@ -193,13 +211,17 @@ def show(
         raise typer.Exit(showing.show_in_browser(file, out) if web else showing.show_in_window(file, err))
 
 
+app.add_typer(runs_app, name="runs")
+app.command()(replay)
+
+
 def _read(path: Path) -> requests.Request:
     if str(path) == "-":
         return codec.decode_request(sys.stdin.buffer.read())
     try:
         return codec.decode_request(path.read_bytes())
     except OSError as error:
-        raise MalformedRequest(f"the request can't be read: {error}", path=str(path)) from None
+        raise MalformedRequest(f"the request can't be read: {path}: {error.strerror}", path=str(path)) from None
 
 
 def _report(reply: Reply, output: Path | None) -> NoReturn:

@@ -41,7 +41,10 @@ def run_store(data: Path | None, name: str) -> RunStore:
     """The runs of a data folder; UnknownObject where there are none, so that looking leaves no folder behind."""
     folder = data_folder(data, name) / "runs"
     if not folder.is_dir():
-        raise UnknownObject(f"no service has kept runs in {folder}", path=str(folder))
+        raise UnknownObject(
+            f"no service has kept runs in {folder}; --data names another folder, and a recording's file ends with .rrd",
+            path=str(folder),
+        )
     return RunStore(folder)
 
 

@@ -78,7 +78,7 @@ def tell_if_kernels_compile(announce: Callable[[str], None]) -> None:
     from guidefield.kernels.cache import are_compiled
 
     if not are_compiled():
-        announce("compiling kernels, once for this version: up to a minute or two …")
+        announce("compiling kernels, once for this version, for some minutes …")
 
 
 def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:

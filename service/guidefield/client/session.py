@@ -8,7 +8,7 @@ from pathlib import Path
 
 import zenoh
 
-from guidefield.errors import NoService
+from guidefield.errors import NoService, without_source
 
 LOOK_AGAIN = 0.05
 """How often something that isn't there yet is looked for [s]."""
@@ -37,7 +37,9 @@ def opened(endpoints: tuple[str, ...], config: Path | None, deadline: float) -> 
         except zenoh.ZError as error:
             if time.monotonic() > deadline:
                 where = ", ".join(endpoints) or str(config)
-                raise NoService(f"nobody listens at {where}: {error}", endpoints=list(endpoints)) from None
+                raise NoService(
+                    f"nobody listens at {where}: {without_source(error)}", endpoints=list(endpoints)
+                ) from None
         time.sleep(LOOK_AGAIN)
 
 

@@ -16,7 +16,7 @@ import zenoh
 
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
-from guidefield.errors import WorkerCrashed
+from guidefield.errors import WorkerCrashed, without_source
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
@@ -114,7 +114,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, partial(_publish, session), trace)
         opened.callback(endpoint.close)
         opened.callback(pool.close, settings.grace)
-        announce(f"starting (workers: {settings.workers}); the first start on a machine compiles for a minute or two")
+        announce(f"starting (workers: {settings.workers}); the first start on a machine compiles for some minutes")
         pool.start()
         if not _await(pool, stop):
             return
@@ -171,7 +171,7 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise CannotServe(f"Zenoh can't be opened: {error}") from None
+        raise CannotServe(f"Zenoh can't be opened: {without_source(error)}") from None
 
 
 def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:

@@ -1,0 +1,43 @@
+"""The wheel holds what the checkout has: every room, every robot and scene, and nothing that is found beside them."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+HOUSE = Path(__file__).parents[1]
+SETUPTOOLS = tomllib.loads((HOUSE / "pyproject.toml").read_text())["tool"]["setuptools"]
+FOLDERS = {name: HOUSE / folder for name, folder in SETUPTOOLS["package-dir"].items()}
+
+
+def _folder(package: str) -> Path:
+    if package in FOLDERS:
+        return FOLDERS[package]
+    above, _, last = package.rpartition(".")
+    return _folder(above) / last
+
+
+def test_every_room_is_named() -> None:
+    service = FOLDERS["guidefield"]
+    on_disk = {path.parent for path in service.rglob("*.py")} | {HOUSE / "robots", HOUSE / "scenes"}
+    assert {_folder(package) for package in SETUPTOOLS["packages"]} == on_disk
+    assert all((folder / "__init__.py").exists() for folder in on_disk)
+
+
+@pytest.mark.parametrize("package", ["guidefield", "guidefield.robots", "guidefield.scenes"])
+def test_every_file_that_is_no_code_goes_along(package: str) -> None:
+    folder = _folder(package)
+    matched = {path for pattern in SETUPTOOLS["package-data"][package] for path in folder.glob(pattern)}
+    data = {path for path in folder.rglob("*") if path.is_file() and path.suffix not in {".py", ".pyc"}}
+    assert data
+    assert data <= matched
+
+
+def test_nothing_that_is_shipped_looks_outside_the_package() -> None:
+    """`Path(__file__).parents[n]` may not climb out of the package: beside an installed one there is no checkout."""
+    for path in FOLDERS["guidefield"].rglob("*.py"):
+        depth = len(path.relative_to(FOLDERS["guidefield"]).parts)
+        for n in range(depth, depth + 4):
+            assert f"parents[{n}]" not in path.read_text(), path
