@@ -13,6 +13,7 @@ INK = (60, 66, 76)
 GAP = 10
 HEADING = 30
 QUALITY = 82
+NEARLY_WHITE = 245
 
 
 def picture(png: bytes) -> Image.Image:
@@ -30,16 +31,26 @@ def is_blank(image: Image.Image) -> bool:
 def sheet(rows: Sequence[Sequence[Image.Image]], columns: Sequence[str], width: int) -> Image.Image:
     """Pictures of one size in rows, a heading above each column, `width` pixels wide altogether."""
     cell_width = (width - GAP * (len(columns) - 1)) // len(columns)
-    cell_height = round(cell_width * rows[0][0].height / rows[0][0].width)
-    whole = Image.new("RGB", (width, HEADING + len(rows) * (cell_height + GAP)), (255, 255, 255))
-    pen = ImageDraw.Draw(whole)
+    shown = [[scaled(image, cell_width) for image in trimmed(images)] for images in rows]
+    whole = Image.new("RGB", (width, HEADING + sum(images[0].height + GAP for images in shown)), (255, 255, 255))
+    pen, top = ImageDraw.Draw(whole), HEADING
     for column, heading in enumerate(columns):
-        left = column * (cell_width + GAP)
-        pen.text((left + cell_width / 2, HEADING / 2), heading, INK, ImageFont.load_default(18), anchor="mm")
-        for row, images in enumerate(rows):
-            small = images[column].resize((cell_width, cell_height), Image.Resampling.LANCZOS)
-            whole.paste(small, (left, HEADING + row * (cell_height + GAP)))
+        middle = column * (cell_width + GAP) + cell_width / 2
+        pen.text((middle, HEADING / 2), heading, INK, ImageFont.load_default(18), anchor="mm")
+    for images in shown:
+        for column, image in enumerate(images):
+            whole.paste(image, (column * (cell_width + GAP), top))
+        top += images[0].height + GAP
     return whole
+
+
+def trimmed(images: Sequence[Image.Image]) -> list[Image.Image]:
+    """Pictures, made as large as the first, without what is blank above and below in all of them."""
+    images = [image.resize(images[0].size) for image in images]
+    filled = np.any([(np.asarray(image, int) < NEARLY_WHITE).any(axis=(1, 2)) for image in images], axis=0)
+    at = np.flatnonzero(filled)
+    top, bottom = max(0, at[0] - GAP), min(len(filled), at[-1] + GAP)
+    return [image.crop((0, top, image.width, bottom)) for image in images]
 
 
 def save(image: Image.Image, path: Path) -> None:

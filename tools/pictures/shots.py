@@ -126,13 +126,15 @@ def tabs(run: Recorded) -> Faults:
     """The viewer as it opens the recording, tab by tab."""
     with headless_viewer(TAB_WINDOW) as viewer:
         opened(viewer, run.recording)
-        if run.reply.trajectory is not None:
-            viewer.set_time("path_time", duration=0.6 * run.reply.trajectory.times[-1], play_state="paused")
         steady_picture(viewer, None)
         for tab in TABS:
             bring_forward(viewer, tab)
+            if tab == "Planner":
+                viewer.set_time("step", sequence=run.reply.counters.iterations // 2, play_state="paused")
+            elif run.reply.trajectory is not None:
+                viewer.set_time("path_time", duration=0.6 * run.reply.trajectory.times[-1], play_state="paused")
             image = compose.picture(steady_picture(viewer, None))
             if compose.is_blank(image):
                 yield f"the tab {tab} is blank"
-            compose.save(compose.scaled(image, TAB_WIDTH), run.folder / f"tab-{tab.lower()}.webp")
+            compose.save(compose.scaled(image, TAB_WIDTH), run.folder / f"tab_{tab.lower()}.webp")
             yield from complaints(viewer)

@@ -93,7 +93,7 @@ SUBJECTS: dict[str, Subject] = {
         PlanRequest(robot="ur5", scene="wall_with_window", goal=GuidePlaneGoal(), allowed_planning_time=PATIENT),
         partial(clip, view=View((-1.4, -1.5, 0.9), drawn=WITH_TRACE), style=SEE_THROUGH),
     ),
-    "door": Subject(_file("door"), partial(clip, view=View((-1.4, -1.5, 0.9), drawn=WITH_TRACE), style=SEE_THROUGH)),
+    "door": Subject(_file("door"), partial(clip, view=View((-0.5, -1.3, 1.6), drawn=WITH_TRACE), style=SEE_THROUGH)),
     "gates": Subject(_file("seed_a_gates"), partial(clip, view=View(drawn=WITH_TRACE), style=Style(robot=ORANGE))),
     "failure": Subject(
         PlanRequest(
