@@ -30,8 +30,8 @@ IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 """Packages below a folder of their own, which `importlib.metadata` doesn't look into."""
 OPTIONAL = {"ray", "opentelemetry"}
 """Imported where the extra of that name is installed."""
-UNIMPORTED = {"example-robot-data", "pycollada", "scipy"}
-"""Data, and what trimesh needs for the files and questions that we give it."""
+UNIMPORTED = {"example-robot-data", "pycollada"}
+"""Data, and what trimesh needs for the files that we give it."""
 COMES_WITH_NUMBA = {"llvmlite"}
 """numba demands the one version that fits."""
 SHAPE = re.compile(r"\((?:[\w.+*/ -]|\.\.\.)+,(?:[\w.+*/, -]|\.\.\.)*\)|\(\d\)|shape")

@@ -90,6 +90,12 @@ def test_a_sketch_is_a_hull_of_few_points_inside_the_shape():
     assert 0.8 * closed(drawn).volume < mesh.volume <= closed(drawn).volume
 
 
+def test_a_flat_surface_is_its_own_sketch():
+    square = np.array([[0.0, 0.0, 0.3], [1.0, 0.0, 0.3], [1.0, 1.0, 0.3], [0.0, 1.0, 0.3]])
+    plate = surface.shaded(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert surface.sketch(plate) is plate
+
+
 def test_a_shape_that_nobody_knows_is_refused():
     with pytest.raises(ValueError, match="Halfspace"):
         surface.of_shape(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))

@@ -11,6 +11,8 @@ import coal
 import numpy as np
 import trimesh
 
+from guidefield.geometry.closed import connected_pieces
+from guidefield.geometry.convex import FlatError, convex_hull
 from guidefield.robot.shapes import triangulation
 
 CREASE = np.radians(40.0)
@@ -113,10 +115,12 @@ def of_shape(shape: Any) -> Surface:
 
 
 def sketch(surface: Surface) -> Surface:
-    """The hull of few of a surface's points, evenly spread: enough to show a pose."""
-    vertices = surface.vertices.astype(float)
-    mesh = trimesh.Trimesh(_spread(vertices, SKETCH_VERTICES), process=False).convex_hull
-    return shaded(mesh.vertices, mesh.faces, crease=SKETCH_CREASE)
+    """The hull of few of a surface's points, evenly spread: enough to show a pose; a flat surface as it is."""
+    try:
+        hull = convex_hull(_spread(surface.vertices.astype(float), SKETCH_VERTICES))
+    except FlatError:
+        return surface
+    return shaded(*hull, crease=SKETCH_CREASE)
 
 
 def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> Surface | bytes:
@@ -239,7 +243,7 @@ def _smooth_corners(corners: np.ndarray, areas: np.ndarray, crease: float) -> np
             np.column_stack([at_end[one], np.where(along, at_end[other], other)]),
         ]
     )
-    labels: np.ndarray = trimesh.graph.connected_component_labels(pairs, node_count=len(starts))
+    labels = connected_pieces(len(starts), pairs)
     return np.unique(labels, return_inverse=True)[1].reshape(-1)
 
 
