@@ -53,6 +53,10 @@ class TestSeed:
         assert reply.status.name == "STUCK_IN_MINIMUM"
         assert "plug" in reply.status.message
         assert reply.status.details["plane"] == 0
+        assert set(reply.status.details["pair"]) == {"link1", "plug"}
+        x, y, z = reply.status.details["tip"]
+        assert 0.7 < x < 0.85
+        assert max(abs(y), abs(z)) < 0.15
         assert reply.certificate.collision_free
 
     def test_a_start_in_a_pocket(self, minimizer: str) -> None:
@@ -64,6 +68,7 @@ class TestSeed:
         reply = ask("seed_e_L_3", minimizer, obstacles=lids)
         assert reply.status.name == "STUCK_IN_MINIMUM"
         assert "lid0" in reply.status.message
+        assert reply.status.details["tip"][0] < 0.62
 
 
 def test_a_plane_behind_the_base_is_reached() -> None:

@@ -141,6 +141,7 @@ def _given_up(status: Status, message: str, walker: Walker, aim: Aim, index: int
         "plane": index,
         "guide_plane": aim.plane.name,
         "distance": aim.distance(walker.tip),
+        "tip": walker.tip.tolist(),
         "potential": walker.problem.robot_field.potential(walker.q),
         "pair": list(refusal.pair) if refusal is not None and refusal.pair else None,
         "joints_at_limit": at_limit,
