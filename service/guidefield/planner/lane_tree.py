@@ -74,24 +74,39 @@ def grow(
         budget: How long.
     """
     nv: int = lanes.world.group.nv
-    sampling, sources = _sampling(lanes.world.group)
+    sources = _sources(lanes.world.group)
     room = _room(nv, max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
     room.begin((starts, goals), rng.random(nv))
     counters = room.search.counters
     lanes.forget()
     while counters[kernel.ITERATION] < MOST_ITERATIONS and budget.spent() is None:
-        ended = kernel.grow(lanes.words, sources, room.words, clearance, resolution, PIECE)
+        ended = kernel.grow(lanes.words, sources.words, room.words, clearance, resolution, PIECE)
         if ended == kernel.FULL:
             room = room.roomier()
         if ended == kernel.MET:
-            path = _joined(room, sampling, sources, starts, goals)
+            path = _joined(room, sources, starts, goals)
             return Found(path, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]), room.search)
     return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]), room.search)
 
 
+@dataclass(frozen=True, eq=False)
+class _Sources:
+    """Where samples of a group come from.
+
+    Attributes:
+        sampling: The box that they fill.
+        words: That packed.
+        wraps: Whether any coordinate does.
+    """
+
+    sampling: kernel.Sampling
+    words: Words
+    wraps: bool
+
+
 @kept_with
-def _sampling(group: PlanningGroup) -> tuple[kernel.Sampling, Words]:
-    """The box that samples of a group fill, and that packed."""
+def _sources(group: PlanningGroup) -> _Sources:
+    """The box that samples of a group fill."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
     origin = group.chart(group.q_origin)
     for joint in group.joints:
@@ -106,7 +121,7 @@ def _sampling(group: PlanningGroup) -> tuple[kernel.Sampling, Words]:
     sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency)
     for array in sampling:
         array.setflags(write=False)
-    return sampling, packed(sampling)
+    return _Sources(sampling, packed(sampling), bool(period.any()))
 
 
 def _steps(count: int) -> np.ndarray:
@@ -128,10 +143,14 @@ class _Room:
     Attributes:
         search: The trees.
         words: Those packed.
+        nodes, parents, domains: What the trees hold, tree by tree: shapes (2, nv, capacity), (2, capacity) each.
     """
 
     search: kernel.Search
     words: Words
+    nodes: np.ndarray
+    parents: np.ndarray
+    domains: np.ndarray
 
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
@@ -150,35 +169,35 @@ class _Room:
             origin=np.zeros(nv, np.float32),
             reached=np.zeros(nv, np.float32),
         )
-        return cls(search, packed(search))
+        return cls.of(search)
+
+    @classmethod
+    def of(cls, search: kernel.Search) -> _Room:
+        """The memory of some trees."""
+        nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
+        return cls(search, packed(search), nodes, search.parents.reshape(2, -1), search.domains.reshape(2, -1))
 
     def begin(self, roots: tuple[np.ndarray, np.ndarray], shift: np.ndarray) -> None:
         """Leave only the roots (k, nv) of both trees, and begin a sequence of samples that is shifted by (nv,)."""
-        search = self.search
-        search.places[:] = shift
-        search.counters[:] = 0
-        search.counters[kernel.ACTIVE] = 1
-        nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
-        for tree in range(2):
-            first, size = tree * search.capacity, len(roots[tree])
-            search.counters[kernel.SIZE + tree] = size
-            nodes[tree, :, :size] = roots[tree].T
-            search.parents[first : first + size] = -1
-            search.domains[first : first + size] = np.inf
+        counters = self.search.counters
+        self.search.places[:] = shift
+        counters[:] = 0
+        counters[kernel.ACTIVE] = 1
+        for tree, points in enumerate(roots):
+            size = len(points)
+            counters[kernel.SIZE + tree] = size
+            self.nodes[tree, :, :size] = points.T
+            self.parents[tree, :size] = -1
+            self.domains[tree, :size] = np.inf
 
     def roomier(self) -> _Room:
         """The same trees with room for twice as many nodes."""
-        nv, capacity = self.search.nv, self.search.capacity
-        larger = _Room.build(nv, 2 * capacity)
-        for name in ("nodes", "parents", "domains"):
-            ours, theirs = getattr(self.search, name), getattr(larger.search, name)
-            rows = 2 * nv if name == "nodes" else 2
-            theirs[: 2 * rows * capacity].reshape(rows, 2 * capacity)[:, :capacity] = ours[: rows * capacity].reshape(
-                rows, capacity
-            )
-        kept = {name: getattr(self.search, name) for name in ("places", "counters")}
-        search = larger.search._replace(**kept)
-        return _Room(search, packed(search))
+        capacity = self.search.capacity
+        larger = _Room.build(self.search.nv, 2 * capacity)
+        larger.nodes[:, :, :capacity] = self.nodes
+        larger.parents[:, :capacity] = self.parents
+        larger.domains[:, :capacity] = self.domains
+        return _Room.of(larger.search._replace(places=self.search.places, counters=self.search.counters))
 
 
 class _Rooms(threading.local):
@@ -201,14 +220,13 @@ def _room(nv: int, capacity: int) -> _Room:
     return room
 
 
-def _joined(
-    room: _Room, sampling: kernel.Sampling, sources: Words, starts: np.ndarray, goals: np.ndarray
-) -> np.ndarray:
+def _joined(room: _Room, sources: _Sources, starts: np.ndarray, goals: np.ndarray) -> np.ndarray:
     """The path through where the trees met; they hold float32, so the roots are put back as they were given."""
     counters = room.search.counters
     rows = np.empty((counters[kernel.SIZE] + counters[kernel.SIZE + 1], room.search.nv))
-    path = rows[: joined(sources, room.words, rows)].copy()
+    path = rows[: joined(sources.words, room.words, rows)].copy()
     goal = goals[counters[kernel.ROOT + 1]]
-    turns = np.rint((path[-1] - goal) * sampling.frequency)
-    path[0], path[-1] = starts[counters[kernel.ROOT]], goal + 2.0 * np.pi * turns
+    if sources.wraps:
+        goal = goal + 2.0 * np.pi * np.rint((path[-1] - goal) * sources.sampling.frequency)
+    path[0], path[-1] = starts[counters[kernel.ROOT]], goal
     return path
