@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import dataclass
 
 from hypothesis import strategies as st
@@ -11,16 +12,13 @@ from guidefield.messages.requests import UrdfText
 KINDS = ("revolute", "revolute", "continuous", "prismatic", "fixed", "planar", "floating", "mimic")
 """Kinds of joints, `mimic` for a revolute or prismatic one that follows another."""
 
-_LENGTHS = st.floats(0.05, 0.3).map(lambda x: round(x, 3))
-_AXES = st.sampled_from(["1 0 0", "0 1 0", "0 0 1", "1 2 -0.5", "-0.3 0.1 0.9"])
-_TURNS = st.sampled_from(["0 0 0", "1.5708 0 0", "0 0.7 -0.2", "0.1 -1.2 3.1"])
-_SHAPES = st.sampled_from(
-    [
-        '<box size="{w} {w} {h}"/>',
-        '<cylinder radius="{r}" length="{h}"/>',
-        '<sphere radius="{r}"/>',
-        '<capsule radius="{r}" length="{h}"/>',
-    ]
+_AXES = ("1 0 0", "0 1 0", "0 0 1", "1 2 -0.5", "-0.3 0.1 0.9")
+_TURNS = ("0 0 0", "1.5708 0 0", "0 0.7 -0.2", "0.1 -1.2 3.1")
+_SHAPES = (
+    '<box size="{w} {w} {h}"/>',
+    '<cylinder radius="{r}" length="{h}"/>',
+    '<sphere radius="{r}"/>',
+    '<capsule radius="{r}" length="{h}"/>',
 )
 
 
@@ -40,27 +38,29 @@ class RandomJoint:
     offset: float
 
 
-@st.composite
-def chains(draw: st.DrawFn, most: int = 20) -> UrdfText:
-    """A random robot; its joints are j1, j2, …, its links l0, l1, …"""
+def chains(most: int = 20) -> st.SearchStrategy[UrdfText]:
+    """Random robots of at most so many joints."""
+    return st.builds(chain, st.randoms(use_true_random=False), st.integers(1, most))
+
+
+def chain(rng: random.Random, count: int) -> UrdfText:
+    """A random robot of so many joints; its joints are j1, j2, …, its links l0, l1, …"""
     joints: list[RandomJoint] = []
-    for index in range(draw(st.integers(1, most))):
-        kind = draw(st.sampled_from(KINDS))
-        drivers = [
-            k for k, joint in enumerate(joints) if joint.kind in ("revolute", "continuous", "prismatic", "mimic")
-        ]
+    for index in range(count):
+        kind = rng.choice(KINDS)
+        driven = any(joint.kind in ("revolute", "continuous", "prismatic", "mimic") for joint in joints)
         joints.append(
             RandomJoint(
-                kind="revolute" if kind == "mimic" and not drivers else kind,
-                parent=draw(st.integers(max(0, index - 2), index)),
-                axis=draw(_AXES),
-                turn=draw(_TURNS),
-                shape=draw(_SHAPES),
-                length=draw(_LENGTHS),
-                lower=round(draw(st.floats(-3.0, -0.2)), 3),
-                upper=round(draw(st.floats(0.2, 3.0)), 3),
-                multiplier=round(draw(st.floats(-1.5, 1.5)), 3),
-                offset=round(draw(st.floats(-0.2, 0.2)), 3),
+                kind="revolute" if kind == "mimic" and not driven else kind,
+                parent=rng.randint(max(0, index - 2), index),
+                axis=rng.choice(_AXES),
+                turn=rng.choice(_TURNS),
+                shape=rng.choice(_SHAPES),
+                length=round(rng.uniform(0.05, 0.3), 3),
+                lower=round(rng.uniform(-3.0, -0.2), 3),
+                upper=round(rng.uniform(0.2, 3.0), 3),
+                multiplier=round(rng.uniform(-1.5, 1.5), 3),
+                offset=round(rng.uniform(-0.2, 0.2), 3),
             )
         )
     parts = [_link(0, joints[0])]

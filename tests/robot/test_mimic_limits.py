@@ -52,6 +52,10 @@ def test_what_cannot_be_kept_is_told():
     robot = load(arm(("revolute", 0, 1, ""), ("revolute", 5, 6, mimic(1, 1.0, 0.0))))
     assert any("no value at which 'j2' is within its limits" in warning for warning in robot.warnings)
     assert robot.joints[0].upper == 1.0
+    for joints in (("continuous", 0, 0, ""), ("revolute", 0, 1, "")):
+        robot = load(arm(joints, ("revolute", 5, 6, mimic(1, 1.0, 0.0))))
+        assert np.isinf([robot.joints[1].lower, robot.joints[1].upper]).all()
+        assert not limit_faults(robot.joints, robot.rest), "nothing that is told as not kept is a fault of a start"
 
 
 def test_a_follower_of_a_fixed_joint_is_refused():

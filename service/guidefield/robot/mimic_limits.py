@@ -18,6 +18,8 @@ ROUNDING = 1e-6
 def narrowed(name: str, joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
     """The same joints; those that others follow only go where their followers stay within their own limits.
 
+    A follower whose limits can't be kept so has none: a plan must not be refused for what no joint can be blamed for.
+
     Args:
         name: The robot's name, for errors.
         joints: Movable joints.
@@ -38,8 +40,10 @@ def narrowed(name: str, joints: Sequence[Joint], warnings: list[str]) -> tuple[J
         who = f"joint {driver.name!r}, which {follower.name!r} follows,"
         if driver.kind not in LIMITED:
             warnings.append(f"{who} turns without limits: those of {follower.name!r} are not kept")
+            by_name[follower.name] = _limited(follower, -np.inf, np.inf)
         elif both[0] > both[1]:
             warnings.append(f"{who} has no value at which {follower.name!r} is within its limits: they are not kept")
+            by_name[follower.name] = _limited(follower, -np.inf, np.inf)
         elif both[0] > driver.lower[0] + ROUNDING or both[1] < driver.upper[0] - ROUNDING:
             warnings.append(f"{who} only goes from {both[0]:g} to {both[1]:g}, so that its follower keeps its limits")
             by_name[driver.name] = _limited(driver, *both)
