@@ -53,7 +53,8 @@ def read_recording(path: Path) -> Recorded:
         )
     except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"
-        raise MalformedRequest(f"{path.name!r} is no whole recording of guidefield: {why}", path=str(path)) from None
+        what = f"{path.name!r} is no whole recording of guidefield, or one of another version"
+        raise MalformedRequest(f"{what}: {why}", path=str(path)) from None
 
 
 def _values(chunk: Chunk, component: str) -> list[Any]:
