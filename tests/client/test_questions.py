@@ -41,3 +41,18 @@ def test_what_changes_something_is_not_asked_twice() -> None:
     changes = (questions.delete_robot("a"), questions.delete_scene("a"), questions.delete_run("a"))
     assert not any(question.repeatable for question in changes)
     assert questions.store_scene(Scene(name="a")).repeatable
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "panda?delete", "**", "a;b", "$*", "a#b"])
+def test_a_name_is_a_name_and_nothing_else(name: str) -> None:
+    asked = (questions.robot, questions.delete_scene, questions.run, questions.recording, questions.cancel)
+    for ask in asked:
+        with pytest.raises(MalformedRequest, match="name"):
+            ask(name)
+    with pytest.raises(MalformedRequest, match="name"):
+        questions.runs(None, name, None)
+
+
+def test_filters_are_parameters() -> None:
+    assert questions.runs("SUCCESS", "panda", 1.5).key == "runs?status=SUCCESS;robot=panda;since=1.5"
+    assert questions.runs(None, None, None).key == "runs"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -42,6 +43,9 @@ ANSWER_TIMEOUT = 660.0
 """How long an answer to anything but a plan is waited for; longer than the service lets a worker work [s]."""
 PLAN_MARGIN = 90.0
 """How much longer than its planning time the answer to a plan is waited for; more than the service's own margin [s]."""
+
+_WORD = re.compile(r"[^/?#*$;]+")
+"""What can be one chunk of a key, or the value of a parameter."""
 
 _R = TypeVar("_R")
 _M = TypeVar("_M", bound=Reply)
@@ -102,7 +106,7 @@ def robots() -> Question[RobotsReply]:
 
 def robot(name: str) -> Question[RobotReply]:
     """One robot."""
-    return _reading(f"robots/{name}", RobotReply)
+    return _reading(_key("robots", name), RobotReply)
 
 
 def store_robot(
@@ -110,13 +114,13 @@ def store_robot(
 ) -> Question[Done]:
     """A robot of one's own is to be stored."""
     files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes), root_joint=root_joint)
-    key = f"robots/{name}"
+    key = _key("robots", name)
     return Question(key, _reader(key, Done), _sent(files))
 
 
 def delete_robot(name: str) -> Question[Done]:
     """A stored robot is to be forgotten."""
-    return _deleting(f"robots/{name}")
+    return _deleting(_key("robots", name))
 
 
 def scenes() -> Question[ScenesReply]:
@@ -126,45 +130,45 @@ def scenes() -> Question[ScenesReply]:
 
 def scene(name: str) -> Question[SceneReply]:
     """One scene."""
-    return _reading(f"scenes/{name}", SceneReply)
+    return _reading(_key("scenes", name), SceneReply)
 
 
 def store_scene(scene: Scene) -> Question[Done]:
     """A scene is to be stored under its own name."""
-    key = f"scenes/{scene.name}"
+    key = _key("scenes", scene.name)
     return Question(key, _reader(key, Done), _sent(scene))
 
 
 def delete_scene(name: str) -> Question[Done]:
     """A stored scene is to be forgotten."""
-    return _deleting(f"scenes/{name}")
+    return _deleting(_key("scenes", name))
 
 
 def runs(status: str | None, robot: str | None, since: float | None) -> Question[RunsReply]:
     """The runs that are kept."""
     filters = {"status": status, "robot": robot, "since": since}
-    given = ";".join(f"{name}={value}" for name, value in filters.items() if value is not None)
+    given = ";".join(f"{name}={_word(value)}" for name, value in filters.items() if value is not None)
     return _reading(f"runs?{given}" if given else "runs", RunsReply)
 
 
 def run(run_id: str) -> Question[RunReply]:
     """One run."""
-    return _reading(f"runs/{run_id}", RunReply, run_id)
+    return _reading(_key("runs", run_id), RunReply, run_id)
 
 
 def delete_run(run_id: str) -> Question[Done]:
     """One run is to be forgotten."""
-    return _deleting(f"runs/{run_id}", run_id)
+    return _deleting(_key("runs", run_id), run_id)
 
 
 def cancel(run_id: str) -> Question[Done]:
     """One run is to end early."""
-    return _reading(f"runs/{run_id}/cancel", Done, run_id)
+    return _reading(f"{_key('runs', run_id)}/cancel", Done, run_id)
 
 
 def recording(run_id: str) -> Question[bytes]:
     """The recording of one run."""
-    return Question(f"runs/{run_id}/recording", bytes, run_id=run_id)
+    return Question(f"{_key('runs', run_id)}/recording", bytes, run_id=run_id)
 
 
 def info() -> Question[InfoReply]:
@@ -179,6 +183,18 @@ def refusal(payload: bytes) -> GuidefieldError | None:
     except msgspec.DecodeError:
         return None
     return error_of(error)
+
+
+def _key(room: str, name: str) -> str:
+    """The key of what has a name; nothing in the name may mean something in a key or its parameters."""
+    return f"{room}/{_word(name)}"
+
+
+def _word(value: object) -> str:
+    word = str(value)
+    if not _WORD.fullmatch(word):
+        raise MalformedRequest(f"a name that is asked for has none of / ? # * $ ; and isn't empty, got {word[:64]!r}")
+    return word
 
 
 def _reading(key: str, kind: type[_M], run_id: str | None = None) -> Question[_M]:
