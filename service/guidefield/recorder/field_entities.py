@@ -31,7 +31,7 @@ FORCE_DECADES = 2.0
 RESOLUTION, MAGNIFIED = 120, 3
 """Pixels along the longer side at which the field is known, and how many a picture has for each: it is smooth."""
 
-QUALITY = 80
+QUALITY = 75
 """Of the picture's compression (JPEG, 0 to 100)."""
 
 PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"

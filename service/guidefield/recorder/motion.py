@@ -144,9 +144,14 @@ def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> Mot
     )
 
 
+def frames_of(times: np.ndarray) -> int:
+    """How often a robot is shown between the first and the last of some times (n,) [s]."""
+    return int(np.clip(np.ceil((times[-1] - times[0]) * SHOWN_RATE), *FRAMES))
+
+
 def _shown_times(knots: np.ndarray) -> np.ndarray:
     """Times [s] at which a trajectory is shown, its knots (n,) among them."""
-    count = int(np.clip(np.ceil((knots[-1] - knots[0]) * SHOWN_RATE), *FRAMES))
+    count = frames_of(knots)
     return np.union1d(np.linspace(knots[0], knots[-1], count), knots)
 
 

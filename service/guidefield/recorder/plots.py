@@ -23,10 +23,10 @@ Color = tuple[int, int, int, int]
 CLEAR = 0.10
 """Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
 
-PLOTTED = 800
+PLOTTED = 600
 """Numbers in a plot of all joints, about."""
 
-LEAST_PLOTTED = 48
+LEAST_PLOTTED = 40
 """Rows in such a plot, if there are as many."""
 
 OBSTACLE_COLOR = (94, 184, 255, 255)

@@ -30,7 +30,7 @@ from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import Eye, choose_eye
 from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
-from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, refused_goal, shown_motion
+from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
 from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group import PlanningGroup
@@ -121,7 +121,9 @@ class Recorder:
     ) -> Iterator[Chunk]:
         """The motion, and what changes along it."""
         yield robot_entities.tip_axes(self._group)
-        yield robot_entities.link_motion(self._group, links, at, motion.times, PATH_TIME)
+        rows = log.shown_steps(len(motion.times), frames_of(motion.times))
+        frames = Poses(at.joints, at.placements[rows], at.tip[rows])
+        yield robot_entities.link_motion(self._group, links, frames, motion.times[rows], PATH_TIME)
         yield robot_entities.tip_trace(at.tip)
         if motion.timed:
             yield from scene_entities.moving(self._scene.obstacles, motion.times)

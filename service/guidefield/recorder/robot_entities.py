@@ -16,7 +16,7 @@ from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup
 
-GHOSTS = 7
+GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
 
 GHOST_ENTITY = "/ghosts"
