@@ -12,12 +12,13 @@ import pytest
 
 from guidefield.kernels.barrier import SOFT, STEEPNESS
 from guidefield.kernels.distance import distance_at_points
+from guidefield.kernels.near_bodies import MARGIN, nothing_remembered
 from guidefield.kernels.obstacle_barrier import obstacle_distance
 from guidefield.kernels.relaxation import Samples, objective
 from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.kernels.self_barrier import pair_distances
 from guidefield.planner.problem import Problem
-from guidefield.planner.sampled_robot import LEAST_SELF_RANGE, SELF_RANGE, sampled_robot
+from guidefield.planner.sampled_robot import LEAST_SELF_RANGE, SELF_RANGE, WEIGHT, sampled_robot
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables
 from tests.collision.scenery import scattered
@@ -61,9 +62,9 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
     pin.forwardKinematics(model, data, made_for.group.expand(made_for.group.from_chart(z)))
     world = [
         robot.points[:, first:last].T @ data.oMi[joint].rotation.T + data.oMi[joint].translation
-        for joint, first, last in robot.groups.tolist()
+        for joint, first, last, _ in robot.groups.tolist()
     ]
-    weights = [robot.weights[first:last] for _, first, last in robot.groups]
+    weights = [robot.weights[first:last] for _, first, last, _ in robot.groups]
     found = []
     for points, of_points in zip(world, weights, strict=True):
         to_obstacles = distance_at_points(distance_tables(made_for.scene), points)[0] - CLEARANCE
@@ -71,8 +72,10 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
     shapes = list(made_for.group.geometry.geometryObjects)
     for (g, body), reach in zip(robot.pairs, robot.pair_ranges, strict=True):
         placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
-        apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g]]
-        found += [(d, w, float(reach), 0.0) for d, w in zip(apart, weights[g], strict=True)]
+        _, first, last, coarse = robot.groups[g]
+        apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g][: coarse - first]]
+        w = WEIGHT / robot.points.shape[1] * (last - first) / (coarse - first)
+        found += [(d, w, float(reach), 0.0) for d in apart]
     return found
 
 
@@ -106,7 +109,11 @@ def cost(distance: float, reach: float, floor: float) -> float:
 def samples_of(*rows: tuple[int, float, float]) -> Samples:
     segments, fractions, weights = (np.array(column) for column in zip(*rows, strict=True))
     samples = Samples(
-        segments.astype(np.int64), fractions.astype(float), weights.astype(float), np.full(len(rows), REACH)
+        segments.astype(np.int64),
+        fractions.astype(float),
+        weights.astype(float),
+        np.full(len(rows), REACH),
+        np.ones(len(rows)),
     )
     for array in samples:
         array.setflags(write=False)
@@ -119,12 +126,23 @@ class Objective:
     def __init__(self, made_for: Problem, samples: Samples, stiffness: float = 0.0, ends: np.ndarray | None = None):
         self.robot, self.tables = sampled(made_for, ends)
         self.samples, self.stiffness = samples, np.full(made_for.group.nv, stiffness)
+        self.near = nothing_remembered(len(samples.segments), len(self.robot.groups))
 
     def __call__(self, path: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         n, nv = path.shape
         gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
         value = objective(
-            self.robot, self.tables, self.samples, path, self.stiffness, CLEARANCE, FLOOR, gradient, diagonal, upper
+            self.robot,
+            self.tables,
+            self.samples,
+            path,
+            self.stiffness,
+            CLEARANCE,
+            FLOOR,
+            self.near,
+            gradient,
+            diagonal,
+            upper,
         )
         return value, gradient, diagonal, upper
 
@@ -248,7 +266,7 @@ def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None
     own = [d for d, *_ in distances(made_for, robot, z)][robot.points.shape[1] :]
     at = 0
     for (g, _), distance in zip(robot.pairs, closest, strict=True):
-        count = robot.groups[g, 2] - robot.groups[g, 1]
+        count = robot.groups[g, 3] - robot.groups[g, 1]
         smallest = min(own[at : at + count])
         assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SELF_RANGE - 1e-6 else np.inf)
         at += count
@@ -262,3 +280,17 @@ def test_the_distance_from_obstacles_is_that_of_the_nearest_point(name: str) -> 
     assert obstacle_distance(robot, tables, z, np.inf) == pytest.approx(nearest, abs=1e-9)
     assert obstacle_distance(robot, tables, z, 1.0) == pytest.approx(nearest, abs=1e-9)
     assert obstacle_distance(robot, tables, z, nearest - 0.01) == nearest - 0.01
+
+
+def test_what_is_remembered_of_bodies_nearby_changes_nothing() -> None:
+    made_for, z = made("panda")
+    rng = np.random.default_rng(3)
+    samples = samples_of((0, 0.25, 0.3), (0, 1.0, 1.0))
+    remembering, moved_far = Objective(made_for, samples), 0
+    for scale in (0.0, 0.01, 0.03, 0.01, 1.0, 0.02, 0.5, 0.01):
+        z = z + scale * rng.normal(size=len(z))
+        before = remembering.near.centres.copy()
+        for found, expected in zip(remembering(at_end(z)), Objective(made_for, samples)(at_end(z)), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        moved_far += int((np.linalg.norm(remembering.near.centres - before, axis=2) > MARGIN).sum())
+    assert moved_far > 10

@@ -31,6 +31,9 @@ def test_every_segment_counts_alike_and_what_stays_is_never_sampled(segments: in
         assert inside.sum() == (DENSE if dense else 1)
         units[segment] = even[inside].sum() / (2.0 if dense else 1.0)
     np.testing.assert_allclose(units, units[0])
+    own = samples.weights * samples.shares / (1.0 + EXTRA_WEIGHT * (1.0 - ramp))
+    assert 0 < (own > 0.0).sum() <= segments + len(held)
+    assert 0.4 < own.sum() < 1.5
     between = [k for k in range(segments + 1) if k not in held]
     assert set(between) <= set(places.tolist())
     assert not any(array.flags.writeable for array in samples)

@@ -28,10 +28,10 @@ def test_points_lie_within_the_balls_and_weigh_alike() -> None:
     assert len(arrays) > 8
     assert not any(array.flags.writeable for array in arrays)
     at = 0
-    for (joint, first, last), ball in zip(sampled.groups, sampled.balls, strict=True):
+    for (joint, first, last, coarse), ball in zip(sampled.groups, sampled.balls, strict=True):
         assert joint > 0
         assert first == at
-        assert last > first
+        assert first < coarse <= last
         at = last
         points = sampled.points[:, first:last].T
         assert np.linalg.norm(points - ball[:3], axis=1).max() <= ball[3] + 1e-12

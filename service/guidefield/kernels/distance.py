@@ -14,16 +14,7 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
-from guidefield.kernels.signatures import (
-    INDEX_MATRIX,
-    MATRIX,
-    MATRIX_OUT,
-    SCALAR,
-    VECTOR_OUT,
-    Floats,
-    compiled,
-    inlined,
-)
+from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
 from guidefield.kernels.tree_kinematics import BLOCKS, INDICES
 from guidefield.kernels.triangle_distance import (
     LEAF,
@@ -32,6 +23,7 @@ from guidefield.kernels.triangle_distance import (
     box_gap_squared,
     surface_distance,
 )
+from guidefield.kernels.uncounted import counted, uncounted
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET = range(6)
 """Kinds of bodies."""
@@ -103,7 +95,7 @@ def distance_at_points(
     return distances, normals, np.where(bodies < 0, -1, np.append(tables.obstacles, -1)[bodies])
 
 
-@inlined
+@uncounted
 def body_distance(
     x: float, y: float, z: float, body: int, tables: DistanceTables, cutoff: float, depth: float
 ) -> Signed:
@@ -156,7 +148,7 @@ def body_distance(
     )
 
 
-@inlined
+@uncounted
 def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
     """Whether the box about a body, in its own frame, is within reach of a point.
 
@@ -176,7 +168,7 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
     return box_gap_squared(px, py, pz, tables.bounds, body) < reach * reach
 
 
-@inlined
+@uncounted
 def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
     """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
@@ -184,7 +176,7 @@ def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, 
     return bounds_near(x, y, z, body, tables, reach)
 
 
-@inlined
+@counted
 def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTables, bodies_out: np.ndarray) -> int:
     """The bodies that may be within reach of a point: all that are, and few others.
 
@@ -229,7 +221,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
     return count
 
 
-@inlined
+@uncounted
 def nearest_body(
     x: float, y: float, z: float, candidates: np.ndarray, count: int, tables: DistanceTables, cutoff: float
 ) -> tuple[float, float, float, float, int]:

@@ -9,40 +9,49 @@ from __future__ import annotations
 import math
 
 from guidefield.kernels.barrier import barrier, deficit
-from guidefield.kernels.distance import TABLES, DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.distance import TABLES, DistanceTables, nearest_body
+from guidefield.kernels.near_bodies import NearBodies, bodies_that_count, remembered_bodies
 from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, moved, place, workspace
-from guidefield.kernels.signatures import SCALAR, VECTOR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
+from guidefield.kernels.uncounted import uncounted
 
 
-@inlined
+@uncounted
 def obstacle_barrier(
-    robot: SampledRobot, tables: DistanceTables, reach: float, clearance: float, floor: float, work: Workspace
+    robot: SampledRobot,
+    tables: DistanceTables,
+    s: int,
+    walls: Vector3,
+    near: NearBodies,
+    work: Workspace,
 ) -> float:
     """The barrier between the robot's points and obstacles.
 
     Args:
         robot: The robot.
         tables: Obstacles.
-        reach: Range of the barrier [m], positive.
-        clearance: Distance from obstacles at which its wall stands [m].
-        floor: Distance from obstacles below which points cost more [m], positive.
+        s: Under which number bodies near the configuration are remembered.
+        walls: Range of the barrier, positive; distance from obstacles at which its wall stands; floor, the distance
+            below which points cost more, positive [m].
+        near: What is remembered.
         work: Scratch, up to date with the configuration; forces and inertias gather in it.
 
     Returns:
         Sum of the weighted barriers.
     """
     total = 0.0
+    reach, clearance, floor = walls
     farthest = max(reach + clearance, floor)
     for g in range(robot.groups.shape[0]):
         joint = robot.groups[g, 0]
         T = work.world[joint]
-        count = _bodies_near(robot, tables, g, farthest, work)
+        count = remembered_bodies(robot, tables, s, g, farthest, near, work)
         if count == 0:
             continue
         first, last = robot.groups[g, 1], robot.groups[g, 2]
         work.gaps[first:last] = math.inf
         for k in range(count):
-            lower_gaps(robot, g, tables, work.candidates[k], work)
+            lower_gaps(robot, g, last, tables, work.candidates[k], work)
         for i in range(first, last):
             if work.gaps[i] >= farthest * farthest:
                 continue
@@ -58,19 +67,7 @@ def obstacle_barrier(
     return total
 
 
-@inlined
-def _bodies_near(robot: SampledRobot, tables: DistanceTables, g: int, reach: float, work: Workspace) -> int:
-    """How many bodies that count may be within reach of a group; the first of the candidates are they."""
-    x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
-    near, count = bodies_near(x, y, z, robot.balls[g, 3] + reach, tables, work.candidates), 0
-    for k in range(near):
-        if not robot.ignored[g, tables.obstacles[work.candidates[k]]]:
-            work.candidates[count] = work.candidates[k]
-            count += 1
-    return count
-
-
-@inlined
+@uncounted
 def _gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, work: Workspace) -> None:
     """Add a point's force and inertia to a joint's."""
     f = (n[0], n[1], n[2], p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0])
@@ -94,7 +91,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
     place(robot, z, work)
     best = cutoff
     for g in range(robot.groups.shape[0]):
-        count = _bodies_near(robot, tables, g, max(best, 0.0), work)
+        count = bodies_that_count(robot, tables, g, max(best, 0.0), work)
         T = work.world[robot.groups[g, 0]]
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
             x, y, z_ = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])

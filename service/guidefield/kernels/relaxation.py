@@ -14,6 +14,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.distance import TABLES, DistanceTables
+from guidefield.kernels.near_bodies import NEAR_BODIES, NearBodies
 from guidefield.kernels.robot_barrier import robot_barrier
 from guidefield.kernels.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, Floats, compiled
@@ -28,15 +29,17 @@ class Samples(NamedTuple):
         fractions: (s,) where on the segment, from 0 to 1.
         weights: (s,) how much each counts.
         ranges: (s,) range of the barrier against obstacles there [m].
+        shares: (s,) factor of the barrier between links there; where it is 0 that isn't looked at.
     """
 
     segments: np.ndarray
     fractions: Floats
     weights: Floats
     ranges: Floats
+    shares: Floats
 
 
-SAMPLES = types.NamedTuple((INDICES, VECTOR, VECTOR, VECTOR), Samples)
+SAMPLES = types.NamedTuple((INDICES, VECTOR, VECTOR, VECTOR, VECTOR), Samples)
 
 
 @compiled(SCALAR(MATRIX, VECTOR, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT))
@@ -59,7 +62,9 @@ def _stretch(path: Floats, stiffness: Floats, gradient_out: Floats, diagonal_out
     return total
 
 
-@compiled(SCALAR(ROBOT, TABLES, SAMPLES, MATRIX, VECTOR, SCALAR, SCALAR, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT))
+@compiled(
+    SCALAR(ROBOT, TABLES, SAMPLES, MATRIX, VECTOR, SCALAR, SCALAR, NEAR_BODIES, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT)
+)
 def objective(
     robot: SampledRobot,
     tables: DistanceTables,
@@ -68,6 +73,7 @@ def objective(
     stiffness: Floats,
     clearance: float,
     floor: float,
+    near: NearBodies,
     gradient_out: Floats,
     diagonal_out: Floats,
     upper_out: Floats,
@@ -82,6 +88,7 @@ def objective(
         stiffness: Diagonal of S, shape (nv,).
         clearance: Distance from obstacles at which the barrier's wall stands [m].
         floor: Distance from obstacles below which points cost more [m], positive.
+        near: What is remembered of the samples; of the same path, moved, and the same walls.
         gradient_out: Shape (n, nv).
         diagonal_out: Hessian blocks of the waypoints, shape (n, nv, nv).
         upper_out: Hessian blocks that couple a waypoint with the next one, shape (n - 1, nv, nv).
@@ -97,7 +104,8 @@ def objective(
         k, t, w = samples.segments[s], samples.fractions[s], samples.weights[s]
         for j in range(nv):
             z[j] = path[k, j] + t * (path[k + 1, j] - path[k, j])
-        value = robot_barrier(robot, tables, z, samples.ranges[s], clearance, floor, work, gradient, hessian)
+        walls = (samples.ranges[s], clearance, floor)
+        value = robot_barrier(robot, tables, s, z, walls, samples.shares[s], near, work, gradient, hessian)
         if value == 0.0:
             continue
         total += w * value

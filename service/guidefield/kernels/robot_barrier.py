@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.near_bodies import NearBodies
 from guidefield.kernels.obstacle_barrier import obstacle_barrier
 from guidefield.kernels.sampled_robot import SampledRobot, Workspace, place
 from guidefield.kernels.self_barrier import self_barrier
-from guidefield.kernels.signatures import Floats, inlined
+from guidefield.kernels.signatures import Floats, Vector3
 from guidefield.kernels.tree_kinematics import JointTable
+from guidefield.kernels.uncounted import uncounted
 
 
-@inlined
+@uncounted
 def robot_barrier(
     robot: SampledRobot,
     tables: DistanceTables,
+    s: int,
     z: Floats,
-    reach: float,
-    clearance: float,
-    floor: float,
+    walls: Vector3,
+    share: float,
+    near: NearBodies,
     work: Workspace,
     gradient_out: Floats,
     hessian_out: Floats,
@@ -27,13 +30,14 @@ def robot_barrier(
     Args:
         robot: The robot.
         tables: Obstacles.
+        s: Under which number bodies near the configuration are remembered.
         z: Chart coordinates, shape (nv,) [rad or m].
-        reach: Range of the barrier against obstacles [m], positive.
-        clearance: Distance from obstacles at which its wall stands [m].
-        floor: Distance from obstacles below which points cost more [m], positive.
+        walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
+        share: Factor of the barrier between links; where it is 0 that isn't looked at.
+        near: What is remembered.
         work: Scratch.
-        gradient_out: Its gradient by z, shape (nv,).
-        hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv).
+        gradient_out: Its gradient by z, shape (nv,); nothing is written where the barrier is 0.
+        hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv); the same.
 
     Returns:
         Sum of the weighted barriers of all points.
@@ -41,9 +45,16 @@ def robot_barrier(
     place(robot, z, work)
     work.forces[:, :] = 0.0
     work.inertias[:, :, :] = 0.0
-    total = obstacle_barrier(robot, tables, reach, clearance, floor, work)
-    _carry(robot.joints, work)
-    total += self_barrier(robot, work)
+    total = obstacle_barrier(robot, tables, s, walls, near, work)
+    if total > 0.0:
+        _carry(robot.joints, work)
+    else:
+        work.gradient[:] = 0.0
+        work.hessian[:, :] = 0.0
+    if share > 0.0:
+        total += self_barrier(robot, share, work)
+    if total == 0.0:
+        return total
     gradient_out[:] = 0.0
     hessian_out[:, :] = 0.0
     for i in range(robot.drivers.shape[0]):
@@ -54,7 +65,7 @@ def robot_barrier(
     return total
 
 
-@inlined
+@uncounted
 def _carry(joints: JointTable, work: Workspace) -> None:
     """Carry forces and inertias to the root; gradient and Hessian by the model's chart coordinates."""
     S = work.subspaces

@@ -9,7 +9,7 @@ from numba import types
 
 from guidefield.kernels.chart import configuration, subspaces_by_chart
 from guidefield.kernels.distance import TABLES, DistanceTables
-from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, Vector3, inlined
+from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, Vector3
 from guidefield.kernels.tree_kinematics import (
     BLOCKS,
     INDICES,
@@ -17,6 +17,7 @@ from guidefield.kernels.tree_kinematics import (
     joint_placements,
     motion_subspaces,
 )
+from guidefield.kernels.uncounted import counted, uncounted
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
@@ -32,7 +33,7 @@ class SampledRobot(NamedTuple):
         origin: (model nq,) configuration from which the chart's rotation vectors start.
         points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together.
         weights: (p,) how much each counts.
-        groups: (g, 3) joint, first point, one past the last point.
+        groups: (g, 4) joint, first point, one past the last point, one past those that stand for all against links.
         balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
         ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
         links: Bodies of all collision shapes, in the frame of their joint.
@@ -101,7 +102,7 @@ class Workspace(NamedTuple):
     gaps: Floats
 
 
-@inlined
+@counted
 def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
     """Scratch for a robot among some bodies."""
     n, nv = robot.joints.parents.shape[0], robot.offsets.shape[0]
@@ -123,7 +124,7 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
     )
 
 
-@inlined
+@uncounted
 def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
     """Where a point of a placed frame is in the world [m].
 
@@ -140,7 +141,7 @@ def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
     )
 
 
-@inlined
+@uncounted
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     """Placements of joints, motion subspaces by the chart of the model, and centres of balls, into the scratch.
 
@@ -162,13 +163,13 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
         _centre(work.world[robot.groups[g, 0]], robot.balls[g], work.centres[g])
 
 
-@inlined
+@uncounted
 def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
     """The centre of a ball of a placed frame in the world."""
     centre_out[0], centre_out[1], centre_out[2] = moved(T, ball[0], ball[1], ball[2])
 
 
-@inlined
+@uncounted
 def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
     """Fill in the placement of a link's body."""
     outer, inner, placement_out = work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b]
@@ -180,9 +181,9 @@ def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
             )
 
 
-@inlined
-def lower_gaps(robot: SampledRobot, g: int, tables: DistanceTables, body: int, work: Workspace) -> None:
-    """Lower the gaps of a group's points to those to the box about a body; a vector loop."""
+@uncounted
+def lower_gaps(robot: SampledRobot, g: int, last: int, tables: DistanceTables, body: int, work: Workspace) -> None:
+    """Lower the gaps of a group's points up to one to those to the box about a body; a vector loop."""
     T = work.world[robot.groups[g, 0]]
     B, bounds = tables.placements[body], tables.bounds[body]
     r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
@@ -200,7 +201,7 @@ def lower_gaps(robot: SampledRobot, g: int, tables: DistanceTables, body: int, w
     tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
     lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
     px, py, pz = robot.points[0], robot.points[1], robot.points[2]
-    for i in range(robot.groups[g, 1], robot.groups[g, 2]):
+    for i in range(robot.groups[g, 1], last):
         x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
         y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
         z = r20 * px[i] + r21 * py[i] + r22 * pz[i] + tz

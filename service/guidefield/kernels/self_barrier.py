@@ -1,6 +1,7 @@
 """The barrier between points of links and other links at one configuration.
 
-The other link's own motion takes away what the point's adds: only the joints between the two change the distance.
+Links are coarse things to each other: of a group's points the first few stand for all. The other link's own motion
+takes away what the point's adds: only the joints between the two change the distance.
 """
 
 from __future__ import annotations
@@ -21,15 +22,17 @@ from guidefield.kernels.sampled_robot import (
     place_link,
     workspace,
 )
-from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
+from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled
+from guidefield.kernels.uncounted import uncounted
 
 
-@inlined
-def self_barrier(robot: SampledRobot, work: Workspace) -> float:
+@uncounted
+def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
     """The barrier of all pairs; adds to the workspace's gradient and Hessian.
 
     Args:
         robot: The robot.
+        share: Factor of all.
         work: Scratch, up to date with the configuration.
 
     Returns:
@@ -48,9 +51,9 @@ def self_barrier(robot: SampledRobot, work: Workspace) -> float:
         if not bounds_near(x, y, z, other, links, near):
             continue
         T = work.world[robot.groups[g, 0]]
-        first, last = robot.groups[g, 1], robot.groups[g, 2]
+        first, last = robot.groups[g, 1], robot.groups[g, 3]
         work.gaps[first:last] = math.inf
-        lower_gaps(robot, g, links, other, work)
+        lower_gaps(robot, g, last, links, other, work)
         for i in range(first, last):
             if work.gaps[i] >= reach * reach:
                 continue
@@ -58,21 +61,21 @@ def self_barrier(robot: SampledRobot, work: Workspace) -> float:
             d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach, reach)
             if d < reach:
                 value, slope, curvature = barrier(d, reach)
-                w = robot.weights[i]
+                w = share * robot.weights[i] * (robot.groups[g, 2] - first) / (last - first)
                 total += w * value
                 _row(robot, robot.groups[g, 0], robot.link_joints[other], p, (nx, ny, nz), work)
                 _add(w * slope, w * curvature, work)
     return total
 
 
-@inlined
+@uncounted
 def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
-    """The links' bodies where they are in the world."""
+    """The links' bodies where they are in the world; only for what doesn't count references either."""
     t = robot.links
     return DistanceTables(t.kinds, t.obstacles, work.links, t.sizes, t.bounds, t.boxes, t.spans, t.nodes, t.surfaces)
 
 
-@inlined
+@uncounted
 def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, work: Workspace) -> None:
     """Gradient of the distance of a point that moves with a joint, along n, to what moves with another."""
     parents, idx_v, S = robot.joints.parents, robot.joints.idx_v, work.subspaces
@@ -87,13 +90,30 @@ def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, wo
             j = parents[j]
 
 
-@inlined
+@uncounted
 def _add(slope: float, curvature: float, work: Workspace) -> None:
     """Add a distance's share to gradient and Hessian."""
     for r in range(work.row.shape[0]):
         work.gradient[r] += slope * work.row[r]
         for c in range(work.row.shape[0]):
             work.hessian[r, c] += curvature * work.row[r] * work.row[c]
+
+
+@uncounted
+def _pair_distances(robot: SampledRobot, work: Workspace, distances_out: Floats) -> None:
+    """`pair_distances` of a robot that is placed."""
+    links = _placed_links(robot, work)
+    for k in range(robot.pairs.shape[0]):
+        g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
+        T = work.world[robot.groups[g, 0]]
+        place_link(robot, other, work)
+        distances_out[k] = math.inf
+        for i in range(robot.groups[g, 1], robot.groups[g, 3]):
+            p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            d = body_distance(p[0], p[1], p[2], other, links, best, best)[0]
+            if d < best:
+                best = d
+                distances_out[k] = d
 
 
 @compiled(void(ROBOT, TABLES, VECTOR, VECTOR_OUT))
@@ -108,15 +128,4 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
     """
     work = workspace(robot, tables)
     place(robot, z, work)
-    links = _placed_links(robot, work)
-    for k in range(robot.pairs.shape[0]):
-        g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
-        T = work.world[robot.groups[g, 0]]
-        place_link(robot, other, work)
-        distances_out[k] = math.inf
-        for i in range(robot.groups[g, 1], robot.groups[g, 2]):
-            p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d = body_distance(p[0], p[1], p[2], other, links, best, best)[0]
-            if d < best:
-                best = d
-                distances_out[k] = d
+    _pair_distances(robot, work, distances_out)

@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.kernels.block_tridiagonal import solve_free
 from guidefield.kernels.distance import DistanceTables
+from guidefield.kernels.near_bodies import NearBodies, nothing_remembered
 from guidefield.kernels.obstacle_barrier import obstacle_distance
 from guidefield.kernels.relaxation import Samples, objective
 from guidefield.kernels.sampled_robot import SampledRobot
@@ -87,6 +88,7 @@ class Chain:
         clearance: Distance from obstacles at which the barrier's wall stands [m].
         floor: Distance from obstacles below which points cost more [m].
         lower, upper: Chart limits, shape (nv,).
+        near: Which obstacles were near the samples; kept up to date by looking at them.
         held: Waypoints that stay.
         crossings: What keeps waypoints where they may be.
     """
@@ -101,6 +103,7 @@ class Chain:
     floor: float
     lower: np.ndarray
     upper: np.ndarray
+    near: NearBodies
     held: list[int]
     crossings: Mapping[int, WaypointKeeper]
 
@@ -128,17 +131,19 @@ class Chain:
             units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
         segments, length, tables = len(path) - 1, length_of(path), distance_tables(problem.scene)
         kept = min(obstacle_distance(robot, tables, z, FARTHEST_FLOOR) for z in path[held])
+        samples = path_samples(segments, held)
         return cls(
             length=length,
             robot=robot,
             tables=tables,
-            samples=path_samples(segments, held),
+            samples=samples,
             stiffness=2.0 * STRETCH * segments / length**2 / units**2,
             units=units,
             clearance=problem.min_clearance,
             floor=float(np.clip(FLOOR_SHARE * kept, LEAST_FLOOR, FARTHEST_FLOOR)),
             lower=np.minimum(group.lower, path.min(axis=0)),
             upper=np.maximum(group.upper, path.max(axis=0)),
+            near=nothing_remembered(len(samples.segments), len(robot.groups)),
             held=held,
             crossings=crossings,
         )
@@ -147,7 +152,7 @@ class Chain:
         """The objective of waypoints, chart points of shape (n, nv), and its derivatives."""
         n, nv = path.shape
         gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
-        walls = (self.clearance, self.floor)
+        walls = (self.clearance, self.floor, self.near)
         value = objective(
             self.robot, self.tables, self.samples, path, self.stiffness, *walls, gradient, diagonal, upper
         )

@@ -25,6 +25,8 @@ EXTRA_WEIGHT = 10.0
 def path_samples(segments: int, held: list[int]) -> Samples:
     """Samples at waypoints and midpoints, and `DENSE` ones of the same weight next to waypoints that stay.
 
+    Links are looked at against each other at waypoints only, and once on a segment next to a waypoint that stays.
+
     Args:
         segments: Number of segments; waypoint k is the start of segment k.
         held: Waypoints that stay, the first and the last among them.
@@ -39,8 +41,15 @@ def path_samples(segments: int, held: list[int]) -> Samples:
     waypoints = np.flatnonzero(~stays)
     at = np.concatenate([waypoints, plain + 0.5, (dense[:, None] + (np.arange(DENSE) + 0.5) / DENSE).ravel()])
     weights = np.concatenate([np.ones(len(waypoints) + len(plain)), np.full(DENSE * len(dense), 2.0 / DENSE)])
+    shares = np.concatenate(
+        [
+            np.full(len(waypoints), 2.0),
+            np.zeros(len(plain)),
+            np.tile(np.arange(DENSE) == DENSE // 2, len(dense)) * DENSE / 2.0,
+        ]
+    )
     order = np.argsort(at, kind="stable")
-    at, weights = at[order], weights[order]
+    at, weights, shares = at[order], weights[order], shares[order]
     near = np.minimum(np.abs(at[:, None] - np.flatnonzero(stays)).min(axis=1) / RAMP, 1.0)
     chosen = np.minimum(at.astype(np.int64), segments - 1)
     samples = Samples(
@@ -48,6 +57,7 @@ def path_samples(segments: int, held: list[int]) -> Samples:
         fractions=at - chosen,
         weights=weights / weights.sum() * (1.0 + EXTRA_WEIGHT * (1.0 - near)),
         ranges=RANGE * (LEAST_RANGE + (1.0 - LEAST_RANGE) * near),
+        shares=shares,
     )
     for array in samples:
         array.setflags(write=False)

@@ -21,6 +21,10 @@ LEAST_SELF_RANGE = 0.004
 """The same between links that are that close at an end of the path."""
 
 
+COARSER = 3
+"""One in so many of a link's points stands for all against other links: the first ones, which are spread as evenly."""
+
+
 def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) -> SampledRobot:
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
@@ -47,7 +51,9 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         origin=group.expand(group.q_origin),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
         weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
-        groups=np.column_stack([np.array(joints, np.int64), last - counts, last]),
+        groups=np.column_stack(
+            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // COARSER)]
+        ),
         balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
         ignored=_ignored(problem, moving),
         links=links,
