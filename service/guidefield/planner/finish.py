@@ -1,7 +1,8 @@
 """From a path that was found to the trajectory that is executed: relax, lay a spline, time it, certify it.
 
 What the certificate refuses goes back: the spline is drawn closer to the path where it was refused (a path of straight,
-certified motions is its limit), and where a relaxed path can't be certified the path that was found is taken instead.
+certified motions is its limit); where the path itself touches, it is relaxed again with shorter segments, whose samples
+see what was overlooked; and where that can't be certified either, the path that was found is taken instead.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from guidefield.collision.constraint_certificate import certify_constraints
 from guidefield.planner.constrained import Keeper
 from guidefield.planner.jerk import parameterize_gently
 from guidefield.planner.problem import Problem
-from guidefield.planner.relaxation import relax
+from guidefield.planner.relaxation import SEGMENT, Relaxed, relax
 from guidefield.planner.spline import CubicSpline, interpolate
 from guidefield.planner.stages import Stages
 from guidefield.planner.timing import parameterize
@@ -25,6 +26,9 @@ from guidefield.planner.trajectory import Trajectory
 
 REPAIRS = 12
 """How often the spline is drawn closer to the path where the certificate refused it."""
+
+FINER = 0.5
+"""Segments of a path that is relaxed again, as a share of the usual ones."""
 
 LAST_JUDGEMENT = 0.1
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
@@ -65,6 +69,8 @@ def finish(
         relaxed = relax(problem, path, crossings)
         stage.outcome = relaxed.outcome
     finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
+    if not (finished.verdict.free or problem.budget.spent()):
+        finished = _repaired(problem, relaxed, stages) or finished
     if finished.verdict.free or not proven:
         return finished
     unrelaxed = _certified(problem, path, crossings, stages)
@@ -72,6 +78,15 @@ def finish(
         return finished if finished.verdict.reason != "contact" else unrelaxed
     warning = f"the relaxed motion was not certified ({finished.verdict.reason}); this is the motion as it was found"
     return Finished(unrelaxed.trajectory, unrelaxed.verdict, unrelaxed.path, unrelaxed.crossings, (warning,))
+
+
+def _repaired(problem: Problem, refused: Relaxed, stages: Stages) -> Finished | None:
+    """The trajectory along a refused path that was relaxed again, with shorter segments; None if it is refused, too."""
+    with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
+        relaxed = relax(problem, refused.path, refused.crossings, segment=FINER * SEGMENT)
+        stage.outcome = relaxed.outcome
+    finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
+    return finished if finished.verdict.free else None
 
 
 def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages) -> Finished:
@@ -86,10 +101,14 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
             verdict = _judged(problem, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason
-        if verdict.free or repair == REPAIRS or verdict.piece is None or problem.budget.spent():
+        hopeless = repair == REPAIRS or verdict.piece is None or len(knots) < 2
+        if verdict.free or hopeless or problem.budget.spent():
             break
         refused = trajectory.bezier()[verdict.piece].mean(axis=0)
-        knots, marks = _denser(problem, knots, marks, refused)
+        worst, nearest = _nearest(knots, refused)
+        if verdict.reason == "contact" and problem.world.in_collision(problem.group.from_chart(nearest)):
+            break
+        knots, marks = _denser(problem, knots, marks, worst)
     return Finished(trajectory, verdict, knots, marks)
 
 
@@ -118,15 +137,20 @@ def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
     return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
 
 
-def _denser(
-    problem: Problem, path: np.ndarray, crossings: dict[int, int], near: np.ndarray
-) -> tuple[np.ndarray, dict[int, int]]:
-    """Midpoints inserted into the segments next to a refused place (nv,), within the path constraints."""
+def _nearest(path: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray]:
+    """The segment of a path (n, nv) that is nearest to a place (nv,), and the point (nv,) of it that is."""
     along = np.diff(path, axis=0)
-    share = np.einsum("ij,ij->i", near - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
+    share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
-    worst = int(np.argmin(np.linalg.norm(near - nearest, axis=1)))
-    split = [i for i in range(worst - 1, worst + 2) if 0 <= i < len(along)]
+    segment = int(np.argmin(np.linalg.norm(place - nearest, axis=1)))
+    return segment, nearest[segment]
+
+
+def _denser(
+    problem: Problem, path: np.ndarray, crossings: dict[int, int], worst: int
+) -> tuple[np.ndarray, dict[int, int]]:
+    """Midpoints inserted into a segment and those next to it, within the path constraints."""
+    split = [i for i in range(worst - 1, worst + 2) if 0 <= i < len(path) - 1]
     middles = np.array([0.5 * (path[i] + path[i + 1]) for i in split])
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)

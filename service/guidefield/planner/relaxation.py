@@ -102,6 +102,7 @@ def relax(
     crossings: Mapping[int, int],
     *,
     fixed: np.ndarray | None = None,
+    segment: float = SEGMENT,
 ) -> Relaxed:
     """Relax a path that was found, within the problem's budget and its number of steps.
 
@@ -113,12 +114,13 @@ def relax(
         path: Chart points, shape (n, nv) [rad or m].
         crossings: By index of each guide plane, its index in `path`.
         fixed: Which waypoints stay besides the ends, shape (n,); None: none.
+        segment: About how long segments are [rad or m]: the shorter, the less is overlooked between samples.
     """
     if length_of(path) == 0.0:
         return Relaxed(path, dict(crossings), 0, 0.0, 0.0, Outcome.NOTHING_TO_MOVE)
     kept = KeptWaypoints.of(problem, path, crossings, fixed)
     robot = sampled_robot(problem, distance_tables(problem.scene), path[kept.held])
-    chain, shape, kept = _spread(problem, robot, path, kept)
+    chain, shape, kept = _spread(problem, robot, path, kept, segment)
     iterations = MOST_ITERATIONS if problem.optimization_iterations is None else problem.optimization_iterations
     length, before, tried = chain.length, shape, 0
     while True:
@@ -126,7 +128,7 @@ def relax(
         tried += steps
         if outcome is not None:
             break
-        chain, shape, kept = _spread(problem, robot, shape.path, kept)
+        chain, shape, kept = _spread(problem, robot, shape.path, kept, segment)
     problem.counters.iterations += tried
     if shape is before:
         return Relaxed(path, dict(crossings), tried, before.value, before.value, outcome)
@@ -137,10 +139,11 @@ def relax(
 
 
 def _spread(
-    problem: Problem, robot: SampledRobot, path: np.ndarray, kept: KeptWaypoints
+    problem: Problem, robot: SampledRobot, path: np.ndarray, kept: KeptWaypoints, segment: float
 ) -> tuple[Chain, Shape, KeptWaypoints]:
     """The chain of a path's waypoints, spread evenly."""
-    segments = int(np.clip(np.ceil(length_of(path) / SEGMENT), LEAST_SEGMENTS, MOST_SEGMENTS))
+    most = int(MOST_SEGMENTS * SEGMENT / segment)
+    segments = int(np.clip(np.ceil(length_of(path) / segment), LEAST_SEGMENTS, most))
     points, kept = kept.spread(path, segments)
     keepers: dict[int, WaypointKeeper] = dict(kept.on_planes)
     if problem.path_constraints:

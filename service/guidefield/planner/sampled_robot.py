@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from guidefield.kept import kept_with
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.kernels.self_barrier import pair_distances
 from guidefield.planner.problem import Problem
+from guidefield.robot.group import PlanningGroup
 from guidefield.robot.link_bodies import link_bodies
 from guidefield.robot.surface_samples import surface_samples
+from guidefield.robot.tables import joint_table
 
 WEIGHT = 100.0
 """Sum of the weights of all points."""
@@ -19,7 +22,6 @@ SELF_RANGE = 0.03
 
 LEAST_SELF_RANGE = 0.004
 """The same between links that are that close at an end of the path."""
-
 
 COARSER = 3
 """One in so many of a link's points stands for all against other links: the first ones, which are spread as evenly."""
@@ -36,31 +38,9 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
         tables: Obstacles.
         ends: Chart points at which links may be as close as they are, shape (m, nv).
     """
-    group = problem.group
-    moving = [body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0]
-    points = _points(problem, moving)
-    counts = np.array([len(some) for some in points], np.int64)
-    last = np.cumsum(counts)
-    joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
-    links, pairs = _links(problem), _pairs(problem, moving)
-    robot = SampledRobot(
-        joints=problem.robot_field.joints,
-        drivers=np.abs(group.expand_velocity).argmax(axis=1),
-        multipliers=group.expand_velocity.sum(axis=1),
-        offsets=group.expand_offset,
-        origin=group.expand(group.q_origin),
-        points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
-        weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
-        groups=np.column_stack(
-            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // COARSER)]
-        ),
-        balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
-        ignored=_ignored(problem, moving),
-        links=links,
-        link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
-        link_balls=_balls(links),
-        pairs=pairs,
-        pair_ranges=np.full(len(pairs), SELF_RANGE),
+    moving, pairs = _moving(problem.group), _pairs(problem)
+    robot = _of_group(problem.group)._replace(
+        ignored=_ignored(problem, moving), pairs=pairs, pair_ranges=np.full(len(pairs), SELF_RANGE)
     )
     _freeze(robot)
     closest = np.full(len(pairs), np.inf)
@@ -73,16 +53,54 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     return robot
 
 
-def _indices(problem: Problem) -> list[int]:
+@kept_with
+def _of_group(group: PlanningGroup) -> SampledRobot:
+    """The robot without obstacles that it ignores, and without pairs."""
+    moving = _moving(group)
+    points = _points(group, moving)
+    counts = np.array([len(some) for some in points], np.int64)
+    last = np.cumsum(counts)
+    joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
+    links = _links(group)
+    robot = SampledRobot(
+        joints=joint_table(group.model),
+        drivers=np.abs(group.expand_velocity).argmax(axis=1),
+        multipliers=group.expand_velocity.sum(axis=1),
+        offsets=group.expand_offset,
+        origin=group.expand(group.q_origin),
+        points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
+        weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
+        groups=np.column_stack(
+            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // COARSER)]
+        ),
+        balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
+        ignored=np.empty((len(moving), 0), bool),
+        links=links,
+        link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
+        link_balls=_balls(links),
+        pairs=np.empty((0, 2), np.int64),
+        pair_ranges=np.empty(0),
+    )
+    _freeze(robot)
+    return robot
+
+
+@kept_with
+def _moving(group: PlanningGroup) -> tuple[int, ...]:
+    """The group's bodies that move."""
+    return tuple(body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0)
+
+
+def _indices(group: PlanningGroup) -> list[int]:
     """Index in the whole robot's geometry of every body of the group's."""
-    indices = {shape.name: index for index, shape in enumerate(problem.group.robot.geometry.geometryObjects)}
-    return [indices[shape.name] for shape in problem.group.geometry.geometryObjects]
+    indices = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
+    return [indices[shape.name] for shape in group.geometry.geometryObjects]
 
 
-def _points(problem: Problem, moving: list[int]) -> list[np.ndarray]:
+def _points(group: PlanningGroup, moving: tuple[int, ...]) -> list[np.ndarray]:
     """Points of every moving body, each (n, 3) in the frame of its joint [m]."""
-    samples, indices = surface_samples(problem.group.robot), _indices(problem)
-    placements = [problem.group.geometry.geometryObjects[body].placement for body in moving]
+    samples, indices = surface_samples(group.robot), _indices(group)
+    placements = [group.geometry.geometryObjects[body].placement for body in moving]
     return [
         samples[indices[body]] @ placement.rotation.T + placement.translation
         for body, placement in zip(moving, placements, strict=True)
@@ -103,18 +121,18 @@ def _ball(points: np.ndarray) -> np.ndarray:
     return ball
 
 
-def _ignored(problem: Problem, moving: list[int]) -> np.ndarray:
+def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
     """Which obstacles don't count for which moving bodies: those that the world doesn't test against them."""
     bodies, obstacles = problem.group.geometry.ngeoms, len(problem.scene.obstacles)
     ignored = np.ones((bodies, obstacles), bool)
     tested = problem.world.pairs[problem.world.is_obstacle_pair]
     ignored[tested[:, 0], tested[:, 1] - bodies] = False
-    return np.ascontiguousarray(ignored[moving])
+    return np.ascontiguousarray(ignored[list(moving)])
 
 
-def _pairs(problem: Problem, moving: list[int]) -> np.ndarray:
-    """Moving body (its place in `moving`) and other body of the robot's own pairs, both ways, shape (k, 2)."""
-    place = {body: index for index, body in enumerate(moving)}
+def _pairs(problem: Problem) -> np.ndarray:
+    """Moving body (its place among them) and other body of the robot's own pairs, both ways, shape (k, 2)."""
+    place = {body: index for index, body in enumerate(_moving(problem.group))}
     pairs = [
         (place[points], other)
         for first, second in problem.world.pairs[: problem.world.n_self].tolist()
@@ -124,10 +142,10 @@ def _pairs(problem: Problem, moving: list[int]) -> np.ndarray:
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _links(problem: Problem) -> DistanceTables:
+def _links(group: PlanningGroup) -> DistanceTables:
     """The group's bodies in the frames of their joints."""
-    shapes, indices = link_bodies(problem.group.robot), _indices(problem)
-    placements = [shape.placement.homogeneous[:3] for shape in problem.group.geometry.geometryObjects]
+    shapes, indices = link_bodies(group.robot), _indices(group)
+    placements = [shape.placement.homogeneous[:3] for shape in group.geometry.geometryObjects]
     of_group = {
         name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "boxes", "spans")
     }

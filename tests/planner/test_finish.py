@@ -1,0 +1,68 @@
+"""What the certificate refuses is repaired: relaxed again with samples that see what was overlooked."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from guidefield.collision.certificate import certify
+from guidefield.planner import finish as module
+from guidefield.planner.finish import FINER, finish
+from guidefield.planner.relaxation import SEGMENT, Relaxed, relax
+from guidefield.planner.stages import Stages
+from tests.planner.test_relaxation import over_the_wall, smallest_clearance
+
+
+def lowered_into_contact(path: np.ndarray) -> np.ndarray:
+    """A path over the wall with its middle bent down until it touches."""
+    made, _ = over_the_wall()
+    bad, middle = path.copy(), len(path) // 2
+    while smallest_clearance(made, bad) > -0.005:
+        bad[middle - 3 : middle + 4, 3] -= 0.01
+    return bad
+
+
+def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+    asked: list[float] = []
+
+    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+        relaxed = relax(*arguments, segment=segment)
+        asked.append(segment)
+        first = len(asked) == 1
+        return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path)) if first else relaxed
+
+    monkeypatch.setattr(module, "relax", misled)
+    stages = Stages(made)
+    finished = finish(made, path, {}, stages, proven=False)
+    assert asked == [SEGMENT, FINER * SEGMENT]
+    assert finished.verdict.free
+    assert finished.warnings == ()
+    assert certify(made.world, finished.trajectory.bezier()).free
+    assert smallest_clearance(made, finished.path, 0.3) > 0.03
+    outcomes = [stage.outcome for stage in stages.left if stage.name == "certify"]
+    # a spline drawn closer to a path that touches would touch, too: it is not tried
+    assert outcomes == ["contact", "free"]
+
+
+def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+
+    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+        relaxed = relax(*arguments, segment=segment)
+        return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path))
+
+    monkeypatch.setattr(module, "relax", misled)
+    finished = finish(made, path, {}, Stages(made))
+    assert finished.verdict.free
+    np.testing.assert_array_equal(finished.path[[0, -1]], path[[0, -1]])
+    assert "as it was found" in finished.warnings[0]
+    assert not finish(made, path, {}, Stages(made), proven=False).verdict.free
+
+
+def test_shorter_segments_are_more() -> None:
+    made, path = over_the_wall()
+    assert len(relax(made, path, {}, segment=FINER * SEGMENT).path) > 1.5 * len(relax(made, path, {}).path)
