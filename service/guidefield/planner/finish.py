@@ -106,8 +106,8 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
             break
         refused = trajectory.bezier()[verdict.piece].mean(axis=0)
         worst, nearest = _nearest(knots, refused)
-        if verdict.reason == "contact" and problem.world.in_collision(problem.group.from_chart(nearest)):
-            break
+        if _refused_at(problem, nearest, verdict.reason):
+            break  # a spline that is drawn closer would be refused there, too
         knots, marks = _denser(problem, knots, marks, worst)
     return Finished(trajectory, verdict, knots, marks)
 
@@ -135,6 +135,14 @@ def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
     if problem.jerk_limits is None:
         return parameterize(spline, group.velocity_limits, group.acceleration_limits)
     return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
+
+
+def _refused_at(problem: Problem, z: np.ndarray, reason: str) -> bool:
+    """Whether a chart point (nv,) itself is refused for a reason: it touches, or keeps less than the clearance."""
+    q = problem.group.from_chart(z)
+    if reason == "too close":
+        return problem.world.clearance(q).obstacle_distance < problem.min_clearance
+    return reason == "contact" and problem.world.in_collision(q)
 
 
 def _nearest(path: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray]:
