@@ -14,6 +14,7 @@ from guidefield.robot.library import entries
 from guidefield.robot.loading import load
 from guidefield.robot.meshes import MeshResolver
 from guidefield.robot.model import RobotModel, RobotSource
+from guidefield.robot.second_reader import read_again
 from guidefield.robot.sent import SentRobot
 from guidefield.robot.summary import summarize, summarize_sent
 
@@ -60,10 +61,11 @@ class Catalog:
         if isinstance(reference, SentRobot):
             source = RobotSource(reference.urdf, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
-            return load(reference.name, source, reference.srdf, cards.EMPTY, resolver)
+            return read_again(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
         if isinstance(reference, UrdfText):
             source = RobotSource(reference.text, None, reference.root_joint)
-            return load("urdf", source, reference.srdf, cards.EMPTY, MeshResolver.for_wire(self._package_dirs))
+            resolver = MeshResolver.for_wire(self._package_dirs)
+            return read_again(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
         return _from_file(reference)
 
     def _from_catalog(self, name: str) -> RobotModel:
@@ -91,7 +93,7 @@ def _from_file(reference: UrdfFile) -> RobotModel:
         raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
     resolver = MeshResolver.for_file(path, [Path(folder).expanduser().resolve() for folder in reference.package_dirs])
     source = RobotSource(path.read_text(), path, reference.root_joint)
-    return load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver)
+    return read_again(load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver))
 
 
 def _key(reference: RobotReference | SentRobot) -> str:

@@ -1,0 +1,91 @@
+"""A second reader of URDFs that nobody has tried: yourdfpy beside Pinocchio, and what it reads otherwise in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import logging
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from guidefield.robot.configuration import follow, scalar
+from guidefield.robot.model import JointKind, RobotModel
+
+SAME = 1e-6
+"""Placements of links that differ by more than this [m, or 1] are not the same."""
+MOST_TOLD = 5
+"""Of so many differences a sentence is made each; of the rest, how many they are."""
+BENT = 0.3
+"""Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
+_UNREAD = ("visual", "collision", "transmission", "gazebo")
+"""Elements that the other reader isn't given: it could open files for them."""
+_SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
+
+
+def read_again(robot: RobotModel) -> RobotModel:
+    """The robot, with a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
+
+    Compared are the joints that can be given, and the placement of each link with every joint bent, followers where
+    either reader puts them. Robots with joints of several degrees of freedom, which yourdfpy takes for fixed, are not
+    compared. No file is opened.
+    """
+    told = _differences(robot)
+    if len(told) > MOST_TOLD:
+        told = [*told[:MOST_TOLD], f"yourdfpy reads {len(told) - MOST_TOLD} more things otherwise"]
+    return dataclasses.replace(robot, warnings=(*robot.warnings, *told)) if told else robot
+
+
+def _differences(robot: RobotModel) -> list[str]:
+    try:
+        other = _read(robot.source.urdf_text)
+    except Exception as error:  # it raises whatever its Python raises, and a warning is all that comes of it
+        return [f"yourdfpy can't read this URDF: {type(error).__name__}: {error}"]
+    ours = {joint.name for joint in robot.joints if joint.mimic is None and joint.name != "root_joint"}
+    theirs = set(other.actuated_joint_names)
+    if any(joint.kind not in _SCALAR for joint in robot.joints if joint.name != "root_joint"):
+        return []
+    if ours != theirs:
+        names = ", ".join(sorted(ours ^ theirs))
+        return [f"yourdfpy has other joints to move: {names} are not in both"]
+    return _misplaced(robot, other)
+
+
+def _read(text: str) -> Any:
+    import yourdfpy
+
+    root = etree.fromstring(text.encode())
+    for element in [found for tag in _UNREAD for found in root.iter(tag)]:
+        element.getparent().remove(element)
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is told in the robot's warnings
+    return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
+
+
+def _misplaced(robot: RobotModel, other: Any) -> list[str]:
+    """A sentence for each link that the two place differently relative to the root, every joint bent."""
+    q = _bent(robot)
+    other.update_cfg({j.name: scalar(j, q) for j in robot.joints if j.mimic is None and j.name != "root_joint"})
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    root = data.oMf[model.getFrameId(other.base_link, pin.FrameType.BODY)]
+    told = []
+    for link in other.link_map:
+        ours = root.actInv(data.oMf[model.getFrameId(link, pin.FrameType.BODY)]).homogeneous
+        apart = float(np.abs(ours - other.get_transform(link, other.base_link)).max())
+        if not apart <= SAME * max(1.0, float(np.abs(ours).max())):
+            told.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")
+    return told
+
+
+def _bent(robot: RobotModel) -> np.ndarray:
+    """A configuration with every joint away from zero and from its limits, shape (nq,); followers where they belong."""
+    q = robot.rest.copy()
+    for joint in robot.joints:
+        if joint.kind in _SCALAR:
+            limited = bool(np.isfinite([joint.lower[0], joint.upper[0]]).all())
+            value = joint.lower[0] + BENT * (joint.upper[0] - joint.lower[0]) if limited else BENT
+            q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    follow(robot.joints, q)
+    return q
