@@ -45,6 +45,9 @@ LEAST_DOMAIN = 1.0
 DOMAIN_STEP = 1e-4
 """By which fraction that radius grows when an extension succeeds, and shrinks when it fails."""
 
+PATIENCE = 64
+"""After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
+
 UNSEARCHED, MET, FULL, GOING_ON = range(4)
 """How a call ended: the trees met; a tree is full; its iterations were done."""
 
@@ -214,7 +217,7 @@ def _grown(
 ) -> int:
     """`grow` on pointers."""
     counters, sample, reached, target = search.counters, search.sample, search.reached, search.target
-    nv, capacity, domains = search.nv, search.capacity, search.domains
+    nv, capacity, domains, refused = search.nv, search.capacity, search.domains, 0
     for _ in range(iterations):
         if max(counters[SIZE], counters[SIZE + 1]) + 1 >= capacity:
             return FULL
@@ -226,8 +229,10 @@ def _grown(
         _next_sample(sampling, search)
         node, square = _nearest(search, a, sample, sampling)
         domain = domains[a * capacity + node]
-        if square > domain * domain:
+        if square > domain * domain and refused < PATIENCE:
+            refused += 1
             continue
+        refused = 0
         _step_towards(search, a, node, sample, sampling)
         counters[MOTIONS] += 1
         if not motion_free(world, clearance, search.origin, reached, resolution):

@@ -17,7 +17,8 @@ from guidefield.planner.problem import Budget
 from guidefield.robot.chart import ANGLE
 from guidefield.robot.group import ROAM, PlanningGroup
 
-MOST_ITERATIONS = 200_000
+MOST_ITERATIONS, MOST_MOTIONS = 10_000_000, 300_000
+"""Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
 
 PIECE = 256
 """Iterations between two looks at the budget: some milliseconds."""
@@ -79,7 +80,11 @@ def grow(
     room.begin((starts, goals), rng.random(nv))
     counters = room.search.counters
     lanes.forget()
-    while counters[kernel.ITERATION] < MOST_ITERATIONS and budget.spent() is None:
+    while (
+        counters[kernel.ITERATION] < MOST_ITERATIONS
+        and counters[kernel.MOTIONS] < MOST_MOTIONS
+        and budget.spent() is None
+    ):
         ended = kernel.grow(lanes.words, sources.words, room.words, clearance, resolution, PIECE)
         if ended == kernel.FULL:
             room = room.roomier()
