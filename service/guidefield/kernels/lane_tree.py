@@ -45,7 +45,7 @@ LEAST_DOMAIN = 1.0
 DOMAIN_STEP = 1e-4
 """By which fraction that radius grows when an extension succeeds, and shrinks when it fails."""
 
-PATIENCE = 64
+PATIENCE = 16
 """After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
 
 UNSEARCHED, MET, FULL, GOING_ON = range(4)
