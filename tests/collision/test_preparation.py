@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.collision import convex_parts, mesh_pieces, preparation
+from guidefield.collision import convex_parts, preparation
 from guidefield.collision.preparation import StoppedError, prepare
 from guidefield.engine import Engine
+from guidefield.geometry import mesh_pieces
 from guidefield.kernels.cache import cache_folder
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile

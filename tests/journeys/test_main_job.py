@@ -229,7 +229,9 @@ def test_the_same_request_gives_the_same_path(replies: dict[str, dict[str, Any]]
 
 
 def test_a_run_id_is_used_once(replies: dict[str, dict[str, Any]], wire: PlainClient) -> None:
-    error = wire.refusal("guidefield/local/plan", json.dumps(JOBS["planes"]).encode())
+    again = wire.ask("guidefield/local/plan", JOBS["planes"])  # whose answer got lost asks in the same words
+    assert again == replies["planes"]
+    error = wire.refusal("guidefield/local/plan", json.dumps({**JOBS["planes"], "seed": 1}).encode())
     assert error["name"] == "MALFORMED_REQUEST"
     assert error["details"]["run_id"] == "planes"
 

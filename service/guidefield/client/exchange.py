@@ -9,11 +9,12 @@ has ended meanwhile, is what answers. A question is never with two at once, so t
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 import uuid
 from collections import OrderedDict
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from typing import Any
 
 import zenoh
@@ -175,17 +176,19 @@ class _Asking:
 
     def _ask_another(self, error: GuidefieldError) -> None:
         try:
+            if self._exchange.session.is_closed():
+                raise NoService("the client was closed before the answer came", instance=self._instance)
             lost = isinstance(error, NoService) and self._question.repeatable and self._returns < MOST_RETURNS
             other = self._exchange.leave(self._instance, self._tried, back=lost)
             if other is None:
-                self.answer.set_exception(error)
-                return
+                raise error
             if other == self._instance:
                 time.sleep(PAUSE * 2**self._returns)
                 self._returns += 1
             self.send(other)
         except Exception as failure:  # whoever waits must hear of it
-            self.answer.set_exception(failure)
+            with contextlib.suppress(InvalidStateError):  # a session that closes meanwhile has both ends tell
+                self.answer.set_exception(failure)
 
     def _gone(self) -> NoService:
         return NoService(f"no service named {self._instance!r} answers any more", instance=self._instance)
