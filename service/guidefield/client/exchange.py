@@ -155,7 +155,7 @@ class _Asking:
             raise MalformedRequest(f"{question.key!r} can't be asked for: {error}", key=question.key) from None
         self._exchange.session.get(
             selector,
-            zenoh.handlers.Callback(self._brought.append, self._end),
+            zenoh.handlers.Callback(self._brought.append, self._end, indirect=False),  # without a thread of its own
             payload=question.payload,
             encoding=Encoding.MSGPACK.value,
             attachment=self._exchange.client,
