@@ -29,8 +29,8 @@ def read_again(robot: RobotModel) -> RobotModel:
     """The robot, with a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
 
     Compared are the joints that can be given, and the placement of each link with every joint bent, followers where
-    either reader puts them. Robots with joints of several degrees of freedom, which yourdfpy takes for fixed, are not
-    compared. No file is opened.
+    either reader puts them. Robots with what yourdfpy doesn't know are not compared: joints of several degrees of
+    freedom, followers of followers, and rotations as quaternions (URDF 1.1). No file is opened.
     """
     told = _differences(robot)
     if len(told) > MOST_TOLD:
@@ -39,8 +39,13 @@ def read_again(robot: RobotModel) -> RobotModel:
 
 
 def _differences(robot: RobotModel) -> list[str]:
+    root = etree.fromstring(robot.source.urdf_text.encode())
+    followers = {joint.name for joint in robot.joints if joint.mimic is not None}
+    chained = any(joint.mimic is not None and joint.mimic.driver in followers for joint in robot.joints)
+    if chained or any("quat_xyzw" in origin.attrib for origin in root.iter("origin")):
+        return []
     try:
-        other = _read(robot.source.urdf_text)
+        other = _read(root)
     except Exception as error:  # it raises whatever its Python raises, and a warning is all that comes of it
         return [f"yourdfpy can't read this URDF: {type(error).__name__}: {error}"]
     ours = {joint.name for joint in robot.joints if joint.mimic is None and joint.name != "root_joint"}
@@ -53,12 +58,14 @@ def _differences(robot: RobotModel) -> list[str]:
     return _misplaced(robot, other)
 
 
-def _read(text: str) -> Any:
+def _read(root: Any) -> Any:
     import yourdfpy
 
-    root = etree.fromstring(text.encode())
     for element in [found for tag in _UNREAD for found in root.iter(tag)]:
         element.getparent().remove(element)
+    for axis in [axis for axis in root.iter("axis") if axis.get("xyz")]:  # it slides by as much as a long axis says
+        direction = np.array(axis.get("xyz").split(), float)
+        axis.set("xyz", " ".join(map(repr, (direction / np.linalg.norm(direction)).tolist())))
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is told in the robot's warnings
     return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
 
