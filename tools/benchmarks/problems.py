@@ -91,7 +91,12 @@ def scene_message(problem: dict[str, Any]) -> messages.Scene:
     for declared in problem["obstacles"]:
         name, position = declared["name"], tuple(declared["position"])
         turn = np.array(declared["quaternion_xyzw"])
-        placement = {"name": name, "position": position, "quaternion_xyzw": tuple(turn / np.linalg.norm(turn))}
+        turn /= np.linalg.norm(turn)
+        placement = {
+            "name": name,
+            "position": position,
+            "quaternion_xyzw": tuple(turn.tolist()),
+        }
         match declared["type"]:
             case "box":
                 obstacles.append(messages.Box(size=tuple(declared["size"]), **placement))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import coal
@@ -12,32 +11,21 @@ import pinocchio as pin
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.kept import kept_with
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
+from guidefield.kernels.lane_primitives import primitive_tables
 from guidefield.kernels.lane_tables import LaneObstacles
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.separation import BLOCK, Parts
+from guidefield.kernels.separation import BLOCK, PART, Parts
 from guidefield.messages.scene import PointCloud
 from guidefield.scene.cloud import cloud_balls
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene
 
 CLUSTER = 24
 """Most triangles of a mesh that stand behind one box."""
 
 
-@dataclass(frozen=True, eq=False)
-class LaneScene:
-    """Obstacles for lanes.
-
-    Attributes:
-        obstacles: Their primitives; one of many triangles stands as several.
-        parts: The shapes themselves.
-    """
-
-    obstacles: LaneObstacles
-    parts: Parts
-
-
 class _Tables(NamedTuple):
-    """One obstacle's tables, as if there were no other.
+    """Tables of some obstacles, as if there were no other.
 
     Attributes:
         sizes: How many stand-ins, nodes, parts and blocks of vertices there are.
@@ -58,15 +46,124 @@ class _Tables(NamedTuple):
     vertices: np.ndarray
 
 
+class LaneScene(NamedTuple):
+    """Obstacles for lanes, primitives first.
+
+    Attributes:
+        obstacles: Their primitives; one of many triangles stands as several. Which of them are tested is left open.
+        parts: The shapes themselves.
+        owners: Which obstacle of the scene each of them stands for, shape (obstacles.size,).
+    """
+
+    obstacles: LaneObstacles
+    parts: Parts
+    owners: np.ndarray
+
+
+@kept_with
+def lane_scene(scene: Scene) -> LaneScene:
+    """Build the tables of a scene's obstacles: primitives by a kernel, of the others those that are known by obstacle.
+
+    Raises:
+        UnservedError: if a shape is of a kind that the kernels don't know.
+    """
+    rows = [_primitive(obstacle) for obstacle in scene.obstacles]
+    plain = [index for index, row in enumerate(rows) if row is not None]
+    others = [index for index, row in enumerate(rows) if row is None]
+    tables = [_tables(scene.obstacles[index]) for index in others]
+    owners = np.array([*plain, *np.repeat(others, [table.sizes[0] for table in tables]).tolist()], np.int64)
+    kinds, numbers = np.array([row[0] for row in rows if row], np.int64), [row[1] for row in rows if row]
+    obstacles, parts = _primitives(kinds, np.array(numbers).reshape(-1, PRIMITIVE), len(owners))
+    if tables:
+        obstacles, parts = _with(obstacles, parts, tables)
+    for array in (*obstacles[1:], *parts, owners):
+        array.setflags(write=False)
+    return LaneScene(obstacles, parts, owners)
+
+
+def _primitives(kinds: np.ndarray, rows: np.ndarray, size: int) -> tuple[LaneObstacles, Parts]:
+    """Tables of primitives (n,) and their numbers (n, PRIMITIVE), with boxes for so many obstacles."""
+    count = len(kinds)
+    obstacles = LaneObstacles(
+        size=size,
+        kinds=kinds,
+        whole=np.ones(count, np.int64),
+        roots=np.arange(count),
+        tested=_UNTOLD,
+        primitives=np.empty(PRIMITIVE * count, np.float32),
+        boxes=np.tile(_EMPTY, -(-size // LANES)),
+    )
+    parts = Parts(
+        balls=np.empty(4 * count),
+        links=np.empty(3 * count, np.int64),
+        shapes=np.empty(3 * count, np.int64),
+        numbers=np.empty(PART * count),
+        vertices=np.empty(BLOCK * np.count_nonzero(kinds == BOX), np.float32),
+    )
+    primitive_tables(kinds, rows, obstacles.primitives, obstacles.boxes, parts)
+    return obstacles, parts
+
+
+_UNTOLD = np.empty(0, np.int64)
+
+_EMPTY = np.repeat(np.array([np.inf, -np.inf], np.float32), 3 * LANES)
+"""Sixteen boxes with nothing in them: the least x of all, y, z, then the largest."""
+
+
+def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tuple[LaneObstacles, Parts]:
+    """Tables of primitives with those of other obstacles behind them."""
+    n = len(obstacles.kinds)
+    sizes = np.array([(n, n, n, len(parts.vertices) // BLOCK), *(table.sizes for table in tables)])
+    first = (np.cumsum(sizes, axis=0) - sizes)[1:]
+    sizes = sizes[1:]
+    places, primitives, boxes, balls, links, shapes, numbers, vertices = (
+        np.concatenate(column) for column in list(zip(*tables, strict=True))[1:]
+    )
+    places[:, 2] += np.repeat(first[:, 1], sizes[:, 0])
+    links += (links >= 0) * np.repeat(first[:, [1, 1, 2]], sizes[:, 1], axis=0)
+    shapes[:, 1] += np.repeat(first[:, 3], sizes[:, 2])
+    index = np.arange(n, n + len(places))
+    obstacles.boxes.reshape(-1, 6, LANES)[index // LANES, :, index % LANES] = boxes
+    return LaneObstacles(
+        size=obstacles.size,
+        kinds=np.concatenate([obstacles.kinds, places[:, 0]]),
+        whole=np.concatenate([obstacles.whole, places[:, 1]]),
+        roots=np.concatenate([obstacles.roots, places[:, 2]]),
+        tested=obstacles.tested,
+        primitives=np.concatenate([obstacles.primitives, primitives.ravel()]),
+        boxes=obstacles.boxes,
+    ), Parts(*map(np.concatenate, zip(parts, (balls, links.ravel(), shapes.ravel(), numbers, vertices), strict=True)))
+
+
+@kept_with
+def _primitive(obstacle: Obstacle) -> tuple[int, np.ndarray] | None:
+    """Kind and numbers of the primitive that an obstacle is; None if it is none."""
+    shape, placement = obstacle.shape, obstacle.placement
+    axes, centre = placement.rotation.T, placement.translation
+    match shape:
+        case coal.Box():
+            return BOX, _row(axes, centre, shape.halfSide)
+        case coal.Cylinder():
+            return CYLINDER, _row(axes, centre, (0.0, 0.0, shape.halfLength), shape.radius)
+        case coal.Capsule():
+            return CAPSULE, _row(axes, centre, (0.0, 0.0, shape.halfLength), shape.radius)
+        case coal.Sphere():
+            return CAPSULE, _row(axes, centre, 0.0, shape.radius)
+        case coal.Halfspace():
+            normal = placement.rotation @ shape.n
+            return HALF_SPACE, _row(np.array([[0, 0, 0], [0, 0, 0], normal]), centre + shape.d * normal, 0.0)
+    return None
+
+
 @kept_with
 def _tables(obstacle: Obstacle) -> _Tables:
-    """The tables of an obstacle, made once."""
+    """The tables of an obstacle that is no primitive, made once."""
     table = PartsTable()
     stand_ins = _stand_ins(obstacle, table)
     parts = table.tables()
     places = np.array([(kind, whole, root) for kind, whole, root, _ in stand_ins], np.int64).reshape(-1, 3)
     rows = np.array([row for *_, row in stand_ins]).reshape(-1, PRIMITIVE)
-    boxes = np.array([_box(kind, row) for kind, _, _, row in stand_ins]).reshape(-1, 6)
+    boxes = np.array([_box(row) for *_, row in stand_ins]).reshape(-1, 6)
     return _Tables(
         (len(places), len(parts.balls) // 4, len(parts.shapes) // 3, len(parts.vertices) // BLOCK),
         places,
@@ -80,57 +177,7 @@ def _tables(obstacle: Obstacle) -> _Tables:
     )
 
 
-_NOTHING = _Tables(
-    (0, 0, 0, 0),
-    np.empty((0, 3), np.int64),
-    np.empty((0, PRIMITIVE), np.float32),
-    np.empty((0, 6), np.float32),
-    np.empty(0),
-    np.empty((0, 3), np.int64),
-    np.empty((0, 3), np.int64),
-    np.empty(0),
-    np.empty(0, np.float32),
-)
-
-
-def lane_scene(obstacles: tuple[Obstacle, ...], tested: np.ndarray) -> LaneScene:
-    """Build the tables of obstacles: those of each one after the other.
-
-    Args:
-        obstacles: The obstacles.
-        tested: Whether a robot's body must not touch an obstacle, shape (bodies, len(obstacles)).
-
-    Raises:
-        UnservedError: if a shape is of a kind that the kernels don't know.
-    """
-    tables = [_NOTHING, *map(_tables, obstacles)]
-    sizes = np.array([table.sizes for table in tables])
-    first = np.cumsum(sizes, axis=0) - sizes
-    places, primitives, boxes, balls, links, shapes, numbers, vertices = (
-        np.concatenate(column) for column in list(zip(*tables, strict=True))[1:]
-    )
-    places[:, 2] += np.repeat(first[:, 1], sizes[:, 0])
-    links += (links >= 0) * np.repeat(first[:, [1, 1, 2]], sizes[:, 1], axis=0)
-    shapes[:, 1] += np.repeat(first[:, 3], sizes[:, 2])
-    kinds, whole, roots = np.ascontiguousarray(places.T)
-    arrays = LaneObstacles(
-        size=len(places),
-        kinds=kinds,
-        whole=whole,
-        roots=roots,
-        tested=np.repeat(tested, sizes[1:, 0], axis=1).astype(np.int64).ravel(),
-        primitives=primitives.ravel(),
-        boxes=_together(boxes),
-    )
-    parts = Parts(balls, links.ravel(), shapes.ravel(), numbers, vertices)
-    for array in (*arrays[1:], *parts):
-        array.setflags(write=False)
-    return LaneScene(arrays, parts)
-
-
-def _stand_ins(  # noqa: PLR0911  one for each kind
-    obstacle: Obstacle, table: PartsTable
-) -> list[tuple[int, bool, int, np.ndarray]]:
+def _stand_ins(obstacle: Obstacle, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
     """What stands for an obstacle: kind, whether it is the obstacle itself, its root, its numbers."""
     shape, placement = obstacle.shape, obstacle.placement
     if isinstance(obstacle.message, PointCloud):
@@ -138,27 +185,20 @@ def _stand_ins(  # noqa: PLR0911  one for each kind
     if isinstance(shape, coal.BVHModelBase):
         return [_cluster(corners, table) for corners in _clusters(obstacle.vertices[obstacle.triangles])]
     root = table.add_shape(shape, placement)
-    if isinstance(shape, coal.Box):
-        return [(BOX, True, root, _primitive(placement, np.array(shape.halfSide)))]
-    if isinstance(shape, coal.Cylinder):
-        return [(CYLINDER, True, root, _primitive(placement, np.array([0.0, 0.0, shape.halfLength]), shape.radius))]
-    if isinstance(shape, coal.Capsule):
-        return [(CAPSULE, True, root, _primitive(placement, np.array([0.0, 0.0, shape.halfLength]), shape.radius))]
-    if isinstance(shape, coal.Sphere):
-        return [(CAPSULE, True, root, _primitive(placement, np.zeros(3), shape.radius))]
-    if isinstance(shape, coal.Halfspace):
-        return [(HALF_SPACE, True, root, _half_space(shape, placement))]
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
-    middle = pin.SE3(placement.rotation, placement.act(0.5 * (low + high)))
-    return [(BOX, False, root, _primitive(middle, 0.5 * (high - low)))]
+    middle = placement.act(0.5 * (low + high))
+    return [(BOX, False, root, _row(placement.rotation.T, middle, 0.5 * (high - low)))]
 
 
 def _balls(centres: np.ndarray, radius: float, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
     """Balls about points, neighbours together."""
     ordered = np.concatenate(_clusters(np.repeat(centres[:, None], 3, axis=1)))[:, 0]
-    places, ball = [pin.SE3(np.eye(3), centre) for centre in ordered], coal.Sphere(radius)
-    return [(CAPSULE, True, table.add_shape(ball, at), _primitive(at, np.zeros(3), radius)) for at in places]
+    ball, unturned = coal.Sphere(radius), np.eye(3)
+    return [
+        (CAPSULE, True, table.add_shape(ball, pin.SE3(unturned, centre)), _row(unturned, centre, 0.0, radius))
+        for centre in ordered
+    ]
 
 
 def _clusters(corners: np.ndarray) -> list[np.ndarray]:
@@ -185,48 +225,18 @@ def _cluster(corners: np.ndarray, table: PartsTable) -> tuple[int, bool, int, np
         BOX,
         False,
         table.add_triangles(corners),
-        _row(axes, middle, 0.5 * np.ptp(along, axis=0), 0.0),
+        _row(axes, middle, 0.5 * np.ptp(along, axis=0)),
     )
 
 
-def _together(boxes: np.ndarray) -> np.ndarray:
-    """Boxes (n, 6) sixteen together: the least x of all, y, z, then the largest; empty ones fill what is left."""
-    blocks = -(-len(boxes) // LANES)
-    ends = np.full((blocks * LANES, 6), np.inf, np.float32)
-    ends[:, 3:] = -np.inf
-    ends[: len(boxes)] = boxes
-    return np.ascontiguousarray(ends.reshape(blocks, LANES, 6).transpose(0, 2, 1)).ravel()
+def _box(row: np.ndarray) -> np.ndarray:
+    """The box along the world's axes about a box or ball: the least x, y, z, then the largest."""
+    reach = np.abs(row[:9].reshape(3, 3).T) @ row[12:15] + row[15]
+    return np.concatenate([row[9:12] - reach, row[9:12] + reach])
 
 
-def _box(kind: int, row: np.ndarray) -> np.ndarray:
-    """The box along the world's axes about a primitive: the least x, y, z, then the largest."""
-    axes, centre, halves, radius = row[:9].reshape(3, 3), row[9:12], row[12:15], row[15]
-    if kind == HALF_SPACE:
-        ends = np.repeat([-np.inf, np.inf], 3)
-        for k in range(3):
-            if abs(axes[2, k]) == 1.0:
-                ends[3 * int(axes[2, k] > 0.0) + k] = centre[k]
-        return ends
-    reach = np.abs(axes.T) @ halves
-    if kind == CAPSULE:
-        reach = reach + radius
-    elif kind == CYLINDER:
-        reach = reach + radius * np.sqrt(np.maximum(1.0 - axes[2] ** 2, 0.0))
-    return np.concatenate([centre - reach, centre + reach])
-
-
-def _half_space(shape: Any, placement: Any) -> np.ndarray:
-    normal = placement.rotation @ shape.n
-    axes = np.zeros((3, 3))
-    axes[2] = normal
-    return _row(axes, placement.translation + shape.d * normal, np.zeros(3), 0.0)
-
-
-def _primitive(placement: Any, halves: np.ndarray, radius: float = 0.0) -> np.ndarray:
-    return _row(placement.rotation.T, placement.translation, halves, radius)
-
-
-def _row(axes: np.ndarray, centre: np.ndarray, halves: np.ndarray, radius: float) -> np.ndarray:
-    row: np.ndarray = np.concatenate([axes.ravel(), centre, halves, [radius]])
-    assert len(row) == PRIMITIVE, "the kernels read as many"
+def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:
+    """The numbers of a primitive, as lane_math has them."""
+    row = np.empty(PRIMITIVE)
+    row[:9], row[9:12], row[12:15], row[15] = axes.ravel(), centre, halves, radius
     return row

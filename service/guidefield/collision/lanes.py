@@ -21,6 +21,7 @@ from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
 from guidefield.kernels.lane_shortcut import shortcut, without_detours
 from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, HITS, Scratch
+from guidefield.kernels.lane_words import SCENE_WORDS, scene_words
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.kernels.separation import WORK
@@ -93,10 +94,11 @@ class Lanes:
         own, mixed = world.pairs[: world.n_self], world.pairs[world.n_self :]
         robot, words = _robot(world.group, own.tobytes())
         bodies, nv = robot.bodies, world.group.nv
-        tested = np.zeros((bodies.size, len(world.scene.obstacles)), bool)
-        tested[mixed[:, 0], mixed[:, 1] - bodies.size] = True
-        scene = lane_scene(world.scene.obstacles, tested)
-        n_obstacles, n_poses = scene.obstacles.size, robot.joints.size * POSE
+        scene = lane_scene(world.scene)
+        tested = np.zeros((bodies.size, len(world.scene.obstacles)), np.int64)
+        tested[mixed[:, 0], mixed[:, 1] - bodies.size] = 1
+        obstacles = scene.obstacles._replace(tested=_frozen(tested[:, scene.owners].ravel()))
+        n_obstacles, n_poses = obstacles.size, robot.joints.size * POSE
         scratch = Scratch(
             poses=np.zeros(n_poses, np.float32),
             centres=np.zeros(bodies.carriers * BALL, np.float32),
@@ -112,10 +114,13 @@ class Lanes:
             hits=np.full(3 * HITS, -1, np.int64),
         )
         block = np.zeros(nv * LANES, np.float32)
-        rest = (scene.obstacles, scene.parts, scratch, block, FRACTIONS, nv)
+        rest = (obstacles, scene.parts, scratch, block, FRACTIONS, nv)
         tables = LaneWorld(robot.joints, bodies, robot.parts, *rest)
+        all_words = np.empty(len(words) + SCENE_WORDS, np.int64)
         # a robot's words come first, and are the same in every scene
-        return cls(world, tables, np.concatenate([words, packed(rest)]))
+        all_words[: len(words)] = words
+        scene_words(rest, all_words[len(words) :])
+        return cls(world, tables, all_words)
 
     def forget(self) -> None:
         """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
@@ -169,3 +174,8 @@ class Lanes:
         short = rows[:count].astype(float)
         short[0], short[-1] = path[0], path[-1]  # lanes hold float32: the ends are as they were given
         return short
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 
@@ -16,5 +16,5 @@ def se3(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Any:
         position: Of the frame's origin, shape (3,) [m].
         quaternion_xyzw: Its rotation (x, y, z, w), shape (4,), near unit length.
     """
-    rotation = pin.Quaternion(np.array(quaternion_xyzw, float)).normalized().matrix()
-    return pin.SE3(rotation, np.array(position, float))
+    norm = math.hypot(*quaternion_xyzw)
+    return pin.XYZQUATToSE3([*position, *(value / norm for value in quaternion_xyzw)])

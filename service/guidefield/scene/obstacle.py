@@ -112,13 +112,15 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
         still = message if motion is None else posed(message, motion.placements[0])
         if still is None:
             raise _UnusableError("an obstacle of its kind can't move", ".trajectory")
-        obstacle = dataclasses.replace(BUILDERS[type(still)](still), motion=motion)
+        obstacle = BUILDERS[type(still)](still)
     except _UnusableError as error:
         raise SceneInvalid(
             f"obstacle {message.name!r}: {error.fault}",
             obstacle=message.name,
             path=f"$.obstacles[{index}]{error.field}",
         ) from None
+    if motion is not None:
+        obstacle = dataclasses.replace(obstacle, motion=motion)
     while len(_KNOWN) >= _MOST_KNOWN:
         _KNOWN.pop(next(iter(_KNOWN)), None)
     _KNOWN[key] = obstacle
