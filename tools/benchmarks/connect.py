@@ -25,7 +25,7 @@ from guidefield.collision.certificate import certify
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.planner import lane_tree
-from guidefield.planner.connect import LANE_ATTEMPTS, LANE_FINER, LANE_RESOLUTION
+from guidefield.planner.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
 from guidefield.planner.plan import polyline
 from guidefield.planner.problem import Budget
 from guidefield.robot.group import PlanningGroup
@@ -101,7 +101,7 @@ def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
         ready = time.thread_time()
         found = _grown(lanes, z_start, z_goal, LANE_RESOLUTION, rng)
         grown = time.thread_time()
-        path = None if found.path is None else lanes.shortened(found.path, LANE_RESOLUTION)
+        path = None if found.path is None else lanes.shortened(found.path, LANE_RESOLUTION, LANE_MARGIN)
         done = time.thread_time()
         plan, simplify, call = min(plan, grown - ready), min(simplify, done - grown), min(call, done - began)
         if call > 0.1:
@@ -113,7 +113,7 @@ def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
             break
         resolution *= LANE_FINER
         again = _grown(lanes, z_start, z_goal, resolution, rng)
-        path = None if again.path is None else lanes.shortened(again.path, resolution)
+        path = None if again.path is None else lanes.shortened(again.path, resolution, LANE_MARGIN)
     certificate = time.thread_time() - began
     length = 0.0 if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     return Row(
