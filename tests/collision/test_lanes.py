@@ -84,7 +84,7 @@ def narrowest(world: World, z: np.ndarray) -> float:
     return min(clearance.obstacle_distance, clearance.self_distance)
 
 
-@pytest.mark.parametrize("robot", ["panda", "kinova", "mimics"])
+@pytest.mark.parametrize("robot", ["panda", "ur5", "kinova", "mimics"])
 def test_placements_are_pinocchios(robot: str) -> None:
     planned = (
         grouped(box_arm("x slide oblique continuous mimic y oblique-continuous", 7))

@@ -13,7 +13,7 @@ import pinocchio as pin
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lane_grids import lane_grids
 from guidefield.kernels.enclosing_ball import ball_around_balls
-from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
+from guidefield.kernels.lane_kinematics import GROUNDED, JOINT, PARALLEL, PLAIN, SLIDING, SQUARE, TURNING, LaneJoints
 from guidefield.kernels.lane_tables import BAND, LaneBodies
 from guidefield.kernels.separation import Parts
 from guidefield.kernels.tree_kinematics import PRISMATIC
@@ -25,6 +25,12 @@ from guidefield.robot.tables import joint_table
 
 SURFACE_POINTS = 24
 """Points of its surface that stand for an open mesh's inside, which it doesn't have."""
+
+_QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""The rotation about x by a right angle."""
+
+_SAME = 3e-8
+"""Directions that differ less are the same in float32."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +151,20 @@ def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _turns(model: Any) -> list[np.ndarray]:
-    """For each joint the rotation that takes z to its axis."""
-    turns = []
-    for axis in joint_table(model).axes:
+    """For each joint the rotation from its frame in lanes: z is its axis, x at right angles to its first follower's."""
+    table = joint_table(model)
+    turns, followed = [], set()
+    for axis in table.axes:
         z = np.array([0.0, 0.0, 1.0])
         turns.append(pin.Quaternion.FromTwoVectors(z, axis).matrix() if np.any(axis) else np.eye(3))
+    for i, parent in enumerate(table.parents[1:], 1):
+        if parent == 0 or parent in followed or not np.any(table.axes[parent]):
+            continue
+        followed.add(parent)
+        x, y, _ = turns[parent].T @ table.placements[i][:, :3] @ turns[i][:, 2]
+        if np.hypot(x, y) > _SAME:
+            angle = np.arctan2(x, -y)  # the follower's axis is at (0, -sin, cos) then
+            turns[parent] = turns[parent] @ pin.AngleAxis(angle, z).matrix()
     return turns
 
 
@@ -157,19 +172,34 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
     table = joint_table(group.model)
     n = len(table.parents)
     numbers = np.zeros((n, JOINT))
-    drivers = np.zeros(n, np.int64)
+    drivers, forms = np.zeros(n, np.int64), np.full(n, PLAIN)
+    kinds = np.where(table.kinds == PRISMATIC, SLIDING, TURNING)
     for i in range(1, n):
-        placement = np.c_[turns[table.parents[i]].T @ table.placements[i][:, :3] @ turns[i], np.zeros(3)]
-        placement[:, 3] = turns[table.parents[i]].T @ table.placements[i][:, 3]
+        turn = turns[table.parents[i]].T @ table.placements[i][:, :3] @ turns[i]
         row = group.expand_velocity[table.idx_v[i]]
         drivers[i] = int(np.argmax(np.abs(row)))
         assert np.count_nonzero(row) <= 1, "a joint follows at most one coordinate"
-        numbers[i] = *placement.ravel(), row[drivers[i]], group.expand_offset[table.idx_v[i]]
-    kinds = np.where(table.kinds == PRISMATIC, SLIDING, TURNING)
-    joints = LaneJoints(n, np.array(table.parents), kinds, drivers, numbers.ravel().astype(np.float32))
+        offset = group.expand_offset[table.idx_v[i]]
+        if kinds[i] == TURNING:
+            forms[i], turn, more = _form(int(table.parents[i]), turn)
+            offset = (offset + more + np.pi) % (2.0 * np.pi) - np.pi
+        placement = np.c_[turn, turns[table.parents[i]].T @ table.placements[i][:, 3]]
+        numbers[i] = *placement.ravel(), row[drivers[i]], offset
+    joints = LaneJoints(n, np.array(table.parents), kinds, forms, drivers, numbers.ravel().astype(np.float32))
     for array in joints[1:]:
         array.setflags(write=False)
     return joints
+
+
+def _form(parent: int, turn: np.ndarray) -> tuple[int, np.ndarray, float]:
+    """Form of a turning joint's placement, its rotation without a last one about z, and that one's angle [rad]."""
+    if parent == 0:
+        return GROUNDED, turn, 0.0
+    for form, plain in ((SQUARE, _QUARTER), (PARALLEL, np.eye(3))):
+        if np.abs(turn[:, 2] - plain[:, 2]).max() < _SAME:
+            rest = plain.T @ turn
+            return form, plain, float(np.arctan2(rest[1, 0], rest[0, 0]))
+    return PLAIN, turn, 0.0
 
 
 def _moved(placement: Any, balls: np.ndarray) -> np.ndarray:

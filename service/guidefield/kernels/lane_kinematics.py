@@ -34,6 +34,10 @@ POSE = 12 * LANES
 TURNING, SLIDING = range(2)
 """Kinds of joints: about z, along z. Every joint's frame is turned so that its axis is z."""
 
+PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
+"""Forms of the placement of a turning joint in its parent's frame: any; turned about x by a right angle, or not at all;
+any in the world."""
+
 JOINT = 14
 """Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value."""
 
@@ -45,6 +49,7 @@ class LaneJoints(NamedTuple):
         size: n.
         parents: (n,) index of each joint's parent.
         kinds: (n,) `TURNING` or `SLIDING`.
+        forms: (n,) one of the forms above; `PLAIN` is always right.
         drivers: (n,) which coordinate moves it; joints that mimic others share one.
         numbers: (n * JOINT,) placements, multipliers, offsets: the joint's value is multiplier * coordinate + offset.
     """
@@ -52,11 +57,12 @@ class LaneJoints(NamedTuple):
     size: int
     parents: np.ndarray
     kinds: np.ndarray
+    forms: np.ndarray
     drivers: np.ndarray
     numbers: np.ndarray
 
 
-LANE_JOINTS = types.NamedTuple([types.int64, INDICES, INDICES, INDICES, FLOATS], LaneJoints)
+LANE_JOINTS = types.NamedTuple([types.int64, *[INDICES] * 4, FLOATS], LaneJoints)
 JOINTS = pointed(LANE_JOINTS)
 
 
@@ -86,6 +92,79 @@ def _place_world(poses_out: Floats32) -> None:
         store(poses_out, entry * LANES, splat(1.0 if entry in (0, 5, 10) else 0.0))
 
 
+@lane_part
+def _shifted(poses: Floats32, row: int, numbers: Floats32, base: int) -> Vector:
+    """A number of the place of a joint whose parent's placement has its row there."""
+    x, y, z = numbers[base + 3], numbers[base + 7], numbers[base + 11]
+    t = load(poses, row) * x + load(poses, row + 16) * y + load(poses, row + 32) * z
+    return t + load(poses, row + 48)
+
+
+@lane_part
+def _place_grounded(numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int) -> None:
+    """Write placements of a joint that turns in the world, by angles with these cosines and sines."""
+    for r in range(3):
+        row, at = here + r * 4 * LANES, base + 4 * r
+        store(poses_out, row, c * numbers[at] + s * numbers[at + 1])
+        store(poses_out, row + 16, c * numbers[at + 1] - s * numbers[at])
+        store(poses_out, row + 32, splat(numbers[at + 2]))
+        store(poses_out, row + 48, splat(numbers[at + 3]))
+
+
+@lane_part
+def _place_square(
+    numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int, there: int
+) -> None:
+    """Write placements of a joint whose axis is at right angles to its parent's."""
+    for r in range(3):
+        row, at = there + r * 4 * LANES, here + r * 4 * LANES
+        p0, p2 = load(poses_out, row), load(poses_out, row + 32)
+        store(poses_out, at, p0 * c + p2 * s)
+        store(poses_out, at + 16, p2 * c - p0 * s)
+        store(poses_out, at + 32, -load(poses_out, row + 16))
+        store(poses_out, at + 48, _shifted(poses_out, row, numbers, base))
+
+
+@lane_part
+def _place_parallel(
+    numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int, there: int
+) -> None:
+    """Write placements of a joint whose axis is parallel to its parent's."""
+    for r in range(3):
+        row, at = there + r * 4 * LANES, here + r * 4 * LANES
+        p0, p1 = load(poses_out, row), load(poses_out, row + 16)
+        store(poses_out, at, p0 * c + p1 * s)
+        store(poses_out, at + 16, p1 * c - p0 * s)
+        store(poses_out, at + 32, load(poses_out, row + 32))
+        store(poses_out, at + 48, _shifted(poses_out, row, numbers, base))
+
+
+@lane_part
+def _place_plain(
+    turning: bool,
+    numbers: Floats32,
+    base: int,
+    value: Vector,
+    c: Vector,
+    s: Vector,
+    poses_out: Floats32,
+    here: int,
+    there: int,
+) -> None:
+    """Write placements of any joint."""
+    for r in range(3):
+        row, at = there + r * 4 * LANES, here + r * 4 * LANES
+        p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
+        r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
+        r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
+        r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+        t = _shifted(poses_out, row, numbers, base)
+        store(poses_out, at, r0 * c + r1 * s)
+        store(poses_out, at + 16, r1 * c - r0 * s)
+        store(poses_out, at + 32, r2)
+        store(poses_out, at + 48, t if turning else t + r2 * value)
+
+
 @lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
 def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
     """World placements of all joints' moved frames at sixteen configurations.
@@ -95,33 +174,23 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
         coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m].
         poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,).
     """
-    size, parents, kinds, drivers, numbers = joints
+    size, parents, kinds, forms, drivers, numbers = joints
     _place_world(poses_out)
     for i in range(1, size):
-        base, here, there = i * JOINT, i * POSE, parents[i] * POSE
+        base, here, there, form = i * JOINT, i * POSE, parents[i] * POSE, forms[i]
         value = load(coordinates, drivers[i] * LANES) * numbers[base + 12] + numbers[base + 13]
         turning = kinds[i] == TURNING
         c, s = splat(1.0), splat(0.0)
         if turning:
             c, s = cosine_and_sine(value)
-        for r in range(3):
-            row = there + r * 4 * LANES
-            p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
-            r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
-            r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
-            r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
-            t = p0 * numbers[base + 3] + p1 * numbers[base + 7] + p2 * numbers[base + 11]
-            t = t + load(poses_out, row + 48)
-            row = here + r * 4 * LANES
-            if turning:
-                store(poses_out, row, r0 * c + r1 * s)
-                store(poses_out, row + 16, r1 * c - r0 * s)
-            else:
-                store(poses_out, row, r0)
-                store(poses_out, row + 16, r1)
-                t = t + r2 * value
-            store(poses_out, row + 32, r2)
-            store(poses_out, row + 48, t)
+        if form == SQUARE:
+            _place_square(numbers, base, c, s, poses_out, here, there)
+        elif form == PARALLEL:
+            _place_parallel(numbers, base, c, s, poses_out, here, there)
+        elif form == GROUNDED:
+            _place_grounded(numbers, base, c, s, poses_out, here)
+        else:
+            _place_plain(turning, numbers, base, value, c, s, poses_out, here, there)
 
 
 @lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
