@@ -2,61 +2,83 @@
 
 Usage: tools/bench connect --problems <folder> [--every N] [--sequences N] [--peers SECONDS] [<robot> ...]
 
-The folder is described in problems.py. Beside our times stand those of the peers' rows on the same problems, scaled by
-Pinocchio's forward kinematics, which a row's machine did in `PEERS_KINEMATICS`.
-With `--peers`, the planners of peers.py that are installed plan the same problems in the same run. All is CPU time.
+The folder is described in problems.py. *Whole call* is scene, planning and simplification, every obstacle new to the
+process; *scene known* is the scene alone with obstacles that an earlier one had. The certified path is judged once more
+on the exact meshes, `JUDGED_STEP` apart. Beside our times stand those of VAMP's rows on the same problems, scaled by
+Pinocchio's forward kinematics (connect_peers.py), and with `--peers` the planners of peers.py that are installed.
+All is CPU time, the best of `REPEATS`.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-import pinocchio as pin
 
-from benchmarks import peers
+from benchmarks.connect_peers import beside, beside_vamp, kinematics_us, print_times
 from benchmarks.problems import ROBOTS, Problems, scene_message
-from benchmarks.timing import best
 from guidefield.collision.certificate import certify
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
+from guidefield.messages.scene import Scene
 from guidefield.planner import lane_tree
 from guidefield.planner.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
 from guidefield.planner.plan import polyline
 from guidefield.planner.problem import Budget
-from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import build
-
-PEERS_KINEMATICS = 0.30
-"""What one forward kinematics of a Panda took where the peers' rows were measured [us]."""
 
 REPEATS = 3
 SECONDS = 20.0
 """Budget of one problem."""
 
+LONG = 0.1
+"""A call that takes longer is not repeated [s]."""
+
+JUDGED_STEP = 0.01
+"""Distance between two configurations of a path that are judged on the exact meshes, as in the peers' rows."""
+
+PASSES = 20
+"""How often a free path is looked at again to tell configurations per second."""
+
 
 @dataclass(frozen=True)
 class Row:
-    """One problem: CPU time [us], samples drawn, length of the simplified path, what the certificate said.
+    """One problem: CPU time [us], samples drawn, length of the simplified path, what certificate and meshes said.
 
-    `call` is what a user waits for without the certificate: scene built, planned, simplified. `refused` counts the
-    paths that the certificate refused.
+    Attributes:
+        problem_set, index: Which one.
+        scene: World and tables built, every obstacle new.
+        known: The same with known obstacles.
+        plan, simplify, call: Tree, shortcuts, and those with the new scene.
+        certificate: The certificate, with new plans where it refused.
+        iterations: Samples drawn.
+        length: Of the simplified path in the chart.
+        rate: Configurations per second inside the path's motions, the setting up of each included [1/s].
+        refused: Paths that the certificate refused.
+        solved: Whether one was certified.
+        hits: Whether that one touches on the exact meshes.
     """
 
     problem_set: str
     index: int
+    scene: float
+    known: float
     plan: float
     simplify: float
     call: float
     certificate: float
     iterations: int
     length: float
+    rate: float
     refused: int
     solved: bool
+    hits: bool
 
 
 def run(arguments: list[str]) -> None:
@@ -74,26 +96,26 @@ def run(arguments: list[str]) -> None:
 
 def _robot(folder: Path, robot: str, every: int, sequences: int, seconds: float) -> None:
     given = Problems.load(folder, robot, every)
-    kinematics = _kinematics_us(given.group)
-    print(f"\n{robot}: {len(given.problems)} problems, Pinocchio's forward kinematics {kinematics:.2f} us")
-    for sequence in range(sequences):
-        rows = [_row(given, problem, sequence) for problem in given.problems]
+    kinematics = kinematics_us(Problems.load(folder, "panda", len(given.problems)).group)
+    print(f"\n{robot}: {len(given.problems)} problems; Pinocchio's forward kinematics of a Panda: {kinematics:.2f} us")
+    _row(given, given.problems[0], 0)  # compiles, and makes the robot's tables
+    of_sequence = [[_row(given, problem, sequence) for problem in given.problems] for sequence in range(sequences)]
+    for sequence, rows in enumerate(of_sequence):
         _print(f"sequence {sequence}", rows)
-    rows_of_vamp = given.peers_rows()
-    if rows_of_vamp:
-        keys = [(problem["set"], problem["index"]) for problem in given.problems]
-        chosen = [rows_of_vamp[key] for key in keys if key in rows_of_vamp]
-        times = np.array([row["plan_us"] for row in chosen if row["solved"]]) * kinematics / PEERS_KINEMATICS
-        _print_times(f"  VAMP's rows, scaled, {len(times)} solved of {len(chosen)}", times)
+    keys = [(row.problem_set, row.index) for row in of_sequence[0]]
+    plans = np.median([[row.plan for row in rows] for rows in of_sequence], axis=0)
+    calls = np.median([[row.call for row in rows] for rows in of_sequence], axis=0)
+    beside_vamp(given, dict(zip(keys, np.column_stack([plans, calls]).tolist(), strict=True)), kinematics)
     if seconds > 0.0:
-        _beside(given, seconds)
+        beside(given, seconds, dict(zip(keys, calls.tolist(), strict=True)))
 
 
 def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
     z_start, z_goal = given.ends(problem)
     message = scene_message(problem)
-    plan = simplify = call = np.inf
-    for _ in range(REPEATS):
+    scene = known = plan = simplify = call = np.inf
+    for repeat in range(REPEATS):
+        message = _renamed(message, f"{sequence} {repeat}")
         rng = np.random.default_rng(sequence)
         began = time.thread_time()
         world = World.build(given.group, build(message))
@@ -103,52 +125,46 @@ def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
         grown = time.thread_time()
         path = None if found.path is None else lanes.shortened(found.path, LANE_RESOLUTION, LANE_MARGIN)
         done = time.thread_time()
-        plan, simplify, call = min(plan, grown - ready), min(simplify, done - grown), min(call, done - began)
-        if call > 0.1:
+        scene, plan, simplify = min(scene, ready - began), min(plan, grown - ready), min(simplify, done - grown)
+        call = min(call, done - began)
+        began = time.thread_time()
+        world = World.build(given.group, build(message))
+        lanes = Lanes.build(world)
+        known = min(known, time.thread_time() - began)
+        if call > LONG:
             break
     began, refused, resolution = time.thread_time(), 0, LANE_RESOLUTION
     while path is not None and not certify(world, polyline(path)).free:
         refused += 1
         if refused == LANE_ATTEMPTS:
+            path = None
             break
         resolution *= LANE_FINER
         again = _grown(lanes, z_start, z_goal, resolution, rng)
         path = None if again.path is None else lanes.shortened(again.path, resolution, LANE_MARGIN)
     certificate = time.thread_time() - began
-    length = 0.0 if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     return Row(
         problem_set=problem["set"],
         index=problem["index"],
+        scene=1e6 * scene,
+        known=1e6 * known,
         plan=1e6 * plan,
         simplify=1e6 * simplify,
         call=1e6 * call,
         certificate=1e6 * certificate,
         iterations=found.iterations,
-        length=length,
+        length=np.nan if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
+        rate=np.nan if path is None else _rate(lanes, path),
         refused=refused,
-        solved=path is not None and refused < LANE_ATTEMPTS,
+        solved=path is not None,
+        hits=path is not None and _hits(world, path),
     )
 
 
-def _beside(given: Problems, seconds: float) -> None:
-    """Plan the same problems with the planners that are installed."""
-    robot, packages = given.folder / "robots" / given.robot / given.robot, given.folder / "robots"
-    for name, solve in peers.installed().items():
-        answers, hits = [], 0
-        for problem in given.problems:
-            world = World.build(given.group, build(scene_message(problem)))
-            task = peers.Task(robot, packages, world, problem["obstacles"], *given.ends(problem), seconds, 0)
-            answers.append(solve(task))
-            if answers[-1].path is not None:
-                hits += not certify(world, polyline(answers[-1].path)).free
-        solved = [answer for answer in answers if answer.path is not None]
-        print(f" {name}: solved {len(solved)} of {len(answers)} in {seconds:g} s each; paths not free: {hits}")
-        for fault in sorted({answer.fault for answer in answers if answer.fault}):
-            print(f"  could not begin: {fault}")
-        for step in ("scene", "plan", "simplify"):
-            _print_times(f"  {step}, us", np.array([getattr(answer, step) for answer in solved]))
-        lengths = [np.linalg.norm(np.diff(answer.path, axis=0), axis=1).sum() for answer in solved]
-        _print_times("  length", np.array(lengths))
+def _renamed(message: Scene, mark: str) -> Scene:
+    """The same scene of obstacles that nobody has seen."""
+    renamed = [msgspec.structs.replace(one, name=f"{index} {mark}") for index, one in enumerate(message.obstacles)]
+    return msgspec.structs.replace(message, obstacles=renamed)
 
 
 def _grown(
@@ -158,32 +174,49 @@ def _grown(
     return lane_tree.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
 
 
-def _kinematics_us(group: PlanningGroup) -> float:
-    data, q = group.model.createData(), pin.neutral(group.model)
+def _rate(lanes: Lanes, path: np.ndarray) -> float:
+    """Configurations that are judged per second in a path's motions, all free [1/s]."""
+    if lanes.free_until(path, LANE_RESOLUTION) < len(path) - 1:
+        return np.nan
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    count = 16.0 * np.maximum(1.0, np.ceil(lengths * LANE_RESOLUTION / 16.0)).sum()
+    shortest = np.inf
+    for _ in range(REPEATS):
+        began = time.thread_time()
+        for _ in range(PASSES):
+            lanes.free_until(path, LANE_RESOLUTION)
+        shortest = min(shortest, time.thread_time() - began)
+    return float(PASSES * count / shortest)
 
-    def many() -> None:
-        for _ in range(100):
-            pin.forwardKinematics(group.model, data, q)
 
-    return 1e4 * best(many, 0.2)
+def _hits(world: World, path: np.ndarray) -> bool:
+    """Whether a path touches anything on the exact meshes."""
+    for a, b in itertools.pairwise(path):
+        count = max(1, int(np.ceil(np.linalg.norm(b - a) / JUDGED_STEP)))
+        for share in np.arange(1, count + 1) / count:
+            if world.in_collision(world.group.from_chart(a + share * (b - a))):
+                return True
+    return False
 
 
 def _print(title: str, rows: list[Row]) -> None:
     solved = [row for row in rows if row.solved]
     refused = sum(row.refused > 0 for row in rows)
     unsolved = ", ".join(f"{row.problem_set} {row.index}" for row in rows if not row.solved)
-    print(f" {title}: certified {len(solved)} of {len(rows)}; first path refused by the certificate: {refused}")
+    print(f" {title}: certified {len(solved)} of {len(rows)}; first path refused by the certificate: {refused};")
+    print(f"  certified paths in collision with the exact meshes: {sum(row.hits for row in rows)}")
     if unsolved:
         print(f"  not solved: {unsolved}")
-    _print_times("  planning, us", np.array([row.plan for row in rows]))
-    _print_times("  simplification, us", np.array([row.simplify for row in rows]))
-    _print_times("  scene, planning and simplification, us", np.array([row.call for row in rows]))
-    _print_times("  certificate, with new plans where it refused, us", np.array([row.certificate for row in rows]))
-    _print_times("  length", np.array([row.length for row in solved]))
+    for name, field in (
+        ("scene, new, us", "scene"),
+        ("scene known, us", "known"),
+        ("planning, us", "plan"),
+        ("simplification, us", "simplify"),
+        ("whole call, us", "call"),
+        ("certificate, with new plans where it refused, us", "certificate"),
+        ("configurations per second inside a free motion", "rate"),
+        ("length", "length"),
+    ):
+        print_times(f"  {name}", np.array([getattr(row, field) for row in rows]))
     for name in dict.fromkeys(row.problem_set for row in rows):
-        _print_times(f"    {name}, planning", np.array([row.plan for row in rows if row.problem_set == name]))
-
-
-def _print_times(title: str, times: np.ndarray) -> None:
-    if len(times):
-        print(f"{title}: median {np.median(times):.4g}, mean {times.mean():.4g}, p95 {np.quantile(times, 0.95):.4g}")
+        print_times(f"    {name}, planning", np.array([row.plan for row in rows if row.problem_set == name]))
