@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.convex_parts import UnservedError
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
@@ -227,9 +226,3 @@ def test_groups_of_one_robot_share_their_tables_if_these_are_the_same() -> None:
     moved = tables(0.1, robot.rest)
     assert moved.tables.bodies is not first.tables.bodies
     assert not np.array_equal(moved.tables.bodies.cover, first.tables.bodies.cover)  # what stands still went along
-
-
-@pytest.mark.parametrize("joints", ["x planar", "floating"])
-def test_joints_with_several_degrees_of_freedom_are_not_served(joints: str) -> None:
-    with pytest.raises(UnservedError):
-        Lanes.build(World.build(grouped(box_arm(joints, len(joints.split()))), zoo()))

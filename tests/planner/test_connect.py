@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.connect import _spread, connect, shortcut
+from guidefield.planner.connect import connect
 from guidefield.planner.problem import Budget
 from guidefield.planner.tree import Tree
+from tests.collision.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of
-from tests.robots import rest
+from tests.robots import box_arm, group, grouped, rest
 
 
 def wall_between() -> tuple:
@@ -45,7 +47,7 @@ def test_of_several_goals_the_nearest_straight_one_is_taken() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_tree_finds_a_way_round_and_shortcuts_shorten_it(seed: int) -> None:
+def test_the_tree_finds_a_way_round(seed: int) -> None:
     made, start, goal = wall_between()
     assert not densely_free(made, np.array([start, goal]))
     connection = connect(made, start, np.array([goal]), np.random.default_rng(seed))
@@ -53,11 +55,44 @@ def test_the_tree_finds_a_way_round_and_shortcuts_shorten_it(seed: int) -> None:
     np.testing.assert_array_equal(connection.path[0], start)
     np.testing.assert_array_equal(connection.path[-1], goal)
     assert densely_free(made, connection.path)
-    shorter = shortcut(made, connection.path, np.random.default_rng(seed))
-    length, found = (np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in (shorter, connection.path))
-    assert length <= found + 1e-9
-    assert densely_free(made, shorter)
-    np.testing.assert_array_equal(shorter[[0, -1]], connection.path[[0, -1]])
+
+
+@pytest.mark.parametrize("kinds", ["ball", "free ball", "planar", "floating x", "x planar y", "slide floating mimic"])
+def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
+    names = {"ball": "chain_fixed_6x300_r25", "free ball": "chain_moving_3x260_r20", "planar": "chain_planar_3x260_r25"}
+    planned = group(names[kinds]) if kinds in names else grouped(box_arm(kinds, len(kinds.split())))
+    turned = (0.0, 0.6, 0.0, 0.8)
+    walls = [
+        messages.Box(name="near", size=(0.4, 0.8, 0.04), position=(0.35, 0.0, 0.1), quaternion_xyzw=turned),
+        messages.Box(name="far", size=(0.05, 1.0, 1.0), position=(-0.7, 0.3, 0.1), quaternion_xyzw=turned),
+    ]
+    made = problem(planned, scene_of(*walls))
+    zs = draw(planned, 400, 7)
+    ends = zs[~made.lanes.touching(zs)]
+    ways = [(start, planned.unwrapped(goal, start)) for start, goal in pairwise(ends)]
+    blocked = [way for way in ways if not made.lanes.free_until(np.array(way), 32.0)]
+    assert len(blocked) > 2
+    for start, goal in blocked[:3]:
+        connection = connect(made, start, goal[None], np.random.default_rng(0))
+        assert connection.status is Status.SUCCESS
+        assert "tree" in connection.message
+        assert connection.proven
+        np.testing.assert_array_equal(connection.path[0], start)
+        assert np.abs(planned.difference(*map(planned.from_chart, (connection.path[-1], goal)))).max() < 1e-6
+        for a, b in pairwise(connection.path):
+            for t in np.linspace(0.0, 1.0, 1 + int(np.linalg.norm(b - a) / 0.05)):
+                assert not made.world.in_collision(planned.from_chart(a + t * (b - a)))
+
+
+def test_a_body_that_flies_free_gets_there_turned_the_other_way_round_too() -> None:
+    planned = grouped(box_arm("floating", 1))
+    goal = planned.chart(planned.q_origin)
+    goal[3:6] = 0.0, 2.5, 0.0
+    (other,) = planned.turned_otherwise(goal)
+    np.testing.assert_allclose(planned.from_chart(other)[:3], planned.from_chart(goal)[:3])
+    same = planned.difference(planned.from_chart(other), planned.from_chart(goal))
+    np.testing.assert_allclose(same, np.zeros(planned.nv), atol=1e-9)
+    assert np.linalg.norm(other[3:6]) == pytest.approx(2.0 * np.pi - 2.5)
 
 
 def test_what_need_not_be_proven_is_what_lanes_found() -> None:
@@ -106,14 +141,6 @@ def test_min_clearance_is_kept_all_along() -> None:
     for a, b in zip(connection.path, connection.path[1:], strict=False):
         for t in np.linspace(0, 1, 20):
             assert careful.world.clearance(a + t * (b - a)).obstacle_distance >= 0.03
-
-
-def test_samples_of_an_edge_are_spread_before_they_are_dense() -> None:
-    for count in (1, 2, 7, 32, 33):
-        order = _spread(count)
-        assert sorted(order) == list(range(1, count + 1))
-        assert order[0] == count
-    assert _spread(8)[1] == 4
 
 
 def test_nearest_wraps_angles() -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.lane_kinematics import JOINT, TURNING, LaneJoints
+from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
 from guidefield.kernels.lane_tables import BAND, GRID_NUMBERS, GRID_PLACES
 
 SIDES = {0: 1, 1: 4096, 2: 256}
@@ -98,6 +98,8 @@ def _sides(
     ranges: np.ndarray,
 ) -> list[_Side] | None:
     """The coordinates that a meeting hangs on; None if they are more than two, or one has no end."""
+    if (joints.kinds[ways[0] + ways[1]] > SLIDING).any():
+        return None
     levers: dict[int, float] = {}
     wraps: dict[int, bool] = {}
     for way, cover in zip(ways, covers, strict=True):

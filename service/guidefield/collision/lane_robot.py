@@ -12,16 +12,36 @@ import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lane_grids import lane_grids
+from guidefield.kernels import tree_kinematics
 from guidefield.kernels.enclosing_ball import ball_around_balls
-from guidefield.kernels.lane_kinematics import GROUNDED, JOINT, PARALLEL, PLAIN, SLIDING, SQUARE, TURNING, LaneJoints
+from guidefield.kernels.lane_kinematics import (
+    BALL,
+    FLOATING,
+    GROUNDED,
+    JOINT,
+    PARALLEL,
+    PLAIN,
+    PLANAR,
+    SLIDING,
+    SQUARE,
+    TURNING,
+    LaneJoints,
+)
 from guidefield.kernels.lane_tables import BAND, LaneBodies
 from guidefield.kernels.separation import Parts
-from guidefield.kernels.tree_kinematics import PRISMATIC
 from guidefield.robot.convex_parts import convex_parts
 from guidefield.robot.coverage import ShapeCoverage
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.shapes import triangulation
 from guidefield.robot.tables import joint_table
+
+KINDS = np.empty(6, np.int64)
+"""Lanes' kind of each of `JointTable`'s."""
+KINDS[[tree_kinematics.REVOLUTE, tree_kinematics.CONTINUOUS]] = TURNING
+KINDS[tree_kinematics.PRISMATIC] = SLIDING
+KINDS[tree_kinematics.PLANAR] = PLANAR
+KINDS[tree_kinematics.SPHERICAL] = BALL
+KINDS[tree_kinematics.FLOATING] = FLOATING
 
 SURFACE_POINTS = 24
 """Points of its surface that stand for an open mesh's inside, which it doesn't have."""
@@ -35,7 +55,7 @@ _SAME = 3e-8
 
 @dataclass(frozen=True, eq=False)
 class LaneRobot:
-    """A robot for lanes: joints whose axes are z, bodies in those joints' frames.
+    """A robot for lanes: joints that turn about z or slide along it where they have one axis, bodies in their frames.
 
     Attributes:
         joints: Its joints.
@@ -51,7 +71,7 @@ class LaneRobot:
 
 
 def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.ndarray) -> LaneRobot:
-    """Build the tables of a group all of whose joints have one degree of freedom.
+    """Build the tables of a group; rotation vectors start from the identity, see `turned_from`.
 
     Args:
         group: The robot's planned joints.
@@ -173,7 +193,7 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
     n = len(table.parents)
     numbers = np.zeros((n, JOINT))
     drivers, forms = np.zeros(n, np.int64), np.full(n, PLAIN)
-    kinds = np.where(table.kinds == PRISMATIC, SLIDING, TURNING)
+    kinds = KINDS[table.kinds]
     for i in range(1, n):
         turn = turns[table.parents[i]].T @ table.placements[i][:, :3] @ turns[i]
         row = group.expand_velocity[table.idx_v[i]]
@@ -184,11 +204,25 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
             forms[i], turn, more = _form(int(table.parents[i]), turn)
             offset = (offset + more + np.pi) % (2.0 * np.pi) - np.pi
         placement = np.c_[turn, turns[table.parents[i]].T @ table.placements[i][:, 3]]
-        numbers[i] = *placement.ravel(), row[drivers[i]], offset
+        rest = (row[drivers[i]], offset, 0.0, 0.0) if kinds[i] in (TURNING, SLIDING) else (0.0, 0.0, 0.0, 1.0)
+        numbers[i] = *placement.ravel(), *rest
     joints = LaneJoints(n, np.array(table.parents), kinds, forms, drivers, numbers.ravel().astype(np.float32))
     for array in joints[1:]:
         array.setflags(write=False)
     return joints
+
+
+def turned_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
+    """The same joints, their rotation vectors from where those of the group start."""
+    if joints.kinds.max(initial=TURNING) < BALL:
+        return joints
+    numbers = joints.numbers.reshape(-1, JOINT).copy()
+    for i in np.flatnonzero(joints.kinds >= BALL).tolist():
+        planned = group.space.joints[group.space.getJointId(group.model.names[i])]
+        quaternion = group.q_origin[planned.idx_q : planned.idx_q + planned.nq][-4:]
+        numbers[i, 12:] = quaternion / np.linalg.norm(quaternion)
+    numbers.setflags(write=False)
+    return joints._replace(numbers=numbers.ravel())
 
 
 def _form(parent: int, turn: np.ndarray) -> tuple[int, np.ndarray, float]:

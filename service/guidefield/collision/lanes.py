@@ -6,14 +6,14 @@ what is between them.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import weakref
 from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.convex_parts import UnservedError
-from guidefield.collision.lane_robot import LaneRobot, lane_robot
+from guidefield.collision.lane_robot import LaneRobot, lane_robot, turned_from
 from guidefield.collision.lane_scene import lane_scene
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
@@ -42,13 +42,7 @@ _KNOWN: weakref.WeakKeyDictionary[RobotModel, dict[bytes, tuple[LaneRobot, Words
 
 @kept_with
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
-    """The tables of a group, made once for what they are made of and the pairs (int64) that must not touch.
-
-    Raises:
-        UnservedError: if a joint has several degrees of freedom, or a shape is of an unknown kind.
-    """
-    if any(joint.nv != 1 for joint in group.model.joints[1:]):
-        raise UnservedError("a joint with several degrees of freedom")
+    """The tables of a group, made once for what they are made of and the pairs (int64) that must not touch."""
     known, key = _KNOWN.setdefault(group.robot, {}), _fingerprint(group) + pairs
     found = known.pop(key, None)
     if found is None:
@@ -57,7 +51,11 @@ def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     known[key] = found
     while len(known) > MOST_GROUPS:
         del known[next(iter(known))]
-    return found
+    robot, words = found
+    joints = turned_from(robot.joints, group)
+    if joints is robot.joints:
+        return robot, words
+    return dataclasses.replace(robot, joints=joints), packed((joints, robot.bodies, robot.parts))
 
 
 def _fingerprint(group: PlanningGroup) -> bytes:
@@ -86,11 +84,7 @@ class Lanes:
 
     @classmethod
     def build(cls, world: World) -> Lanes:
-        """Make the tables of a world.
-
-        Raises:
-            UnservedError: if a joint has several degrees of freedom, or a shape is of an unknown kind.
-        """
+        """Make the tables of a world."""
         own, mixed = world.pairs[: world.n_self], world.pairs[world.n_self :]
         robot, words = _robot(world.group, own.tobytes())
         bodies, nv = robot.bodies, world.group.nv

@@ -15,7 +15,6 @@ from typing import Any
 from guidefield.collision.convex_parts import known_pieces
 from guidefield.robot.convex_parts import convex_parts
 from guidefield.robot.coverage import coverage
-from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
 
 _log = logging.getLogger(__name__)
@@ -29,11 +28,6 @@ LONG = 1.0
 
 class StoppedError(Exception):
     """A preparation was stopped; its text says before what."""
-
-
-def needs_preparation(group: PlanningGroup) -> bool:
-    """Whether connections of a group use what is prepared: each of its joints has one degree of freedom."""
-    return all(joint.nv == 1 for joint in group.model.joints[1:])
 
 
 def prepare(robot: RobotModel, spent: Callable[[], object] = lambda: None, told: Told = lambda _: None) -> None:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from guidefield.collision.preparation import StoppedError, Told, needs_preparation, prepare
+from guidefield.collision.preparation import StoppedError, Told, prepare
 from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
 from guidefield.handlers.plan_problem import problem_of
@@ -114,8 +114,8 @@ def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference]
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
         base = request.robot_placement
-        group = select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
-        if _connects(request) and needs_preparation(group):
+        select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
+        if _connects(request):
             prepare(robot)
 
 
@@ -126,7 +126,7 @@ def _connects(request: PlanRequest) -> bool:
 
 def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan | None:
     """Prepare the robot if a connection needs it; the plan if time was up before that, None if it wasn't."""
-    if not _connects(request) or not needs_preparation(problem.group):
+    if not _connects(request):
         return None
     try:
         prepare(problem.group.robot, problem.budget.spent, preparing)

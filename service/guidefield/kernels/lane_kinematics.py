@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import int64, types, void
 from numpy.typing import NDArray
 
-from guidefield.kernels.lane_math import Floats32, cosine_and_sine
+from guidefield.kernels.lane_math import Floats32, cosine_and_sine, quaternion_of
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS,
@@ -31,27 +31,30 @@ Integers = NDArray[np.int64]
 POSE = 12 * LANES
 """Floats of sixteen placements: rotation and translation row by row, each number in sixteen lanes."""
 
-TURNING, SLIDING = range(2)
-"""Kinds of joints: about z, along z. Every joint's frame is turned so that its axis is z."""
+TURNING, SLIDING, PLANAR, BALL, FLOATING = range(5)
+"""Kinds of joints: about z; along z; along x and y and about z; about a point; all of these. The frame of a joint with
+one degree of freedom is turned so that its axis is z; the others take as many coordinates as robot/chart.py says."""
 
 PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
 """Forms of the placement of a turning joint in its parent's frame: any; turned about x by a right angle, or not at all;
 any in the world."""
 
-JOINT = 14
-"""Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value."""
+JOINT = 16
+"""Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value, or the
+quaternion (x, y, z, w) that its rotation vector starts from."""
 
 
 class LaneJoints(NamedTuple):
-    """Joints with one degree of freedom each, parents before children; row 0 is the world, which never moves.
+    """Joints, parents before children; row 0 is the world, which never moves.
 
     Attributes:
         size: n.
         parents: (n,) index of each joint's parent.
-        kinds: (n,) `TURNING` or `SLIDING`.
+        kinds: (n,) one of the kinds above.
         forms: (n,) one of the forms above; `PLAIN` is always right.
-        drivers: (n,) which coordinate moves it; joints that mimic others share one.
-        numbers: (n * JOINT,) placements, multipliers, offsets: the joint's value is multiplier * coordinate + offset.
+        drivers: (n,) which coordinate moves it, or the first of several; joints that mimic others share one.
+        numbers: (n * JOINT,) placements and what follows them: the value of a joint with one degree of freedom is
+            multiplier * coordinate + offset.
     """
 
     size: int
@@ -151,7 +154,7 @@ def _place_plain(
     here: int,
     there: int,
 ) -> None:
-    """Write placements of any joint."""
+    """Write placements of any joint with one degree of freedom."""
     for r in range(3):
         row, at = there + r * 4 * LANES, here + r * 4 * LANES
         p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
@@ -165,13 +168,74 @@ def _place_plain(
         store(poses_out, at + 48, t if turning else t + r2 * value)
 
 
+@lane_part
+def _entries(x: Vector, y: Vector, z: Vector, w: Vector) -> tuple[Vector, ...]:
+    """The rotation of unit quaternions, row by row."""
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - z * w),
+        2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w),
+        2.0 * (y * z + x * w),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@lane_part
+def _turned(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
+    """Rotation, row by row, of a joint that turns about a point: that it starts from, then its rotation vector's."""
+    ex, ey, ez, ew = quaternion_of(load(coordinates, at), load(coordinates, at + 16), load(coordinates, at + 32))
+    x, y, z, w = numbers[base + 12], numbers[base + 13], numbers[base + 14], numbers[base + 15]
+    return _entries(
+        ex * w + ew * x + ez * y - ey * z,
+        ey * w - ez * x + ew * y + ex * z,
+        ez * w + ey * x - ex * y + ew * z,
+        ew * w - ex * x - ey * y - ez * z,
+    )
+
+
+@lane_step(void(JOINTS, int64, FLOAT_POINTER, FLOAT_POINTER))
+def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Floats32) -> None:
+    """Write the placement of a joint with several degrees of freedom, whose parent's is there."""
+    numbers, base, at = joints.numbers, i * JOINT, joints.drivers[i] * LANES
+    here, there, kind = i * POSE, joints.parents[i] * POSE, joints.kinds[i]
+    x, y, z = splat(0.0), splat(0.0), splat(0.0)
+    if kind != BALL:
+        x, y = load(coordinates, at), load(coordinates, at + 16)
+    if kind == FLOATING:
+        z = load(coordinates, at + 32)
+        at += 3 * LANES
+    a, b, c, d, e, f, g, h, k = _entries(splat(0.0), splat(0.0), splat(0.0), splat(1.0))
+    if kind == PLANAR:
+        a, d = cosine_and_sine(load(coordinates, at + 32))
+        b, e = -d, a
+    else:
+        a, b, c, d, e, f, g, h, k = _turned(numbers, base, coordinates, at)
+    for r in range(3):
+        row = there + r * 4 * LANES
+        p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
+        r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
+        r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
+        r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+        t = _shifted(poses_out, row, numbers, base) + r0 * x + r1 * y + r2 * z
+        row = here + r * 4 * LANES
+        store(poses_out, row, r0 * a + r1 * d + r2 * g)
+        store(poses_out, row + 16, r0 * b + r1 * e + r2 * h)
+        store(poses_out, row + 32, r0 * c + r1 * f + r2 * k)
+        store(poses_out, row + 48, t)
+
+
 @lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
 def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
     """World placements of all joints' moved frames at sixteen configurations.
 
     Args:
         joints: The joints.
-        coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m].
+        coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m]; rotation vectors are shorter than a
+            full turn.
         poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,).
     """
     size, parents, kinds, forms, drivers, numbers = joints
@@ -189,6 +253,8 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
             _place_parallel(numbers, base, c, s, poses_out, here, there)
         elif form == GROUNDED:
             _place_grounded(numbers, base, c, s, poses_out, here)
+        elif kinds[i] > SLIDING:
+            _place_free(joints, i, coordinates, poses_out)
         else:
             _place_plain(turning, numbers, base, value, c, s, poses_out, here, there)
 

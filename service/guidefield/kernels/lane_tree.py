@@ -15,6 +15,7 @@ from numba import boolean, int64, types
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_motion import WORLD, LaneWorld, motion_free, world_of
 from guidefield.kernels.lanes import (
+    DOUBLE_POINTER,
     FLOAT_POINTER,
     FLOATS,
     FLOATS_OUT,
@@ -32,7 +33,7 @@ from guidefield.kernels.lanes import (
     splat,
 )
 from guidefield.kernels.packing import Words, unpacked
-from guidefield.kernels.signatures import VECTOR, VECTOR_OUT
+from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats
 from guidefield.kernels.tree_kinematics import INDICES
 
 RANGE = 1.0
@@ -65,6 +66,8 @@ class Sampling(NamedTuple):
         lower, width: (nv,) the box that samples fill.
         period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
         frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
+        n_rotations: How many joints turn about a point.
+        rotations: (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly.
     """
 
     steps: np.ndarray
@@ -72,6 +75,8 @@ class Sampling(NamedTuple):
     width: np.ndarray
     period: np.ndarray
     frequency: np.ndarray
+    n_rotations: int
+    rotations: np.ndarray
 
 
 class Search(NamedTuple):
@@ -101,13 +106,29 @@ class Search(NamedTuple):
     reached: np.ndarray
 
 
-SAMPLING = types.NamedTuple([*[VECTOR] * 3, *[FLOATS] * 2], Sampling)
+SAMPLING = types.NamedTuple([*[VECTOR] * 3, *[FLOATS] * 2, types.int64, INDICES], Sampling)
 SEARCH = types.NamedTuple(
     [*[types.int64] * 2, FLOATS_OUT, INTEGERS_OUT, FLOATS_OUT, VECTOR_OUT, INTEGERS_OUT, *[FLOATS_OUT] * 4], Search
 )
 
 _SAMPLING, _SEARCH = pointed(SAMPLING), pointed(SEARCH)
 sampling_of, search_of = unpacked(SAMPLING), unpacked(SEARCH)
+
+
+@lane_step(types.void(DOUBLE_POINTER, int64, FLOAT_POINTER))
+def _turn_evenly(places: Floats, at: int, sample_out: Floats32) -> None:
+    """The rotation vector, at most pi long, of the rotation at a place in the unit cube (Shoemake 1992).
+
+    Places that fill the cube evenly are rotations that fill all of them evenly.
+    """
+    inner, outer = math.sqrt(1.0 - places[at]), math.sqrt(places[at])
+    a, b = 2.0 * math.pi * places[at + 1], 2.0 * math.pi * places[at + 2]
+    x, y, z, w = inner * math.sin(a), inner * math.cos(a), outer * math.sin(b), outer * math.cos(b)
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(sine, abs(w)) / max(sine, 1e-12)
+    if w < 0.0:
+        scale = -scale
+    sample_out[at], sample_out[at + 1], sample_out[at + 2] = scale * x, scale * y, scale * z
 
 
 @lane_step(types.void(_SAMPLING, _SEARCH))
@@ -118,6 +139,8 @@ def _next_sample(sampling: Sampling, search: Search) -> None:
         place -= 1.0 if place >= 1.0 else 0.0
         search.places[j] = place
         search.sample[j] = sampling.lower[j] + place * sampling.width[j]
+    for k in range(sampling.n_rotations):
+        _turn_evenly(search.places, sampling.rotations[k], search.sample)
 
 
 @lane_step(types.Tuple((int64, types.float64))(_SEARCH, int64, FLOAT_POINTER, _SAMPLING))

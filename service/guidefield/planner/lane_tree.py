@@ -1,4 +1,4 @@
-"""Tree search on the lane kernels, for groups all of whose joints have one degree of freedom."""
+"""Tree search on the lane kernels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from guidefield.kernels.lane_branch import joined
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.planner.problem import Budget
-from guidefield.robot.chart import ANGLE
+from guidefield.robot.chart import ANGLE, ROTATION
 from guidefield.robot.group import ROAM, PlanningGroup
 
 MOST_ITERATIONS, MOST_MOTIONS = 10_000_000, 300_000
@@ -113,18 +113,21 @@ class _Sources:
 def _sources(group: PlanningGroup) -> _Sources:
     """The box that samples of a group fill."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
-    origin = group.chart(group.q_origin)
+    reach, rotations = np.full(group.nv, ROAM), []
     for joint in group.joints:
-        at = joint.idx_v
         if joint.kind in ANGLE:
-            period[at] = 2.0 * np.pi
-        if not np.isfinite(upper[at] - lower[at]):
-            reach = np.pi if joint.kind in ANGLE else ROAM
-            lower[at], upper[at] = origin[at] - reach, origin[at] + reach
+            period[joint.idx_v + ANGLE[joint.kind]] = 2.0 * np.pi
+            reach[joint.idx_v + ANGLE[joint.kind]] = np.pi
+        if joint.kind in ROTATION:
+            rotations.append(joint.idx_v + ROTATION[joint.kind].start)
+    origin = group.chart(group.q_origin)
+    endless = ~np.isfinite(upper - lower)
+    lower[endless], upper[endless] = (origin - reach)[endless], (origin + reach)[endless]
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
-    sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency)
-    for array in sampling:
+    vectors = np.array(rotations, np.int64)
+    sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(rotations), vectors)
+    for array in (*sampling[:5], vectors):
         array.setflags(write=False)
     return _Sources(sampling, packed(sampling), bool(period.any()))
 

@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.collision.convex_parts import UnservedError
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.timed_certificate import TimedWorld
 from guidefield.collision.world import World
@@ -121,12 +120,9 @@ class Problem:
     counters: Counters = field(default_factory=Counters)
 
     @cached_property
-    def lanes(self) -> Lanes | None:
-        """The world for the lane kernels; None if there is something in it that they don't know."""
-        try:
-            return Lanes.build(self.world)
-        except UnservedError:
-            return None
+    def lanes(self) -> Lanes:
+        """The world for the lane kernels."""
+        return Lanes.build(self.world)
 
     def at(self, time: float) -> Problem:
         """The same with every obstacle at rest where it is at a time [s]."""

@@ -86,13 +86,24 @@ def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
         i = ANGLE[joint.kind]
         turned[i] += 2.0 * np.pi * np.round((near[i] - z[i]) / (2.0 * np.pi))
     if joint.kind in ROTATION:
-        at = ROTATION[joint.kind]
-        angle = float(np.linalg.norm(z[at]))
-        if angle > 0.0:
-            other = z[at] * (1.0 - 2.0 * np.pi / angle)
-            if np.linalg.norm(other - near[at]) < np.linalg.norm(z[at] - near[at]):
-                turned[at] = other
+        other = turned_otherwise(joint, z)
+        if np.linalg.norm(other - near) < np.linalg.norm(z - near):
+            turned = other
     return turned
+
+
+def turned_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
+    """Chart coordinates, shape (nv,), of the same configuration of a joint, its rotation vector the other way round.
+
+    Args:
+        joint: A spherical or floating joint.
+        z: Its chart coordinates, shape (nv,) [rad or m]; a rotation vector of no length stays as it is.
+    """
+    other, at = z.copy(), ROTATION[joint.kind]
+    angle = float(np.linalg.norm(z[at]))
+    if angle > 0.0:
+        other[at] *= 1.0 - 2.0 * np.pi / angle
+    return other
 
 
 def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot import chart
-from guidefield.robot.model import Joint, LimitSource, RobotModel
+from guidefield.robot.model import Joint, JointKind, LimitSource, RobotModel
 
 ROAM = 2.0
 """How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
@@ -168,6 +168,19 @@ class PlanningGroup:
         if self.nq == self.nv:
             return z.copy()
         return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
+
+    def turned_otherwise(self, z: np.ndarray) -> np.ndarray:
+        """Chart coordinates of the same configuration as z (nv,) with one floating joint turned the other way round.
+
+        Returns:
+            One row for each floating joint, shape (k, nv): a body that flies free may have to turn the long way.
+        """
+        ways = []
+        for joint in self.joints:
+            if joint.kind is JointKind.FLOATING:
+                ways.append(z.copy())
+                ways[-1][_at_v(joint)] = chart.turned_otherwise(joint, z[_at_v(joint)])
+        return np.array(ways).reshape(-1, self.nv)
 
     def tangent_map(self, z: np.ndarray) -> np.ndarray:
         """Matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
