@@ -60,6 +60,8 @@ _ENDS = '<origin xyz="0 0 {z}"/><parent link="l{p}"/><child link="l{i}"/>'
 JOINTS = {
     "x": f'<joint name="j{{i}}" type="revolute">{_ENDS}<axis xyz="1 0 0"/>{_LIMIT}</joint>',
     "y": f'<joint name="j{{i}}" type="revolute">{_ENDS}<axis xyz="0 1 0"/>{_LIMIT}</joint>',
+    "wide": f'<joint name="j{{i}}" type="revolute">{_ENDS}<axis xyz="0 1 0"/>'
+    '<limit lower="-7" upper="7" effort="1" velocity="1"/></joint>',
     "oblique": f'<joint name="j{{i}}" type="revolute">{_ENDS}<axis xyz="1 2 -0.5"/>{_LIMIT}</joint>',
     "continuous": f'<joint name="j{{i}}" type="continuous">{_ENDS}<axis xyz="0 1 0"/></joint>',
     "oblique-continuous": f'<joint name="j{{i}}" type="continuous">{_ENDS}<axis xyz="1 2 -0.5"/></joint>',

@@ -114,8 +114,9 @@ def test_a_task_that_is_cancelled_ends_its_run(service: Service, wire: PlainClie
 
 def test_one_client_does_not_hold_up_another(service: Service) -> None:
     """With one worker, whoever asks one thing is served after one of the many things that another asked before."""
-    slow = {"type": "inverse_kinematics", "robot": "panda", "solutions": 30, "poses": []}
-    slow["poses"] = [{"position": [0.4, 0.0, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}]
+    ball = {"type": "sphere", "name": "ball", "radius": 0.1, "position": [0.0, 0.0, 2.0]}
+    scene = {"schema": 1, "name": "ball", "obstacles": [ball]}
+    slow = {"type": "clearance", "robot": "panda", "scene": scene, "configurations": [{}] * 500}
     done: list[str] = []
     with (
         Client.connect(service.endpoint) as greedy,

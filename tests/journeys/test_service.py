@@ -310,14 +310,13 @@ def test_nobody_there_is_said(service: Service) -> None:
 # ---- what ends badly
 
 
-def long_job(poses: int) -> dict[str, Any]:
-    """A request that keeps a worker busy for a second a pose, and more: far more solutions are asked than there are."""
-    pose = {"position": [0.4, 0.0, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}
-    return {"type": "inverse_kinematics", "robot": "panda", "solutions": 1_000, "poses": [pose] * poses}
+def long_job(configurations: int) -> dict[str, Any]:
+    """A request that keeps a worker busy for a second for every 7000 configurations, and more."""
+    return {"type": "clearance", "robot": "panda", "scene": BALL, "configurations": [{}] * configurations}
 
 
 def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wire: PlainClient) -> None:
-    long = long_job(poses=40)
+    long = long_job(60_000)
     before = wire.ask("guidefield/local/info")["counters"]["crashes"]
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
         doomed = thread.submit(wire.refusal, "guidefield/local/kinematics", json.dumps(long).encode())
@@ -348,7 +347,7 @@ def test_a_second_service_of_the_name_is_refused(service: Service, tmp_path: Pat
 
 
 def test_a_full_queue_and_a_time_that_is_up_are_answered(tmp_path: Path) -> None:
-    busy = json.dumps(long_job(poses=4)).encode()
+    busy = json.dumps(long_job(30_000)).encode()
     with (
         running_service(tmp_path, "--workers", "1", "--queue", "1") as service,
         plain_client(service.endpoint) as wire,

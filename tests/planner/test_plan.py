@@ -16,7 +16,7 @@ from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.relaxation import Relaxed, relax
 from guidefield.planner.trace import StageEntered, StageLeft
-from guidefield.robot.inverse_kinematics import PoseTarget
+from guidefield.robot.pose_target import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.planner.test_connect import wall_between

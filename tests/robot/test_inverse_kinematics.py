@@ -12,8 +12,10 @@ from hypothesis import given, settings, strategies as st
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.inverse_kinematics import DISTINCT_ANGLE, EXACT, PoseTarget, solve
+from guidefield.robot.inverse_kinematics import solve
+from guidefield.robot.pose_target import EXACT, PoseTarget
 from guidefield.robot.selection import select
+from guidefield.robot.tip_chain import DISTINCT_ANGLE, chain_to_tip
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
 
 ZERO, FREE = np.zeros(3), np.full(3, np.inf)
@@ -133,7 +135,7 @@ def test_a_planar_arm_has_its_two_solutions_in_closed_form(kind):
     a, b, c = 0.4, 1.1, -0.3
     goal = tip(planned, planned.from_chart(np.array([a, b, c])))
     result = found(planned, exact(goal))
-    assert result.reason == "2 distinct solutions from 64 starts"
+    assert result.reason == "2 distinct solutions from 128 starts"
     elbow_up_and_down = np.array([[a, b, c], [a + b, -b, b + c]])  # two links of one length: the triangle flipped
     charts = np.array(sorted((planned.chart(q).tolist() for q in result.solutions), key=lambda z: z[0]))
     assert np.allclose(charts, elbow_up_and_down, rtol=0.0, atol=1e-5)
@@ -203,29 +205,124 @@ def test_out_of_reach_counts_what_slides():
     assert result.reason == "out of reach: at least 99 mm short"
 
 
-def test_a_failure_says_how_close_it_came():
+def test_a_place_beyond_a_limit():
     planned = grouped(box_arm("y", 2, size=0.3))
     angle = 2.5  # half a radian beyond the limit of the first joint
     goal = np.array([0.3 * math.sin(angle), 0.0, 0.3 + 0.3 * math.cos(angle)])
     result = found(planned, PoseTarget(pin.SE3(np.eye(3), goal), ZERO, FREE), [planned.lower])
     assert result.solutions == ()
-    chord = 2.0 * 0.3 * math.sin(0.25)
-    assert result.reason == f"no solution from 65 starts; the closest is {chord:.2g} m and 0 rad off"
+    chord = 1000.0 * 2.0 * 0.3 * math.sin(0.25)
+    assert result.reason == (
+        f"no solution from 257 starts: the tip gets no nearer to the place than {chord:.3g} mm, in any orientation;"
+        " without limits it is reached: j1 would have to be at 2.5, its limits are [-2, 2]"
+    )
+    assert result.details == {
+        "cause": "position",
+        "position_off": pytest.approx(0.001 * chord, abs=1e-6),
+        "joint": "j1",
+        "value": pytest.approx(angle, abs=1e-5),
+        "limits": [-2.0, 2.0],
+    }
+
+
+def test_a_place_in_reach_but_not_in_this_orientation():
+    planned = grouped(box_arm("y", 3, size=0.3))
+    angle = 0.7  # about x, which no joint can
+    goal = tip(planned, np.array([0.4, 1.1, -0.3])) * pin.SE3(pin.exp3(np.array([angle, 0.0, 0.0])), np.zeros(3))
+    result = found(planned, exact(goal))
+    assert result.solutions == ()
+    assert "the place is in reach, but not in this orientation" in result.reason
+    assert result.details["cause"] == "orientation"
+    # the arm turns about y alone: each R_y(t) R_x(-angle) turns by at least the angle, its axis may be oblique
+    allowed = [
+        np.abs(pin.log3(pin.exp3(np.array([-angle, 0.0, 0.0])) @ pin.exp3(np.array([0.0, t, 0.0])))).max()
+        for t in np.linspace(-2.0, 2.0, 2001)
+    ]
+    assert min(allowed) - 1e-3 <= result.details["orientation_off"] <= min(allowed) + 2.0 * math.pi / 2**8
+
+
+def test_out_of_reach_is_told_as_a_number():
+    planned = group("panda")
+    result = found(planned, PoseTarget(pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.0])), ZERO, FREE))
+    short = result.details["short_by"]
+    assert (result.details["cause"], 0.5 < short < 3.0) == ("out of reach", True)
+    assert result.reason == f"out of reach: at least {int(1000 * short)} mm short"
 
 
 def test_solutions_that_are_not_accepted_are_counted():
     planned = group("panda")
     goal = exact(tip(planned, rest(planned)))
-    none = found(planned, goal, accept=lambda q: False)
+    none = found(planned, goal, accept=lambda zs: np.zeros(len(zs), bool))
     assert none.solutions == ()
-    assert re.fullmatch(r"\d+ distinct solutions from 64 starts, all in collision", none.reason)
-    offered = []
-    some = found(planned, goal, accept=lambda q: len(offered) == 2 or bool(offered.append(q)), fault="too close")
-    assert len(offered) == 2
-    assert len(some.solutions) == 8
-    assert not any(np.array_equal(q, other) for q in some.solutions for other in offered)
-    one = found(planned, goal, accept=lambda q: np.array_equal(q, offered[0]), fault="too close")
-    assert re.fullmatch(r"1 distinct solution from 64 starts, \d+ more (is|are) too close", one.reason)
+    assert re.fullmatch(r"\d+ distinct solutions from \d+ starts, all in collision", none.reason)
+    assert len(none.rejected) == none.details["solutions"] == int(none.reason.split()[0])
+    for q in none.rejected:
+        assert goal.is_reached(tip(planned, q))
+    right = found(planned, goal, accept=lambda zs: zs[:, 0] > 0.5)
+    assert len(right.solutions) == 8
+    assert all(q[0] > 0.5 for q in right.solutions)
+    assert all(q[0] <= 0.5 for q in right.rejected)
+    arm = grouped(box_arm("y", 3))
+    goal = exact(tip(arm, np.array([0.4, 1.1, -0.3])))
+    one = found(arm, goal, accept=lambda zs: zs[:, 1] > 0.0, fault="too close")
+    assert one.reason == "1 distinct solution from 128 starts, 1 more is too close"
+
+
+def test_solutions_lie_far_apart():
+    planned = group("panda")
+    chain = chain_to_tip(planned)
+    for seed in range(5):
+        goal = exact(tip(planned, random_configuration(planned, seed)))
+        eight = np.array(found(planned, goal, count=8).solutions)
+        many = np.array(found(planned, goal, count=64).solutions)
+        least = [np.linalg.norm(a - b) for a, b in itertools.combinations(eight, 2)]
+        among_many = [np.linalg.norm(a - b) for a, b in itertools.combinations(many[:8], 2)]
+        assert min(least) > 0.5
+        assert min(among_many) >= 0.5 * min(least)  # first those farthest apart, however many are asked for
+    assert not chain.measure.periods[chain.turning].size
+
+
+def test_whole_turns_come_last():
+    planned = grouped(box_arm("wide", 3))
+    q = np.array([0.4, 1.1, -0.3])
+    goal = exact(tip(planned, q))
+    start = q + 2.0 * math.pi * np.array([1.0, 0.0, 1.0])
+    two = np.array(found(planned, goal, [start], count=2).solutions)
+    assert np.allclose(two[0], start, rtol=0.0, atol=1e-9)
+    for value, near in zip(two[1], start, strict=True):  # of all turns within the limits the nearest to the start
+        turns = [value + 2.0 * math.pi * k for k in range(-3, 4) if abs(value + 2.0 * math.pi * k) <= 7.0]
+        assert abs(value - near) == pytest.approx(min(abs(turn - near) for turn in turns))
+    many = found(planned, goal, [q], count=20).solutions
+    assert len(many) == 20
+    for a, b in itertools.combinations(many, 2):
+        assert np.abs(a - b).max() > DISTINCT_ANGLE
+    for q in many:
+        assert (np.abs(q) <= 7.0).all()
+        assert goal.is_reached(tip(planned, q))
+
+
+def test_joints_that_do_not_move_the_tip_stay():
+    planned = grouped(box_arm("y", 4), tip="l3")
+    assert planned.nq == 3
+    whole = select(planned.robot, ["j1", "j2", "j3", "j4"], "l3", planned.robot.rest, pin.SE3.Identity())
+    start = np.array([0.1, 0.2, 0.3, 0.77])
+    result = found(whole, exact(tip(whole, np.array([0.4, 1.1, -0.3, 0.0]))), [start])
+    assert len(result.solutions) == 2
+    assert [q[3] for q in result.solutions] == [0.77, 0.77]
+
+
+@pytest.mark.parametrize("arm", ["floating y", "planar y slide x", "chain_moving_3x260_r20", "y mimic x x mimic x"])
+def test_joints_of_several_degrees_of_freedom(arm):
+    planned = grouped(box_arm(arm, len(arm.split()))) if " " in arm else group(arm)
+    for seed in range(4):
+        goal = exact(tip(planned, random_configuration(planned, seed)))
+        result = found(planned, goal, [rest(planned)], seed=seed, count=4)
+        assert result.solutions
+        for q in result.solutions:
+            assert goal.is_reached(tip(planned, q))
+            z = planned.chart(q)
+            assert (planned.lower - ROUNDING <= z).all()
+            assert (z <= planned.upper + ROUNDING).all()
 
 
 def test_a_target_from_the_wire():

@@ -31,10 +31,11 @@ def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
         world: The robot among obstacles.
         q: Configuration, shape (group.nq,).
     """
+    solids, pairs = _enclosable(world)
+    if not pairs:
+        return None
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
-    solids = _solids(world)
-    surfaced = np.array([solid.surface is not None for solid in solids])
-    for pair in np.flatnonzero(world.is_obstacle_pair & surfaced[world.pairs].any(axis=1)).tolist():
+    for pair in pairs:
         first, second = world.pairs[pair].tolist()
         for outer, inner in ((first, second), (second, first)):
             if _inside(world, solids, outer, inner):
@@ -76,6 +77,14 @@ class _Solid:
     surface: np.ndarray | None
     box: np.ndarray
     points: np.ndarray
+
+
+@kept_with
+def _enclosable(world: World) -> tuple[Sequence[_Solid], list[int]]:
+    """What tells whether bodies are inside others, and the pairs of which one body could be."""
+    solids = _solids(world)
+    surfaced = np.array([solid.surface is not None for solid in solids])
+    return solids, np.flatnonzero(world.is_obstacle_pair & surfaced[world.pairs].any(axis=1)).tolist()
 
 
 def _solids(world: World) -> Sequence[_Solid]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.met_pairs import met_pairs
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
@@ -26,8 +28,9 @@ from guidefield.messages.values import Placement, Reply, Vector3
 from guidefield.potential import RobotField
 from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.inverse_kinematics import PoseTarget, solve
+from guidefield.robot.inverse_kinematics import solve
 from guidefield.robot.model import RobotModel
+from guidefield.robot.pose_target import PoseTarget
 from guidefield.robot.selection import select
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
@@ -93,10 +96,11 @@ def inverse_kinematics(
             [group.part_of(start) for start in starts],
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
-            accept=None if world is None else lambda q: not world.in_collision(q) and world.enclosed(q) is None,
+            accept=None if world is None else partial(_are_free, world),
         )
         configurations.append([configuration_to_wire(group.joints, q) for q in result.solutions])
-        reasons.append(result.reason)
+        met = met_pairs(world, result.rejected) if world is not None and not result.solutions else None
+        reasons.append(f"{result.reason}: {met.told()}" if met is not None and met.counts else result.reason)
     return InverseKinematicsReply(configurations=configurations, reasons=reasons)
 
 
@@ -167,6 +171,12 @@ def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
     """All joints of a robot that don't follow another."""
     joints = [joint.name for joint in robot.joints if joint.mimic is None]
     return select(robot, joints, None, robot.rest, se3(placement.position, placement.quaternion_xyzw))
+
+
+def _are_free(world: World, zs: np.ndarray) -> np.ndarray:
+    """Which chart points (n, nv) touch nothing: (n,), bool."""
+    qs = map(world.group.from_chart, zs)
+    return np.array([not world.in_collision(q) and world.enclosed(q) is None for q in qs], bool)
 
 
 def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str) -> None:

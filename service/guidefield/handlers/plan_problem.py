@@ -16,9 +16,9 @@ from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlan
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.model import RobotModel
+from guidefield.robot.pose_target import PoseTarget
 from guidefield.robot.selection import select
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene

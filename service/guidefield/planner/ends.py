@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from guidefield.collision.met_pairs import met_pairs
 from guidefield.errors import Status
 from guidefield.planner.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.stages import StageFailed
-from guidefield.robot.inverse_kinematics import PoseTarget, solve
+from guidefield.robot.inverse_kinematics import solve
+from guidefield.robot.pose_target import PoseTarget
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""
@@ -49,7 +51,7 @@ def goal_points(problem: Problem) -> np.ndarray | None:
 
 
 def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray] = ()) -> np.ndarray:
-    """Chart points (m, nv) of free configurations that bring the tip to a pose.
+    """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
     Args:
         problem: Robot and world.
@@ -57,22 +59,47 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
         starts: Configurations (nq,) that are looked from before the problem's start and random ones.
 
     Raises:
-        StageFailed: NO_IK_SOLUTION with the reason.
+        StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way.
     """
+    group = problem.group
     result = solve(
-        problem.group,
+        group,
         target,
         starts=(*starts, problem.q_start),
         count=GOAL_SOLUTIONS,
         rng=np.random.default_rng([problem.seed, 1]),
-        accept=lambda q: end_fault(problem, q) is None and _keeps_clearance(problem, q),
+        accept=lambda zs: are_free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
     )
-    if not result.solutions:
-        raise StageFailed(
-            Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}", stage="goal"
-        )
-    return np.array([problem.group.chart(q) for q in result.solutions])
+    if result.solutions:
+        return np.array([group.chart(q) for q in result.solutions])
+    met = met_pairs(problem.world, result.rejected)
+    told = f": {met.told()}" if met.counts else ""
+    raise StageFailed(
+        Status.NO_IK_SOLUTION,
+        f"no configuration reaches the goal pose: {result.reason}{told}",
+        stage="goal",
+        **result.details,
+        **met.details(),
+    )
+
+
+def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
+    """Which chart points (n, nv) touch nothing and keep the clearance: (n,), bool.
+
+    What lanes find free is; what they don't is judged by Coal where there is nothing else.
+    """
+    free: np.ndarray = np.zeros(len(zs), bool)
+    if not problem.path_constraints:
+        free = ~problem.lanes.touching(zs, problem.min_clearance)
+    if not free.any():
+        return np.array([_is_free(problem, problem.group.from_chart(z)) for z in zs])
+    free[free] = [problem.world.enclosed(problem.group.from_chart(z)) is None for z in zs[free]]
+    return free
+
+
+def _is_free(problem: Problem, q: np.ndarray) -> bool:
+    return not problem.world.in_collision(q) and problem.world.enclosed(q) is None and _keeps_clearance(problem, q)
 
 
 def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
@@ -99,17 +126,23 @@ def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | N
 
 
 def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
-    faults = [end_fault(problem, q) for q in goal.configurations]
-    free = [q for q, fault in zip(goal.configurations, faults, strict=True) if fault is None]
-    if not free:
-        fault = faults[0]
-        assert fault is not None, "no goal is free"
-        which = "the goal is" if len(faults) == 1 else f"all {len(faults)} goals are"
-        raise StageFailed(Status.GOAL_IN_COLLISION, f"{which} in collision: {fault[0]}", stage="goal", **fault[1])
-    far = [q for q in free if _keeps_clearance(problem, q)]
-    if not far:
-        _check_clearance(problem, free[0], "goal")
-    return np.array([problem.group.chart(q) for q in far])
+    """Chart points (m, nv) of the configurations that are free."""
+    zs = np.array([problem.group.chart(q) for q in goal.configurations])
+    free: np.ndarray = zs[are_free(problem, zs)]
+    if len(free):
+        return free
+    touching = [q for q in goal.configurations if end_fault(problem, q) is not None]
+    if len(touching) < len(zs):  # some touch nothing, but are too close
+        clear = next(q for q in goal.configurations if end_fault(problem, q) is None)
+        _check_clearance(problem, clear, "goal")
+    fault = end_fault(problem, touching[0])
+    assert fault is not None, "it touches something"
+    message, details = fault
+    if len(zs) == 1:
+        raise StageFailed(Status.GOAL_IN_COLLISION, f"the goal is in collision: {message}", stage="goal", **details)
+    met = met_pairs(problem.world, touching)
+    message = f"all {len(zs)} goals are in collision: {met.told()}"
+    raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 
 
 def _kept_goals(problem: Problem, goals: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from guidefield.planner.problem import Problem
 from guidefield.planner.stages import Stage, StageFailed
 from guidefield.planner.tip_reach import inset_of
 from guidefield.planner.trace import Note
-from guidefield.robot.inverse_kinematics import PoseTarget
+from guidefield.robot.pose_target import PoseTarget
 
 CLEARANCE_SHARE = 0.5
 """Share of the time in which a connection with the clearance asked for is looked for; then any that is free will do."""

@@ -17,9 +17,9 @@ from guidefield.errors import Status
 from guidefield.planner.trace import Event, Observer, Silent
 from guidefield.potential import RobotField
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.inverse_kinematics import PoseTarget
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.path_constraints import ConstrainedFrames, PathConstraint
+from guidefield.robot.pose_target import PoseTarget
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 

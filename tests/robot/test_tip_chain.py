@@ -1,0 +1,45 @@
+"""The chain to a tip, judged by Pinocchio's placements and logarithm."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.tip_chain import chain_to_tip
+from tests.robots import box_arm, group, grouped, rest
+
+ARMS_OF_EVERY_KIND = (
+    "y slide x",
+    "oblique oblique-continuous slide x",
+    "y mimic x mimic",
+    "planar y x",
+    "floating y",
+    "x floating slide planar",
+)
+
+
+@pytest.mark.parametrize(
+    "arm", ["panda", "ur5", "kinova", "chain_universal_fixed_6x300_r25", "chain_moving_3x260_r20", *ARMS_OF_EVERY_KIND]
+)
+def test_offsets_are_pinocchios(arm):
+    planned = grouped(box_arm(arm, len(arm.split()))) if " " in arm else group(arm)
+    rng, kinematics = np.random.default_rng(3), Kinematics(planned)
+    target = pin.SE3.Random()
+    qs = [rest(planned), *(planned.random(rng) for _ in range(37))]
+    expected = []
+    for q in qs:
+        offset = target.actInv(kinematics.frame_placement(q, planned.tip_id))
+        expected.append(np.r_[offset.translation, pin.log3(offset.rotation)])
+    offsets = chain_to_tip(planned).offsets(target, np.array([planned.chart(q) for q in qs]))
+    np.testing.assert_allclose(offsets, expected, rtol=0.0, atol=1e-11)
+
+
+def test_a_rotation_vector_is_right_at_every_length():
+    planned = grouped(box_arm("floating", 1))
+    chain, rng = chain_to_tip(planned), np.random.default_rng(0)
+    lengths = [0.0, 1e-12, 1e-9, 1e-5, 0.01, 0.5, 1.0, np.pi / 2, 2.0, 3.0, np.pi - 1e-6, np.pi - 1e-9]
+    axes = rng.normal(size=(40, 3))
+    for length in lengths:
+        vectors = length * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        offsets = chain.offsets(pin.SE3.Identity(), np.column_stack([np.zeros((40, 3)), vectors]))
+        np.testing.assert_allclose(offsets[:, 3:], vectors, rtol=1e-14, atol=1e-15 + 1e-9 * (length > 3.0))
