@@ -12,7 +12,6 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import connect
 from guidefield.planner.problem import Budget
-from guidefield.planner.tree import Tree
 from tests.collision.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of
 from tests.robots import box_arm, group, grouped, rest
@@ -143,10 +142,11 @@ def test_min_clearance_is_kept_all_along() -> None:
             assert careful.world.clearance(a + t * (b - a)).obstacle_distance >= 0.03
 
 
-def test_nearest_wraps_angles() -> None:
-    tree = Tree(np.array([[3.0, 0.0], [0.0, 0.0]]))
-    assert tree.nearest(np.array([-3.0, 0.0]), np.array([2 * np.pi, np.inf])) == 0
-    assert tree.nearest(np.array([-3.0, 0.0]), np.array([np.inf, np.inf])) == 1
-    for i in range(200):
-        assert tree.add(np.array([float(i), 1.0]), i) == i + 2
-    np.testing.assert_array_equal(tree.branch(4)[0], tree.point(0))
+def test_a_body_that_flies_free_goes_round_a_wall_far_from_where_it_starts() -> None:
+    wall = messages.Box(name="wall", size=(0.1, 3.0, 3.0), position=(5.0, 0.0, 0.0))
+    made = problem(grouped(box_arm("floating", 1)), scene_of(wall))
+    start = made.group.chart(made.q_start)
+    goal = start + np.array([10.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    connection = connect(made, start, goal[None], np.random.default_rng(0))
+    assert connection.status is Status.SUCCESS
+    assert np.abs(connection.path[:, 1:3]).max() > 1.0

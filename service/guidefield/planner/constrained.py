@@ -130,7 +130,6 @@ def connect_constrained(
     """
     group = problem.group
     near = np.array([group.unwrapped(goal, z_start) for goal in goals])
-    endless = np.full(group.nv, np.inf)
     trees = (Tree(z_start[None]), Tree(near))
     for iteration in range(MOST_ITERATIONS):
         if (spent := problem.budget.spent()) is not None:
@@ -139,10 +138,10 @@ def connect_constrained(
         active = 0 if trees[0].size <= trees[1].size else 1
         growing, other = trees[active], trees[1 - active]
         target = near[iteration % len(near)] if iteration < len(near) else group.chart(group.random(rng))
-        node = growing.nearest(target, endless)
+        node = growing.nearest(target)
         reached = _grown(growing, node, keeper.steps(growing.point(node).copy(), target))
         point = growing.point(reached).copy()
-        node = other.nearest(point, endless)
+        node = other.nearest(point)
         met = _grown(other, node, keeper.steps(other.point(node).copy(), point))
         if np.linalg.norm(other.point(met) - point) > 1e-9:
             continue

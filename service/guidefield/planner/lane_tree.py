@@ -14,10 +14,10 @@ from guidefield.kernels.lane_branch import joined
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.planner.problem import Budget
-from guidefield.robot.chart import ANGLE, ROTATION
+from guidefield.robot.chart import ANGLE, ROTATION, TRANSLATION
 from guidefield.robot.group import ROAM, PlanningGroup
 
-MOST_ITERATIONS, MOST_MOTIONS = 10_000_000, 300_000
+MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
 """Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
 
 PIECE = 256
@@ -75,7 +75,7 @@ def grow(
         budget: How long.
     """
     nv: int = lanes.world.group.nv
-    sources = _sources(lanes.world.group)
+    sources = _sources(lanes.world.group).about(np.concatenate([starts, goals]))
     room = _room(nv, max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
     room.begin((starts, goals), rng.random(nv))
     counters = room.search.counters
@@ -102,34 +102,51 @@ class _Sources:
         sampling: The box that they fill.
         words: That packed.
         wraps: Whether any coordinate does.
+        roams: Which coordinates are lengths without limits, shape (k,).
     """
 
     sampling: kernel.Sampling
     words: Words
     wraps: bool
+    roams: np.ndarray
+
+    @classmethod
+    def of(cls, sampling: kernel.Sampling, roams: np.ndarray) -> _Sources:
+        """Sources that fill a box."""
+        for array in (*sampling[:5], sampling.rotations, roams):
+            array.setflags(write=False)
+        return cls(sampling, packed(sampling), bool(sampling.period.any()), roams)
+
+    def about(self, roots: np.ndarray) -> _Sources:
+        """Where lengths without limits are concerned, a box with `ROAM` around all of some chart points (n, nv)."""
+        if len(self.roams) == 0:
+            return self
+        lower, width = self.sampling.lower.copy(), self.sampling.width.copy()
+        least, largest = (end(roots[:, self.roams], axis=0) for end in (np.min, np.max))
+        lower[self.roams], width[self.roams] = least - ROAM, largest - least + 2.0 * ROAM
+        return _Sources.of(self.sampling._replace(lower=lower, width=width), self.roams)
 
 
 @kept_with
 def _sources(group: PlanningGroup) -> _Sources:
     """The box that samples of a group fill."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
-    reach, rotations = np.full(group.nv, ROAM), []
+    lengths, rotations = np.zeros(group.nv, bool), []
     for joint in group.joints:
         if joint.kind in ANGLE:
             period[joint.idx_v + ANGLE[joint.kind]] = 2.0 * np.pi
-            reach[joint.idx_v + ANGLE[joint.kind]] = np.pi
+        if joint.kind in TRANSLATION:
+            lengths[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION[joint.kind]] = True
         if joint.kind in ROTATION:
             rotations.append(joint.idx_v + ROTATION[joint.kind].start)
-    origin = group.chart(group.q_origin)
-    endless = ~np.isfinite(upper - lower)
+    endless, origin = ~np.isfinite(upper - lower), group.chart(group.q_origin)
+    reach = np.where(lengths, ROAM, np.pi)
     lower[endless], upper[endless] = (origin - reach)[endless], (origin + reach)[endless]
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
     vectors = np.array(rotations, np.int64)
-    sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(rotations), vectors)
-    for array in (*sampling[:5], vectors):
-        array.setflags(write=False)
-    return _Sources(sampling, packed(sampling), bool(period.any()))
+    sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(vectors), vectors)
+    return _Sources.of(sampling, np.flatnonzero(endless & lengths))
 
 
 def _steps(count: int) -> np.ndarray:

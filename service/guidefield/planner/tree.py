@@ -23,21 +23,10 @@ class Tree:
         self.size += 1
         return self.size - 1
 
-    def nearest(self, point: np.ndarray, period: np.ndarray) -> int:
-        """Index of the node nearest to a point.
-
-        Args:
-            point: Chart point, shape (nv,) [rad or m].
-            period: 2 pi for angles that wrap, else infinite, shape (nv,).
-        """
+    def nearest(self, point: np.ndarray) -> int:
+        """Index of the node nearest to a chart point, shape (nv,)."""
         apart = self._points[: self.size] - point
-        wraps = np.isfinite(period)
-        apart[:, wraps] -= period[wraps] * np.round(apart[:, wraps] / period[wraps])
         return int(np.argmin(np.einsum("ij,ij->i", apart, apart)))
-
-    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Chart points (n, nv) and the indices of their parents (n,), -1 for a root."""
-        return self._points[: self.size].copy(), self._parents[: self.size].copy()
 
     def point(self, index: int) -> np.ndarray:
         """The chart point of a node, shape (nv,)."""
