@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,8 @@ class Energy:
 class RobotField:
     """The field of a scene on a planning group, self-repulsion included (planner.md section 1).
 
+    Its tables are made when it is first asked: a plan that only connects has no use for them.
+
     Args:
         group: The robot, reduced to what moves.
         scene: The obstacles.
@@ -54,11 +57,23 @@ class RobotField:
 
     def __init__(self, group: PlanningGroup, scene: Scene, precision: Precision = Precision.DOUBLE) -> None:
         self.group = group
-        self._precision = precision
-        self.tables: FieldTables = _TABLES[precision](group, scene)
-        self.joints: JointTable = joint_table(group.model)
-        self.charged: ChargedRobot = _charged_robot(group)
         self.evaluations = 0
+        self._scene, self._precision = scene, precision
+
+    @cached_property
+    def tables(self) -> FieldTables:
+        """The scene's field."""
+        return _TABLES[self._precision](self.group, self._scene)
+
+    @cached_property
+    def joints(self) -> JointTable:
+        """The group's joints."""
+        return joint_table(self.group.model)
+
+    @cached_property
+    def charged(self) -> ChargedRobot:
+        """The robot's charges."""
+        return _charged_robot(self.group)
 
     def among(self, scene: Scene) -> RobotField:
         """The same robot in another scene, in the same precision; counted on its own."""

@@ -33,6 +33,17 @@ def test_smallest_distances_are_those_of_all_pairs(name, seed):
     assert distances[own].min() == pytest.approx(at.self_distance, abs=ACCURACY)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_hulls_hide_no_mesh_that_is_closer(seed):
+    world = world_of(group("ur5"), [box("shelf", (0.5, 0.5, 0.02), (0.4, 0.1, 0.5))])
+    assert not world.signed.all()
+    q = random_configuration(world.group, seed)
+    distances = np.maximum(pair_distances(world, q), np.where(world.signed, -np.inf, 0.0))
+    at = world.clearance(q)
+    assert at.self_distance == pytest.approx(distances[: world.n_self].min(), abs=ACCURACY)
+    assert at.obstacle_distance == pytest.approx(distances[world.n_self :].min(), abs=ACCURACY)
+
+
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10**6))
 def test_witness_points_are_as_far_apart_as_the_distance(seed):

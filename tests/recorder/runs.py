@@ -133,6 +133,7 @@ def _profile(group: PlanningGroup, trajectory: Trajectory, rng: np.random.Genera
     pairs[4] = None
     distances = rng.uniform(-0.01, 0.2, count)
     distances[4] = np.inf
+    potential = rng.uniform(1.0, 2.0, count)
     witness = rng.uniform(-1.0, 1.0, (count, 2, 3))
     witness[4] = np.nan
     return ClearanceProfile(
@@ -144,7 +145,7 @@ def _profile(group: PlanningGroup, trajectory: Trajectory, rng: np.random.Genera
         witness=witness,
         self_distance=rng.uniform(0.0, 0.1, count),
         self_pair=(("panda_link5", "panda_link7"),) * count,
-        potential=rng.uniform(1.0, 2.0, count),
+        potentials=lambda: potential,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,10 @@ from guidefield.collision.bodies import joint_placements
 
 if TYPE_CHECKING:
     from guidefield.collision.world import World
+
+
+HULL_ACCURACY = 1e-6
+"""How far off Coal's distance of two hulls may be [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +41,16 @@ class ClearanceAt:
 def clearance(world: World, q: np.ndarray) -> ClearanceAt:
     """Smallest distances at a configuration.
 
-    Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer.
+    Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is
+    that of balls and boxes about them first; where a mesh is in a pair, then the distance of hulls, sooner had.
 
     Args:
         world: Robot and obstacles.
         q: Configuration of the group, shape (nq,).
     """
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
+    if world.hulls is not world.geometry:
+        pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data)
     centres = world.bodies.centres_in_world(joint_placements(world.data))
     bounds = world.bodies.separations(centres, world.pairs, world.n_self)
     own = _closest(world, bounds[: world.n_self], 0)
@@ -63,10 +71,15 @@ def clearance(world: World, q: np.ndarray) -> ClearanceAt:
 def _closest(world: World, bounds: np.ndarray, first_pair: int) -> tuple[float, int, Any] | None:
     """Distance, index and Coal's result of the closest of some pairs."""
     closest = None
-    for index in np.argsort(bounds, kind="stable").tolist():
-        if closest is not None and bounds[index] > closest[0]:
-            break
+    waiting = [(bound, index, world.hulls is world.geometry) for index, bound in enumerate(bounds.tolist())]
+    heapq.heapify(waiting)
+    while waiting and (closest is None or waiting[0][0] <= closest[0]):
+        bound, index, last = heapq.heappop(waiting)
         pair = first_pair + index
+        if not (last or world.signed[pair]):
+            hulls_apart = pin.computeDistance(world.hulls, world.hull_margin_data, pair).min_distance
+            heapq.heappush(waiting, (max(bound, float(hulls_apart) - HULL_ACCURACY), index, True))
+            continue
         result = pin.computeDistance(world.geometry, world.geometry_data, pair)
         distance = float(result.min_distance) if world.signed[pair] else max(0.0, float(result.min_distance))
         if closest is None or distance < closest[0]:

@@ -30,6 +30,11 @@ class StoppedError(Exception):
     """A preparation was stopped; its text says before what."""
 
 
+def is_prepared(robot: RobotModel) -> bool:
+    """Whether `prepare` came to its end for a robot in this process."""
+    return robot in _prepared
+
+
 def prepare(robot: RobotModel, spent: Callable[[], object] = lambda: None, told: Told = lambda _: None) -> None:
     """Find all that is missing.
 
@@ -41,7 +46,7 @@ def prepare(robot: RobotModel, spent: Callable[[], object] = lambda: None, told:
     Raises:
         StoppedError: if time was up.
     """
-    if robot in _prepared:
+    if is_prepared(robot):
         return
     began = time.monotonic()
 

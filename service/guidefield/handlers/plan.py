@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from guidefield.collision.preparation import StoppedError, Told, prepare
+from guidefield.collision.preparation import StoppedError, Told, is_prepared, prepare
 from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
 from guidefield.handlers.plan_problem import problem_of
@@ -113,10 +113,11 @@ def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference]
     """Prepare a request's robot before its time begins. What can't be used is refused later, where that is kept."""
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
+        if is_prepared(robot) or not _connects(request):
+            return
         base = request.robot_placement
         select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
-        if _connects(request):
-            prepare(robot)
+        prepare(robot)
 
 
 def _connects(request: PlanRequest) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +32,7 @@ class ClearanceProfile:
         witness: The closest points, shape (n, 2, 3) [m, world].
         self_distance: From the robot to itself, shape (n,) [m]; infinite without pairs.
         self_pair: Names of the closest links, or None.
-        potential: U, shape (n,) [m].
+        potentials: Evaluates the potential U at the samples, shape (n,) [m].
     """
 
     times: np.ndarray
@@ -41,7 +43,12 @@ class ClearanceProfile:
     witness: np.ndarray
     self_distance: np.ndarray
     self_pair: tuple[tuple[str, str] | None, ...]
-    potential: np.ndarray
+    potentials: Callable[[], np.ndarray]
+
+    @cached_property
+    def potential(self) -> np.ndarray:
+        """U along the motion, shape (n,) [m]: found when it is asked for, since only recordings hold it."""
+        return self.potentials()
 
     @property
     def inner(self) -> float | None:
@@ -86,7 +93,7 @@ def clearance_profile(trajectory: Trajectory, problem: Problem) -> ClearanceProf
         witness=np.array([far if c.witness is None else c.witness for c in found]),
         self_distance=np.array([c.self_distance for c in found]),
         self_pair=tuple(c.self_pair for c in found),
-        potential=np.array([at.robot_field.potential(q) for at, q in zip(then, qs, strict=True)]),
+        potentials=lambda: np.array([at.robot_field.potential(q) for at, q in zip(then, qs, strict=True)]),
     )
 
 

@@ -78,7 +78,7 @@ class PlanningGroup:
         """Names of the tangent's columns."""
         return [j.name + suffix for j in self.joints for suffix in chart.VELOCITY_SUFFIXES.get(j.kind, ("",))]
 
-    @property
+    @cached_property
     def is_euclidean(self) -> bool:
         """Whether chart velocities are the tangent's velocities: no planar, spherical or floating joint."""
         return all(joint.nv == 1 for joint in self.joints)
@@ -192,7 +192,10 @@ class PlanningGroup:
 
     def wire_positions(self, z: np.ndarray) -> list[float]:
         """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
-        row: list[float] = []
+        row: list[float] = z.tolist()
+        if self.is_euclidean:
+            return row
+        row = []
         for joint in self.joints:
             if joint.kind in chart.ROTATION:
                 row += chart.from_chart(joint, z[_at_v(joint)], self.q_origin[_at_q(joint)]).tolist()
