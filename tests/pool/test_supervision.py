@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import multiprocessing.process
 import os
+import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import pebble.pool.process
 import pytest
 
 from guidefield.errors import WorkerCrashed
@@ -108,3 +112,48 @@ def test_one_huge_allocation_fails_at_once_inside_the_worker(pool: Pool) -> None
     crashes = pool.crashes
     assert pool.submit(Task(("allocate", "100000"), PATIENCE)).result(PATIENCE) == (False, b"no memory")
     assert pool.crashes == crashes
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.02, 0.2])
+def test_a_worker_that_is_killed_while_it_starts_costs_no_request(pool: Pool, pause: float) -> None:
+    before = _kill_idle_worker(pool)
+    fresh = _fresh_worker(before)
+    time.sleep(pause)
+    fresh.kill()
+    assert _echoes(pool)
+
+
+def test_a_worker_that_is_killed_before_its_first_job_is_sent_is_noticed(
+    pool: Pool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scheduler = pebble.pool.process.task_scheduler_loop
+    late = threading.Event()
+
+    def scheduler_that_comes_late(manager: object) -> None:
+        late.wait(1.0)
+        scheduler(manager)
+
+    monkeypatch.setattr(pebble.pool.process, "task_scheduler_loop", scheduler_that_comes_late)
+    before = _kill_idle_worker(pool)
+    _fresh_worker(before).kill()
+    assert _echoes(pool)
+    late.set()
+
+
+def _kill_idle_worker(pool: Pool) -> set[int | None]:
+    """Kill the worker; returns the processes that were there before."""
+    pid = int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1])
+    before = {child.pid for child in multiprocessing.active_children()}
+    os.kill(pid, signal.SIGKILL)
+    return before
+
+
+def _fresh_worker(before: set[int | None]) -> multiprocessing.process.BaseProcess:
+    """The worker that is started next."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        for child in multiprocessing.active_children():
+            if child.pid not in before:
+                return child
+        time.sleep(0.001)
+    raise AssertionError("no new worker was started")

@@ -27,6 +27,8 @@ BUSY_CHECK = 0.05
 """How often a worker that works is looked after, and what it tells is passed on [s]."""
 RESTART_PAUSE = 1.0
 """How long a slot waits before it tries again to start a worker that could not start [s]."""
+STARTS_TRIED = 3
+"""How often a worker may fail to start while a job waits for it."""
 LONGEST_TELLING = 1 << 16
 """Longest thing that a worker can tell at once [bytes]."""
 
@@ -125,7 +127,14 @@ class Slot:
             task.set_exception(WorkerCrashed(f"the pool failed: {error}"))
 
     def _answer(self, task: Task) -> Answer:
-        while self._pool is not None and self._watch is not None:
+        failed = 0
+        while failed < STARTS_TRIED:
+            if self._pool is None or self._watch is None:
+                if self._waiting.closed:
+                    break
+                failed += 1
+                self._replace_worker()
+                continue
             number = next(self._numbers)
             self._current = task, number
             self.pass_on_cancel()
@@ -177,11 +186,13 @@ class Slot:
         pool = ProcessPool(max_workers=1, initializer=prepare, initargs=arguments, context=_spawn)
         try:
             pid = pool.schedule(os.getpid)
-            while not self._waiting.closed and not pid.done():
+            while not self._waiting.closed and not pid.done() and pool.active:
                 wait([pid], IDLE_CHECK)
             if pid.done():
                 self._watch, self._pool = Watch(pid.result()), pool
                 return
+            if not self._waiting.closed:
+                _log.error("a worker process ended before it was ready")
         except (ProcessExpired, BrokenProcessPool, RuntimeError, OSError):
             _log.error("a worker process could not be prepared")
         _end(pool)
