@@ -14,8 +14,9 @@ from urllib.request import urlopen
 
 import pytest
 
+from guidefield.cli.loopback import free_port
 from guidefield.errors import Status
-from tests.journeys.service import free_port, running_service
+from tests.journeys.service import running_service
 from tests.replies import plan_reply
 
 POTENTIAL = {"type": "potential", "scene": "bookshelf", "points": [[0, 0, 2]]}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+
+from guidefield.cli.loopback import LOOPBACK, free_port
 
 STARTED_WITHIN = 300.0
 """The first start ever compiles the kernels [s]."""
@@ -58,7 +59,7 @@ class Service:
 @contextlib.contextmanager
 def running_service(data: Path, *options: str, endpoint: str | None = None) -> Iterator[Service]:
     """A service on a free loopback port; ends with the block, if it hasn't ended."""
-    endpoint = endpoint or f"tcp/127.0.0.1:{free_port()}"
+    endpoint = endpoint or f"tcp/{LOOPBACK}:{free_port()}"
     command = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--data", str(data), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -73,13 +74,6 @@ def running_service(data: Path, *options: str, endpoint: str | None = None) -> I
             except subprocess.TimeoutExpired:
                 process.kill()
                 raise
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @dataclass(frozen=True)
@@ -162,9 +156,11 @@ def _state(pid: int) -> str:
 
 
 def _children(pid: int) -> list[int]:
-    return [
-        int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()
-    ]
+    found: list[int] = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with contextlib.suppress(OSError):  # a thread may end meanwhile
+            found += map(int, (task / "children").read_text().split())
+    return found
 
 
 def _command_line(pid: int) -> bytes:

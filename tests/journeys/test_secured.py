@@ -11,7 +11,8 @@ import pytest
 import trustme
 
 from guidefield import Box, Client, NoService, Potential, Scene
-from tests.journeys.service import Service, free_port, running_service
+from guidefield.cli.loopback import free_port
+from tests.journeys.service import Service, running_service
 
 EXAMPLES = Path(__file__).resolve().parent.parent.parent / "tools" / "examples" / "secured"
 NEAR_A_BOX = Potential(scene=Scene("s", obstacles=[Box(name="b", size=(1.0, 1.0, 1.0))]), points=[(2.0, 0.0, 0.0)])

@@ -19,7 +19,8 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 import guidefield
 from guidefield import Box, Client, NoService, Scene
-from tests.journeys.service import PlainClient, Service, await_death, free_port, plain_client, running_service
+from guidefield.cli.loopback import free_port
+from tests.journeys.service import PlainClient, Service, await_death, plain_client, running_service
 
 HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}

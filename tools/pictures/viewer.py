@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,8 @@ import time
 from pathlib import Path
 
 from rerun.experimental import ViewerClient
+
+from guidefield.cli.loopback import free_port
 
 PATIENCE = 90.0
 """How long a viewer may take to show a recording, and then to stop changing [s]."""
@@ -36,9 +37,7 @@ WINDOW = (1920, 1080)
 @contextlib.contextmanager
 def headless_viewer(window: tuple[int, int] = WINDOW):
     """A viewer without a window, reachable from this machine only; its picture is as large as `window` [pixels]."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [Path(sys.executable).with_name("rerun"), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
     command += ["--hide-welcome-screen", "--window-size", f"{window[0]}x{window[1]}"]
     with tempfile.TemporaryFile() as log:

@@ -37,8 +37,8 @@ def largest_step(first: PlanReply, second: PlanReply) -> float | None:
 def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
     """Outcome, motion, clearance and times of two plans, and what of the plan differs."""
     table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
-    for name, one, other in zip((row[0] for row in _rows(first)), _rows(first), _rows(second), strict=True):
-        table.add_row(name, one[1], other[1])
+    for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
+        table.add_row(name, one, other)
     step = largest_step(first, second)
     parts = ", ".join(differing(first, second)) or "nothing: the same plan to the last bit"
     table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
 from guidefield.cli.found_run import Data, RunName, Service, find_run, recording_file, run_store
+from guidefield.engine import Engine
 from guidefield.messages.replies import RunsReply
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores.files import write_atomically
@@ -34,13 +35,13 @@ def list_runs(
 ) -> None:
     """List the runs that are kept, newest first."""
     wanted = ReadRuns(status=status, robot=robot, since=None if since is None else since.timestamp())
-    kept = run_store(data, name).summaries()
-    found = [run for run in kept if wanted.wants(run.status, run.robot, run.began)]
+    found = Engine(name, runs=run_store(data, name)).answer(wanted)
+    assert isinstance(found, RunsReply), "runs were asked for"
     if json:
-        typer.echo(msgspec.json.encode(RunsReply(runs=found)).decode())
+        typer.echo(msgspec.json.encode(found).decode())
         return
     table = Table("run", "status", "robot", "scene", "began", box=box.SIMPLE_HEAD)
-    for run in found:
+    for run in found.runs:
         began = datetime.fromtimestamp(run.began).astimezone().isoformat(" ", "seconds")
         table.add_row(run.run_id, run.status, run.robot, run.scene, began)
     out.print(table)

@@ -43,16 +43,13 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
     now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
     assert isinstance(now, PlanReply), "a plan was asked for"
     parts = differing(before.reply, now)
-    told = f"{now.status.name}, {len(now.path)} waypoints, sha256 {motion_hash(now)[:SHOWN_DIGITS]}"
     if not parts:
-        _say(f"{run}: bit-identical: {told}")
+        _say(f"{run}: bit-identical: {_in_short(now)}")
         raise typer.Exit(0)
     step = largest_step(before.reply, now)
     by = "" if step is None else f"; waypoints by at most {step:.3g}"
     _say(f"{run}: not the same: {', '.join(parts)} differ{by}")
-    reply = before.reply
-    was = f"{reply.status.name}, {len(reply.path)} waypoints, sha256 {motion_hash(reply)[:SHOWN_DIGITS]}"
-    _say(f"then: {was}\nnow:  {told}\n{versions_that_differ(before.versions)}")
+    _say(f"then: {_in_short(before.reply)}\nnow:  {_in_short(now)}\n{versions_that_differ(before.versions)}")
     raise typer.Exit(1)
 
 
@@ -67,6 +64,10 @@ def versions_that_differ(before: dict[str, str]) -> str:
         f"{name} {text} (here {here.get(name, 'none')})" for name, text in before.items() if here.get(name) != text
     ]
     return f"it was made with {', '.join(others)}" if others else "it was made with the same versions as are here"
+
+
+def _in_short(reply: PlanReply) -> str:
+    return f"{reply.status.name}, {len(reply.path)} waypoints, sha256 {motion_hash(reply)[:SHOWN_DIGITS]}"
 
 
 def _say(line: str) -> None:

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import logging
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
 
 from guidefield import logs
-from guidefield.cli.showing import free_port
+from guidefield.cli.loopback import LOOPBACK, free_port
 from guidefield.endpoint.service import ServiceSettings, serve
+
+WHERE = signal.SIGUSR1
+"""A service that gets this signal writes to stderr where each of its threads stands, and goes on."""
+
+ENDS_WITHIN = 60.0
+"""How long a child service may take to end, longer than what it is given to finish its work [s]."""
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
     """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once."""
     logs.configure(logging.INFO, json=settings.json_logs)
+    faulthandler.register(WHERE)
     stop = threading.Event()
 
     def end(number: int, _frame: FrameType | None) -> None:
@@ -55,9 +64,9 @@ def service_in_child(
         The service, ready for requests.
 
     Raises:
-        RuntimeError: if it doesn't start.
+        RuntimeError: if it doesn't start; if it doesn't end when it is told to, and has to be killed.
     """
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--workers", str(workers)]
     serve_there += ["--name", name]
     with (
@@ -69,8 +78,18 @@ def service_in_child(
             _await_ready(child.stdout, announce)
             yield ChildService(endpoint, child)
         finally:
-            child.terminate()
-            child.wait()
+            _end(child)
+
+
+def _end(child: subprocess.Popen[str]) -> None:
+    child.terminate()
+    try:
+        child.wait(ENDS_WITHIN)
+    except subprocess.TimeoutExpired:
+        child.send_signal(WHERE)
+        time.sleep(1.0)  # to write it
+        child.kill()
+        raise RuntimeError(f"the service did not end within {ENDS_WITHIN:g} s; its log says where it stood") from None
 
 
 def tell_if_kernels_compile(announce: Callable[[str], None]) -> None:

@@ -19,7 +19,7 @@ from urllib.parse import quote
 
 from rich.console import Console
 
-LOOPBACK = "127.0.0.1"
+from guidefield.cli.loopback import LOOPBACK, free_port
 
 PATIENCE = 30.0
 """How long the web viewer's server may take to answer [s]."""
@@ -100,14 +100,6 @@ def _served(recording: Path) -> Iterator[str]:
             yield f"http://{LOOPBACK}:{server.server_port}/{quote(recording.name)}"
         finally:
             server.shutdown()
-
-
-def free_port() -> int:
-    """A port of this machine that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def _viewer() -> list[str]:

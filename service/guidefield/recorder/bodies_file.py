@@ -18,6 +18,7 @@ import rerun as rr
 from lxml import etree
 from rerun.chunk import Chunk, RrdReader
 
+from guidefield.geometry import cache
 from guidefield.recorder import bodies, spheres, surface, visuals
 from guidefield.recorder.bodies import RobotBodies, mesh
 from guidefield.recorder.chunks import entity, still
@@ -59,10 +60,8 @@ class Drawn:
 
 
 def cache_folder() -> Path:
-    """Where robots are kept prepared for runs without a store; a relative ``XDG_CACHE_HOME`` is ignored."""
-    chosen = os.environ.get("XDG_CACHE_HOME", "")
-    base = Path(chosen) if Path(chosen).is_absolute() else Path.home() / ".cache"
-    return base / "guidefield" / "drawn"
+    """Where robots are kept prepared for runs without a store: beside what the geometry keeps."""
+    return cache.folder().with_name("drawn")
 
 
 def prepared(robot: RobotModel, folder: Path) -> Drawn:
@@ -93,9 +92,7 @@ def read_meshes(file: Path) -> list[Chunk]:
     Raises:
         OSError, ValueError, RuntimeError: if there is no such file, or it isn't whole.
     """
-    if not file.exists():
-        raise FileNotFoundError(f"there is no {file}")
-    return [chunk for chunk in RrdReader(file).stream().to_chunks() if chunk.entity_path.startswith("/robot/")]
+    return [chunk for chunk in _chunks(file) if chunk.entity_path.startswith("/robot/")]
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -158,15 +155,20 @@ def _read(file: Path) -> Drawn:
     Raises:
         OSError, ValueError, KeyError, RuntimeError: if there is no such file, or it isn't whole.
     """
-    if not file.exists():
-        raise FileNotFoundError(file)
-    chunks = {chunk.entity_path: chunk for chunk in RrdReader(file).stream().to_chunks()}
+    chunks = {chunk.entity_path: chunk for chunk in _chunks(file)}
     told = chunks[NAMES].to_record_batch()
     links, sketched, faults = (
         tuple(filter(None, told.column(name).to_pylist()[0])) for name in ("links", "sketched", "faults")
     )
     sketch = tuple((link, _surface(chunks[entity("sketch", f"{number}")])) for number, link in enumerate(sketched))
     return Drawn(file, links, sketch, faults)
+
+
+def _chunks(file: Path) -> list[Chunk]:
+    """All that a file holds; raises as `read_meshes`."""
+    if not file.exists():
+        raise FileNotFoundError(f"there is no {file}")
+    return list(RrdReader(file).stream().to_chunks())
 
 
 def _surface(chunk: Chunk) -> Surface:

@@ -56,6 +56,11 @@ def timed(path: str, times: Iterable[rr.TimeColumn], *columns: Iterable[Any]) ->
     return Chunk.from_columns(path, list(times), [column for group in columns for column in group])
 
 
+def evenly(count: int, most: int) -> np.ndarray:
+    """Indices of what is shown of `count` things, ascending, shape (k,): all of them, or `most` evenly chosen."""
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
+
+
 def path_times(times: np.ndarray) -> rr.TimeColumn:
     """The column of `PATH_TIME` for times (n,) [s]."""
     return rr.TimeColumn(PATH_TIME, duration=times)

@@ -86,7 +86,7 @@ def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, sce
         figures["duration"] = reply.metrics.duration
     if reply.clearance is not None and reply.clearance.minimum is not None:
         figures["clearance"] = reply.clearance.minimum
-    figures[MADE_WITH] = ", ".join(f"{name} {text}" for name, text in versions().items())
+    figures[MADE_WITH] = _made_with()
     yield Chunk.from_property("plan", rr.AnyValues(**figures))
 
 
@@ -176,12 +176,17 @@ def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene:
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes crossed"),
         ("request", hashlib.sha256(codec.encode(request)).hexdigest()[:12]),
         ("planner, seed", f"{reply.planner}, {reply.seed}"),
-        ("made with", ", ".join(f"{name} {text}" for name, text in versions().items())),
+        ("made with", _made_with()),
     ]
     return _table(("about", ""), rows)
 
 
 @functools.cache
+def _made_with() -> str:
+    """The packages and their versions, as `reading` takes them apart again."""
+    return ", ".join(f"{name} {text}" for name, text in versions().items())
+
+
 def versions() -> dict[str, str]:
     """Of each of `PACKAGES`, and of Python."""
     found = {"python": platform.python_version()}

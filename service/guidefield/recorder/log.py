@@ -86,16 +86,6 @@ _STEPS: dict[type, int] = {Step: 1, PathRelaxed: 1, TreeGrown: GROWTH}
 """How many numbers of the timeline an event takes."""
 
 
-def shown_steps(count: int, most: int = MOST_FRAMES) -> np.ndarray:
-    """Indices of the steps at which something is shown, ascending, shape (k,): all of them, or `most` evenly chosen.
-
-    Args:
-        count: How many steps there are.
-        most: How many are shown at most.
-    """
-    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
-
-
 def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
     """One line per event, with the milliseconds since the planning began, and one for how it ended."""
     planes = [plane.name for plane in reply.guide_planes]

@@ -13,7 +13,7 @@ from rerun.chunk import Chunk
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.trace import Step
-from guidefield.recorder.chunks import STEP, path_times, still, timed
+from guidefield.recorder.chunks import STEP, evenly, path_times, still, timed
 from guidefield.recorder.motion import Curves, Motion, curves, position_rows
 from guidefield.robot.group import PlanningGroup
 
@@ -94,7 +94,7 @@ def joints(group: PlanningGroup, motion: Motion, trajectory: Trajectory | None) 
 
 def thinned(curve: Curves, most: int) -> Curves:
     """Every so manieth row of curves, their first and last among them, so that there are at most so many."""
-    rows = np.unique(np.linspace(0, len(curve.times) - 1, max(most, LEAST_PLOTTED)).round().astype(int))
+    rows = evenly(len(curve.times), max(most, LEAST_PLOTTED))
     return Curves(curve.times[rows], curve.positions[rows], curve.velocities[rows], curve.accelerations[rows])
 
 

@@ -29,7 +29,7 @@ from guidefield.recorder import (
 from guidefield.recorder.blueprint import layout
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import Eye, choose_eye
-from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
+from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, path_times
 from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
 from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
@@ -121,7 +121,7 @@ class Recorder:
     ) -> Iterator[Chunk]:
         """The motion, and what changes along it."""
         yield robot_entities.tip_axes(self._group)
-        rows = log.shown_steps(len(motion.times), frames_of(motion.times))
+        rows = evenly(len(motion.times), frames_of(motion.times))
         frames = Poses(at.joints, at.placements[rows], at.tip[rows])
         yield robot_entities.link_motion(self._group, links, frames, motion.times[rows], PATH_TIME)
         yield robot_entities.tip_trace(at.tip)
@@ -160,11 +160,11 @@ class Recorder:
         steps = self._log.steps()
         if motion.timed or not steps:
             most = field_entities.MOMENTS_AMONG_MOVING if self._scene.moves else field_entities.MOMENTS
-            rows = log.shown_steps(len(motion.times), most)
+            rows = evenly(len(motion.times), most)
             qs, times = motion.configurations[rows], path_times(motion.times[rows])
             scenes = [self._scene.at(time) if motion.timed else self._scene for time in motion.times[rows].tolist()]
         else:
-            few = [steps[index] for index in log.shown_steps(len(steps), field_entities.MOMENTS)]
+            few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
             qs = np.array([step.q for _, step in few])
             times = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
             scenes = [self._scene] * len(few)
@@ -179,7 +179,7 @@ class Recorder:
         numbered = list(self._log.numbered())
         yield from search.trees(self._group, [(n, event) for n, event in numbered if isinstance(event, TreeGrown)])
         yield from search.relaxed(self._group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
-        shown = log.shown_steps(len(steps))
+        shown = evenly(len(steps), log.MOST_FRAMES)
         times, qs = [steps[index][0] for index in shown], [steps[index][1].q for index in shown]
         if not steps:  # trees and relaxed paths are told without the robot, which waits at its start
             times, qs = [0], [start]

@@ -9,7 +9,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.planner.trace import PathRelaxed, TreeGrown
-from guidefield.recorder.chunks import STEP, timed
+from guidefield.recorder.chunks import STEP, evenly, timed
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.kinematics import Kinematics
 
@@ -64,12 +64,11 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
     """The tip's way along a path after steps of its relaxation, each with its number on the timeline."""
     if not paths:
         return
-    chosen = np.unique(np.linspace(0, len(paths) - 1, MOST_ITERATIONS).round().astype(int))
+    chosen = evenly(len(paths), MOST_ITERATIONS)
     strips = []
     for index in chosen:
         path = paths[index][1].path
-        rows = np.unique(np.linspace(0, len(path) - 1, MOST_WAYPOINTS).round().astype(int))
-        strips.append(_tips(group, path[rows]))
+        strips.append(_tips(group, path[evenly(len(path), MOST_WAYPOINTS)]))
     times = rr.TimeColumn(STEP, sequence=[paths[index][0] for index in chosen])
     columns = rr.LineStrips3D.columns(
         strips=strips, colors=[RELAXED_COLOR] * len(strips), radii=np.full(len(strips), 0.003)

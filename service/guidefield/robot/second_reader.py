@@ -12,7 +12,7 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.robot.configuration import follow, scalar
-from guidefield.robot.model import JointKind, RobotModel
+from guidefield.robot.model import Joint, JointKind, RobotModel
 
 SAME = 1e-6
 """Placements of links that differ by more than this [m, or 1] are not the same."""
@@ -40,22 +40,31 @@ def read_again(robot: RobotModel) -> RobotModel:
 
 def _differences(robot: RobotModel) -> list[str]:
     root = etree.fromstring(robot.source.urdf_text.encode())
-    followers = {joint.name for joint in robot.joints if joint.mimic is not None}
-    chained = any(joint.mimic is not None and joint.mimic.driver in followers for joint in robot.joints)
-    if chained or any("quat_xyzw" in origin.attrib for origin in root.iter("origin")):
+    if not _known_to_both(robot, root):
         return []
     try:
         other = _read(root)
     except Exception as error:  # it raises whatever its Python raises, and a warning is all that comes of it
         return [f"yourdfpy can't read this URDF: {type(error).__name__}: {error}"]
-    ours = {joint.name for joint in robot.joints if joint.mimic is None and joint.name != "root_joint"}
-    theirs = set(other.actuated_joint_names)
-    if any(joint.kind not in _SCALAR for joint in robot.joints if joint.name != "root_joint"):
-        return []
-    if ours != theirs:
-        names = ", ".join(sorted(ours ^ theirs))
-        return [f"yourdfpy has other joints to move: {names} are not in both"]
-    return _misplaced(robot, other)
+    q = _bent(robot)
+    given = {joint.name: scalar(joint, q) for joint in _joints(robot) if joint.mimic is None}
+    if alone := given.keys() ^ set(other.actuated_joint_names):
+        return [f"yourdfpy has other joints to move: {', '.join(sorted(alone))} are not in both"]
+    other.update_cfg(given)
+    return _misplaced(robot, q, other)
+
+
+def _joints(robot: RobotModel) -> list[Joint]:
+    """The joints that the URDF has: not the one by which the robot stands in the world."""
+    return [joint for joint in robot.joints if joint.name != "root_joint"]
+
+
+def _known_to_both(robot: RobotModel, root: Any) -> bool:
+    joints = _joints(robot)
+    followers = {joint.name for joint in joints if joint.mimic is not None}
+    scalar_joints = all(joint.kind in _SCALAR for joint in joints)
+    chained = any(joint.mimic is not None and joint.mimic.driver in followers for joint in joints)
+    return scalar_joints and not chained and not root.findall(".//origin[@quat_xyzw]")
 
 
 def _read(root: Any) -> Any:
@@ -70,10 +79,8 @@ def _read(root: Any) -> Any:
     return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
 
 
-def _misplaced(robot: RobotModel, other: Any) -> list[str]:
-    """A sentence for each link that the two place differently relative to the root, every joint bent."""
-    q = _bent(robot)
-    other.update_cfg({j.name: scalar(j, q) for j in robot.joints if j.mimic is None and j.name != "root_joint"})
+def _misplaced(robot: RobotModel, q: np.ndarray, other: Any) -> list[str]:
+    """A sentence for each link that the two place differently relative to the root, at a configuration, shape (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     root = data.oMf[model.getFrameId(other.base_link, pin.FrameType.BODY)]
