@@ -12,7 +12,11 @@ TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
 
 
 @pytest.mark.parametrize(
-    "command", [["soak", "--requests", "60", "--seconds", "4", "--workers", "1"], ["fuzz", "--examples", "100"]]
+    "command",
+    [
+        ["soak", "--requests", "60", "--seconds", "4", "--workers", "1", "--patience", "120"],
+        ["fuzz", "--examples", "100"],
+    ],
 )
 def test_a_slice_of_a_long_tool(command: list[str]) -> None:
     done = subprocess.run(
@@ -20,6 +24,6 @@ def test_a_slice_of_a_long_tool(command: list[str]) -> None:
         check=False,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
