@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.replies import PlanReply
-from guidefield.stores.files import write_atomically
+from guidefield.whole_file import write_whole
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def write_motion(motion: RunArrays, path: Path) -> None:
     kinds = {".csv": _csv, ".json": _json, ".npz": _npz}
     if path.suffix not in kinds:
         raise MalformedRequest(f"{path.name!r} must end with one of {', '.join(kinds)}", path=str(path))
-    write_atomically(path, kinds[path.suffix](motion))
+    write_whole(path, kinds[path.suffix](motion))
 
 
 def _csv(motion: RunArrays) -> bytes:

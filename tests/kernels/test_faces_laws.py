@@ -92,6 +92,23 @@ def test_mirror_image_in_its_plane(corners: np.ndarray, point: np.ndarray) -> No
     assert below.winding == -above.winding
 
 
+def _near_places(
+    corners: np.ndarray, up: np.ndarray, out: np.ndarray, angle: float
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Where a triangle is near: the place on it, the way off it, and the potential times the distance there.
+
+    Args:
+        corners: The triangle, shape (3, 3).
+        up: Off its plane, shape (3,).
+        out: In its plane, off its first edge, shape (3,).
+        angle: At its first corner [rad].
+    """
+    a, b, _ = corners
+    middle = 0.5 * (a + b)
+    centroid = corners.mean(axis=0)
+    return [(centroid, up, 2.0 * math.pi), (middle, up, math.pi), (a, up, angle), (middle, out, 2.0)]
+
+
 @pytest.mark.parametrize("distance", [1e-4, 1e-6, 1e-9])
 def test_near_law(distance: float) -> None:
     corners = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [0.3, 0.9, 0.0]])
@@ -99,12 +116,7 @@ def test_near_law(distance: float) -> None:
     up = np.array([0.0, 0.0, distance])
     angle = math.acos((b - a) @ (c - a) / np.linalg.norm(b - a) / np.linalg.norm(c - a))
     out = np.array([0.0, -distance, 0.0])
-    for nearest, away, strength in (
-        (corners.mean(axis=0), up, 2.0 * math.pi),
-        (0.5 * (a + b), up, math.pi),
-        (a, up, angle),
-        (0.5 * (a + b), out, 2.0),
-    ):
+    for nearest, away, strength in _near_places(corners, up, out, angle):
         at = field(nearest + away, corners[None])
         assert at.potential * distance == pytest.approx(strength, rel=20.0 * distance + 16 * EPS / distance)
         # The field is homogeneous of degree -1 about the nearest point.
@@ -126,12 +138,7 @@ def test_near_law_of_any_triangle(corners: np.ndarray, exponent: float) -> None:
     out = np.cross(b - a, up) / np.linalg.norm(b - a)
     angle = math.atan2(twice_area, float((b - a) @ (c - a)))
     rounding = 256 * EPS * (longest + float(np.abs(corners).max())) / distance
-    for nearest, away, strength in (
-        (corners.mean(axis=0), up, 2.0 * math.pi),
-        (0.5 * (a + b), up, math.pi),
-        (a, up, angle),
-        (0.5 * (a + b), out, 2.0),
-    ):
+    for nearest, away, strength in _near_places(corners, up, out, angle):
         at = field(nearest + away, corners[None])
         assert at.potential * distance == pytest.approx(strength, rel=4.0 * distance / room + rounding)
         assert -at.gradient @ away * distance == pytest.approx(strength, rel=4.0 * distance / room + 2.0 * rounding)

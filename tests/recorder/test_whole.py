@@ -110,11 +110,11 @@ def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tm
         ("a.rrd", 50.0),
         ("b.rrd", 900.0),
         ("c.rrd", 100.0),
-        (".d.rrd.1.draft", 9e3),
-        (".e.rrd.2.draft", 9.0),
+        (".d.draft", 9e3),
+        (".e.draft", 9.0),
     ):
         (robots / name).write_text("")
         os.utime(robots / name, (now - age, now - age))
     bodies_file._prepared.cache_clear()
     drawn = bodies_file.prepared(run.group.robot, robots)
-    assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.rrd.2.draft"}
+    assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.draft"}

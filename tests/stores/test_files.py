@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import MalformedRequest
-from guidefield.stores.files import checked_name, default_data_folder, read_if_any, write_atomically
+from guidefield.stores.files import checked_name, default_data_folder, read_if_any
 
 
 @given(st.text(max_size=200))
@@ -27,22 +27,6 @@ def test_a_name_that_is_accepted_stays_in_its_folder(name: str) -> None:
 def test_names_that_could_lead_elsewhere_are_refused(name: str) -> None:
     with pytest.raises(MalformedRequest, match="scene"):
         checked_name(name, "scene")
-
-
-def test_a_write_that_fails_leaves_the_old_contents_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "reply.json"
-    write_atomically(path, b"old")
-
-    def no_space_left(_descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", no_space_left)
-    with pytest.raises(OSError, match="No space left"):
-        write_atomically(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_is_not_there_reads_as_none(tmp_path: Path) -> None:

@@ -160,8 +160,8 @@ def test_large_recordings_make_room_too(tmp_path: Path) -> None:
 def test_a_sweep_ends_abandoned_runs_and_clears_leftovers(store: RunStore, tmp_path: Path) -> None:
     _ended(store, "found")
     store.begin("abandoned", REQUEST)
-    (tmp_path / "runs" / "abandoned" / ".recording.rrd.draft").write_bytes(b"half")
-    (tmp_path / "runs" / ".deadbeef.new").mkdir()
+    (tmp_path / "runs" / "abandoned" / ".deadbeef.draft").write_bytes(b"half")
+    (tmp_path / "runs" / ".deadbeef.draft").mkdir()
     store.sweep(CRASH)
     assert {run.run_id: run.status for run in store.summaries()} == {"found": "SUCCESS", "abandoned": "CRASH"}
     assert store.read("abandoned").error == CRASH

@@ -15,7 +15,7 @@ from guidefield.batch.answering import CannotWork, answered
 from guidefield.batch.results import Item, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
-from guidefield.stores.files import write_atomically
+from guidefield.whole_file import write_whole
 
 AHEAD = 4
 """How many requests are handed over for each core of the cluster."""
@@ -87,7 +87,7 @@ def _asked(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
 def _outcome(item: Item, is_reply: bool, payload: bytes, recording: bytes | None) -> Outcome:
     if recording is not None and item.recording is not None:
         item.recording.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(item.recording, recording)
+        write_whole(item.recording, recording)
     return Outcome(item, is_reply, payload)
 
 

@@ -14,6 +14,7 @@ import msgspec
 from guidefield.errors import MalformedRequest, Status, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
+from guidefield.whole_file import write_whole
 
 RESULTS, RECORDINGS = "results.jsonl", "recordings"
 
@@ -82,9 +83,7 @@ class Results:
         for line in self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else ():
             if line.endswith(b"\n") and self._keep(line):
                 whole += line
-        draft = self._path.with_suffix(".new")
-        draft.write_bytes(whole)
-        draft.replace(self._path)
+        write_whole(self._path, whole)
         self._file = self._path.open("ab")
 
     def __enter__(self) -> Self:

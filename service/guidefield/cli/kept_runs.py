@@ -17,7 +17,7 @@ from guidefield.cli.found_run import Data, RunName, Service, find_run, recording
 from guidefield.engine import Engine
 from guidefield.messages.replies import RunsReply
 from guidefield.messages.store_requests import ReadRuns
-from guidefield.stores.files import write_atomically
+from guidefield.whole_file import write_whole
 
 out = Console()
 
@@ -65,6 +65,6 @@ def export(
 
     if file.suffix == ".rrd":
         with recording_file(run, data, name) as recording:
-            write_atomically(file, recording.read_bytes())
+            write_whole(file, recording.read_bytes())
         return
     write_motion(run_arrays(find_run(run, data, name).reply), file)

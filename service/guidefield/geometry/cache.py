@@ -15,13 +15,14 @@ import hashlib
 import logging
 import os
 import time
-import uuid
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 import numpy as np
+
+from guidefield.whole_file import write_whole
 
 _log = logging.getLogger(__name__)
 
@@ -169,14 +170,9 @@ def _write(path: Path, arrays: Arrays) -> None:
             for name, array in arrays.items()
         }
     )
-    draft = path.with_name(f".{uuid.uuid4().hex}")
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        try:
-            draft.write_bytes(hashlib.sha256(payload).digest() + payload)
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
+        write_whole(path, hashlib.sha256(payload).digest() + payload, durable=False)
         _make_room(path.parent)
     except OSError as error:
         _log.warning("cannot keep %s: %s", path, error)

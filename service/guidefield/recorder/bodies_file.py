@@ -23,8 +23,9 @@ from guidefield.recorder import bodies, spheres, surface, visuals
 from guidefield.recorder.bodies import RobotBodies, mesh
 from guidefield.recorder.chunks import entity, still
 from guidefield.recorder.surface import Surface
-from guidefield.recorder.writing import encode_recording, write_atomically
+from guidefield.recorder.writing import encode_recording
 from guidefield.robot.model import RobotModel
+from guidefield.whole_file import DRAFT, write_whole
 
 KEPT = 8
 """Robots whose sketches are kept in a process."""
@@ -109,7 +110,7 @@ def _prepared(robot: RobotModel, folder: Path) -> Drawn:
     drawn = Drawn(file, made.links, made.sketch, made.faults)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(file, encode_recording(file.stem, [*made.chunks, *_sketch_chunks(made)], None))
+        write_whole(file, encode_recording(file.stem, [*made.chunks, *_sketch_chunks(made)], None), durable=False)
     except OSError as error:
         return replace(drawn, faults=(*drawn.faults, f"the robot's meshes could not be kept: {error}"))
     with contextlib.suppress(OSError):  # another process may make room too
@@ -122,7 +123,7 @@ def _make_room(folder: Path) -> None:
     files = sorted(folder.glob("*.rrd"), key=lambda file: file.stat().st_mtime, reverse=True)
     for old in files[MOST_FILES:]:
         old.unlink(missing_ok=True)
-    for draft in folder.glob(".*.draft"):
+    for draft in folder.glob(f".*{DRAFT}"):
         if time.time() - draft.stat().st_mtime > ABANDONED:
             draft.unlink(missing_ok=True)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import uuid
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,6 +12,8 @@ from typing import Any
 import rerun as rr
 import rerun_bindings as bindings
 from rerun.chunk import Chunk
+
+from guidefield.whole_file import write_whole
 
 APPLICATION_ID = "guidefield"
 
@@ -33,17 +34,7 @@ def write_recording(path: Path, recording_id: str, chunks: Iterable[Chunk], layo
         OSError: if the file cannot be written; nothing is left of it, and an older one stays as it was.
     """
     # Encoded in memory: Rerun's own file writer may wait for ever on a disk that is full.
-    write_atomically(path, encode_recording(recording_id, chunks, layout))
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """A file by one rename: all of it or, if the disk refuses (OSError), nothing, and an older one as it was."""
-    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}.draft")
-    try:
-        draft.write_bytes(content)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    write_whole(path, encode_recording(recording_id, chunks, layout), durable=False)
 
 
 def encode_recording(recording_id: str, chunks: Iterable[Chunk], layout: Any) -> bytes:

@@ -1,14 +1,9 @@
-"""How anything is written to disk here: atomically, under checked names, in one place.
-
-A file is written beside its final name, flushed to the disk and renamed. A process that is killed at any moment leaves
-no file cut in half; what it leaves behind starts with a dot and is never taken for data.
-"""
+"""Where stores keep their files, and the names that may stand in a path."""
 
 from __future__ import annotations
 
 import os
 import re
-import uuid
 from pathlib import Path
 
 from guidefield.errors import MalformedRequest
@@ -34,30 +29,6 @@ def checked_name(name: str, what: str) -> str:
             **{what: name[:64]},
         )
     return name
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Put `data` where `path` says: all of it or, if the disk refuses, nothing (OSError)."""
-    draft = path.with_name(f".{uuid.uuid4().hex}.new")
-    try:
-        with draft.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.rename(path)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
-    flush_folder(path.parent)
-
-
-def flush_folder(folder: Path) -> None:
-    """Make the names in a folder, and not only the contents of its files, survive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def read_if_any(path: Path) -> bytes | None:

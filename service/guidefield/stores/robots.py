@@ -24,7 +24,8 @@ from guidefield.messages.values import RootJoint
 from guidefield.robot import library
 from guidefield.robot.sent import SentRobot
 from guidefield.robot.sent_meshes import named_by_content
-from guidefield.stores.files import checked_name, flush_folder, read_if_any, write_atomically
+from guidefield.stores.files import checked_name, read_if_any
+from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
 MAX_ROBOTS = 200
 MAX_BYTES = 4 * 2**30
@@ -121,7 +122,7 @@ class RobotStore:
             self._put(content, {**named.files, _DESCRIPTION: codec.encode(described)})
             try:
                 load(self._read(name, content))
-                write_atomically(path, content.encode())
+                write_whole(path, content.encode())
             finally:
                 self._sweep()
 
@@ -155,10 +156,10 @@ class RobotStore:
                 f"stored robots would take more than {self._limit_bytes} bytes; delete one first",
                 limit=self._limit_bytes,
             )
-        draft = self._contents / f".{uuid.uuid4().hex}.new"
+        draft = self._contents / f".{uuid.uuid4().hex}{DRAFT}"
         draft.mkdir()
         for file, data in files.items():
-            write_atomically(draft / file, data)
+            write_whole(draft / file, data)
         draft.rename(folder)
         flush_folder(self._contents)
 

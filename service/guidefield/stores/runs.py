@@ -19,8 +19,9 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec
 from guidefield.messages.replies import ErrorReply, PlanReply, RunReply, RunSummary
 from guidefield.messages.requests import PlanRequest
-from guidefield.stores.files import checked_name, flush_folder, read_if_any, write_atomically
+from guidefield.stores.files import checked_name, read_if_any
 from guidefield.stores.run_folder import ERROR, RECORDING, REPLY, REQUEST, has_ended, summary
+from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
 
 @dataclass(frozen=True)
@@ -97,10 +98,10 @@ class RunStore:
         """
         final = self._folder / checked_name(run_id, "run_id")
         self._make_room()
-        draft = self._folder / f".{uuid.uuid4().hex}.new"
+        draft = self._folder / f".{uuid.uuid4().hex}{DRAFT}"
         draft.mkdir()
         try:
-            write_atomically(draft / REQUEST, codec.encode(request))
+            write_whole(draft / REQUEST, codec.encode(request))
             draft.rename(final)
         except OSError:
             shutil.rmtree(draft, ignore_errors=True)
@@ -117,7 +118,7 @@ class RunStore:
 
     def finish(self, run_id: str, reply: PlanReply) -> None:
         """Keep the reply; the recording is there already, so that an ended run has all it will have."""
-        write_atomically(self._folder / run_id / REPLY, codec.encode(reply))
+        write_whole(self._folder / run_id / REPLY, codec.encode(reply))
 
     def fail(self, run_id: str, error: ErrorReply) -> None:
         """Keep the error that ended a run; nothing is done where there is no such run, or it has its reply."""
@@ -125,7 +126,7 @@ class RunStore:
         if folder.is_dir() and not (folder / REPLY).exists():
             for leftover in folder.glob(".*"):
                 leftover.unlink(missing_ok=True)
-            write_atomically(folder / ERROR, codec.encode(error))
+            write_whole(folder / ERROR, codec.encode(error))
 
     def discard(self, run_id: str) -> None:
         """Forget a run whose request was refused."""

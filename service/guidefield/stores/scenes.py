@@ -10,7 +10,8 @@ from guidefield.errors import RequestTooLarge, SceneInvalid
 from guidefield.messages import codec
 from guidefield.messages.scene import Scene
 from guidefield.scene import library
-from guidefield.stores.files import checked_name, read_if_any, write_atomically
+from guidefield.stores.files import checked_name, read_if_any
+from guidefield.whole_file import write_whole
 
 
 class PackagedScenes:
@@ -93,7 +94,7 @@ class SceneStore:
             )
         if not path.exists() and len(self._own()) >= self._limit:
             raise RequestTooLarge(f"{self._limit} scenes are stored already; delete one first", limit=self._limit)
-        write_atomically(path, codec.encode(scene))
+        write_whole(path, codec.encode(scene))
 
     def delete(self, name: str) -> None:
         """Forget a stored scene.

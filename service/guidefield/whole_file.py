@@ -1,0 +1,48 @@
+"""How a file is written here: beside its final name, then renamed, so that it is there whole or not at all.
+
+A process that is killed at any moment leaves no file cut in half; what it leaves behind starts with a dot, ends with
+`DRAFT`, and is never taken for data.
+"""
+
+from __future__ import annotations
+
+import os
+import uuid
+from pathlib import Path
+
+DRAFT = ".draft"
+"""How the name of a file ends that isn't whole yet."""
+
+
+def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
+    """Put `data` where `path` says: all of it or, if the disk refuses, nothing, and an older file stays as it was.
+
+    Args:
+        path: File to write; replaced if it exists.
+        data: What it holds.
+        durable: Whether it must survive a power cut; what can be made again need not, and is written faster.
+
+    Raises:
+        OSError: if it can't be written.
+    """
+    draft = path.with_name(f".{uuid.uuid4().hex}{DRAFT}")
+    try:
+        with draft.open("wb") as file:
+            file.write(data)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+    if durable:
+        flush_folder(path.parent)
+
+
+def flush_folder(folder: Path) -> None:
+    """Make the names in a folder, and not only the contents of its files, survive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
