@@ -96,7 +96,7 @@ def main():
         middle = at(trajectory, 0.5 * trajectory["times"][-1])
         print(f"{trajectory['times'][-1]:.2f} s long, {1e3 * reply['clearance']['minimum']:.1f} mm from the post")
         print("half-way:", dict(zip(reply["position_names"], [round(q, 3) for q in middle], strict=True)))
-        RECORDING.write_bytes(ask(session, reply["recording"]))
+        RECORDING.write_bytes(ask(session, reply["recording"], timeout=60.0))
         print(f"recorded in {RECORDING}")
 
 
