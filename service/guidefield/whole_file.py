@@ -25,7 +25,7 @@ def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
     Raises:
         OSError: if it can't be written.
     """
-    draft = path.with_name(f".{uuid.uuid4().hex}{DRAFT}")
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
     try:
         with draft.open("wb") as file:
             file.write(data)

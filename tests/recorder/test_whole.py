@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.recorder import bodies_file
+from guidefield.recorder.meshes_file import read_meshes
 from guidefield.recorder.recorder import Place
 from guidefield.recorder.whole import LEFT_OUT, self_contained
 from tests.recorder.runs import MadeUp, Recording, made_up
@@ -69,7 +70,7 @@ def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, stored, tmp
     bodies_file._prepared.cache_clear()
     run.recorder(file, Place(file, robots, whole=False)).finish(run.reply, run.profile)
     assert list(robots.iterdir()) == [meshes]
-    assert len(bodies_file.read_meshes(meshes)) > 20
+    assert len(read_meshes(meshes)) > 20
     meshes.unlink()
     run.recorder(file, Place(file, robots, whole=False)).finish(run.reply, run.profile)
     assert list(robots.iterdir()) == [meshes]
@@ -118,3 +119,10 @@ def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tm
     bodies_file._prepared.cache_clear()
     drawn = bodies_file.prepared(run.group.robot, robots)
     assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.draft"}
+
+
+def test_what_a_service_needs_to_hand_recordings_out_is_there_quickly() -> None:
+    heavy = "{'numba', 'pinocchio', 'coal', 'trimesh', 'scipy'}"
+    code = f"import sys, guidefield.recorder.whole; print({heavy} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "set()"

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from guidefield.recorder.camera import Eye
-from guidefield.recorder.chunks import STEP
-from guidefield.recorder.field_entities import PICTURE, PICTURE_AT_START
-from guidefield.recorder.robot_entities import GHOST_ENTITY
+from guidefield.recorder.chunks import GHOST_ENTITY, PICTURE, PICTURE_AT_START, STEP
 
 FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))
 """Ghosts where the robot itself is shown too."""
@@ -28,6 +27,20 @@ SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
 )
 """All steps up to the one that is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """A view of a scene.
+
+    Attributes:
+        position, target: Where the eye is and what it looks at, shape (3,) [m, world].
+        hiding: Names of obstacles that hide part of the tip's way.
+    """
+
+    position: np.ndarray
+    target: np.ndarray
+    hiding: frozenset[str]
 
 
 def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:

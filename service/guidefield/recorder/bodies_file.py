@@ -16,12 +16,13 @@ from pathlib import Path
 
 import rerun as rr
 from lxml import etree
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import Chunk
 
 from guidefield.geometry import cache
 from guidefield.recorder import bodies, spheres, surface, visuals
 from guidefield.recorder.bodies import RobotBodies, mesh
 from guidefield.recorder.chunks import entity, still
+from guidefield.recorder.meshes_file import UNREADABLE, read_chunks, read_meshes
 from guidefield.recorder.surface import Surface
 from guidefield.recorder.writing import encode_recording
 from guidefield.robot.model import RobotModel
@@ -38,9 +39,6 @@ ABANDONED = 3600.0
 
 NAMES = "/prepared"
 """The entity that tells what a file holds."""
-
-UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)
-"""What reading a file that isn't there or isn't whole raises."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +83,6 @@ def meshes(robot: RobotModel, drawn: Drawn) -> list[Chunk]:
         return read_meshes(drawn.file)
     except UNREADABLE:
         return list(bodies.prepare(robot).chunks)
-
-
-def read_meshes(file: Path) -> list[Chunk]:
-    """The meshes in a robot's file.
-
-    Raises:
-        OSError, ValueError, RuntimeError: if there is no such file, or it isn't whole.
-    """
-    return [chunk for chunk in _chunks(file) if chunk.entity_path.startswith("/robot/")]
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -156,20 +145,13 @@ def _read(file: Path) -> Drawn:
     Raises:
         OSError, ValueError, KeyError, RuntimeError: if there is no such file, or it isn't whole.
     """
-    chunks = {chunk.entity_path: chunk for chunk in _chunks(file)}
+    chunks = {chunk.entity_path: chunk for chunk in read_chunks(file)}
     told = chunks[NAMES].to_record_batch()
     links, sketched, faults = (
         tuple(filter(None, told.column(name).to_pylist()[0])) for name in ("links", "sketched", "faults")
     )
     sketch = tuple((link, _surface(chunks[entity("sketch", f"{number}")])) for number, link in enumerate(sketched))
     return Drawn(file, links, sketch, faults)
-
-
-def _chunks(file: Path) -> list[Chunk]:
-    """All that a file holds; raises as `read_meshes`."""
-    if not file.exists():
-        raise FileNotFoundError(f"there is no {file}")
-    return list(RrdReader(file).stream().to_chunks())
 
 
 def _surface(chunk: Chunk) -> Surface:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.recorder.blueprint import Eye
 from guidefield.scene.obstacle import Obstacle
 
 AZIMUTHS = 16
@@ -33,20 +33,6 @@ MOST_TRIANGLES = 1500
 
 HIDING_SHARE = 0.1
 """Share of the tip's way that an obstacle hides before it is drawn translucent."""
-
-
-@dataclass(frozen=True, eq=False)
-class Eye:
-    """A view of a scene.
-
-    Attributes:
-        position, target: Where the eye is and what it looks at, shape (3,) [m, world].
-        hiding: Names of obstacles that hide part of the tip's way.
-    """
-
-    position: np.ndarray
-    target: np.ndarray
-    hiding: frozenset[str]
 
 
 def choose_eye(tip: np.ndarray, robot: np.ndarray, landmarks: np.ndarray, obstacles: Sequence[Obstacle]) -> Eye:

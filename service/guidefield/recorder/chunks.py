@@ -15,6 +15,12 @@ PATH_TIME = "path_time"
 STEP = "step"
 """Timeline of the planner's accepted steps, counted."""
 
+GHOST_ENTITY = "/ghosts"
+"""Entity of the robot along its way, translucent."""
+
+PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
+"""Entities of the picture of the field: where nothing moves, and where it is that of the obstacles before they do."""
+
 
 def entity(*parts: str) -> str:
     """Entity path of named parts, whatever characters the names have."""

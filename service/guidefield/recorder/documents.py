@@ -8,7 +8,7 @@ import json
 import platform
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import rerun as rr
@@ -20,8 +20,10 @@ from guidefield.messages.replies import PlanReply, as_plain_data
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
-from guidefield.robot.group import PlanningGroup
-from guidefield.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from guidefield.robot.group import PlanningGroup
+    from guidefield.scene.scene import Scene
 
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
 PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"

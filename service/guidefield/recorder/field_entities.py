@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 
 from guidefield.kernels.field import field_at_points
 from guidefield.potential import RobotField
-from guidefield.recorder.chunks import entity, still, timed
+from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, still, timed
 from guidefield.recorder.robot_entities import moved_frame
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.field_slice import field_slice
@@ -33,9 +33,6 @@ RESOLUTION, MAGNIFIED = 120, 3
 
 QUALITY = 75
 """Of the picture's compression (JPEG, 0 to 100)."""
-
-PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
-"""Entities of the picture: where nothing moves, and where it is that of the obstacles before they do."""
 
 ARROW_COLOR = (255, 140, 60, 255)
 POINT_RADIUS = 0.007

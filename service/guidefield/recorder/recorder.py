@@ -26,9 +26,9 @@ from guidefield.recorder import (
     scene_entities,
     search,
 )
-from guidefield.recorder.blueprint import layout
+from guidefield.recorder.blueprint import Eye, layout
 from guidefield.recorder.bodies_file import Drawn
-from guidefield.recorder.camera import Eye, choose_eye
+from guidefield.recorder.camera import choose_eye
 from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, path_times
 from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
 from guidefield.recorder.whole import left_out

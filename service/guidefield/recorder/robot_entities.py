@@ -11,15 +11,13 @@ from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies_file import Drawn
-from guidefield.recorder.chunks import PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
+from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup
 
 GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
-
-GHOST_ENTITY = "/ghosts"
 
 GHOST_STEP = 0.02
 """How far some point of a part has to move before the part is drawn again [m]."""

@@ -14,11 +14,10 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
-from guidefield.recorder.blueprint import layout
-from guidefield.recorder.bodies_file import UNREADABLE, read_meshes
-from guidefield.recorder.camera import Eye
+from guidefield.recorder.blueprint import Eye, layout
 from guidefield.recorder.chunks import still
 from guidefield.recorder.documents import with_warning
+from guidefield.recorder.meshes_file import UNREADABLE, read_meshes
 from guidefield.recorder.writing import encode_recording
 
 LEFT_OUT = "/left_out"
