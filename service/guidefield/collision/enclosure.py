@@ -31,15 +31,18 @@ def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
         world: The robot among obstacles.
         q: Configuration, shape (group.nq,).
     """
-    solids, pairs = _enclosable(world)
-    if not pairs:
+    could = _enclosable(world)
+    if not len(could.pairs):
         return None
-    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
-    for pair in pairs:
-        first, second = world.pairs[pair].tolist()
-        for outer, inner in ((first, second), (second, first)):
-            if _inside(world, solids, outer, inner):
-                return world.pair_names(pair)
+    pin.forwardKinematics(world.model, world.data, world.group.expand(q))
+    joints = np.array([world.data.oMi[joint].homogeneous[:3] for joint in could.joints])
+    placed = joints[could.joint_of] @ could.placements
+    points = np.einsum("kij,kj->ki", placed[could.inner, :, :3], could.points) + placed[could.inner, :, 3]
+    local = np.einsum("kji,kj->ki", placed[could.outer, :, :3], points - placed[could.outer, :, 3])
+    within = ((local > could.boxes[:, 0]) & (local < could.boxes[:, 1])).all(axis=1)
+    for row in np.flatnonzero(within).tolist():
+        if abs(winding_number(local[row], could.surfaces[row])) > 0.5:
+            return world.pair_names(int(could.pairs[row]))
     return None
 
 
@@ -79,12 +82,67 @@ class _Solid:
     points: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _Enclosable:
+    """Points of bodies that could be inside others, a row for each.
+
+    Attributes:
+        joints: Joints of the model that they are on, shape (j,).
+        joint_of, placements: Of each body that is meant, which of `joints`, shape (b,), and where on it, (b, 4, 4) [m].
+        pairs: Of each row, which of the world's pairs it is about, shape (n,).
+        outer, inner: Which body could be around which, shape (n,).
+        points: A point of the inner one, in its frame, shape (n, 3) [m].
+        boxes: Corners about the outer one, in its frame, shape (n, 2, 3) [m].
+        surfaces: Its triangles, each (t, 3, 3) [m].
+    """
+
+    joints: list[int]
+    joint_of: np.ndarray
+    placements: np.ndarray
+    pairs: np.ndarray
+    outer: np.ndarray
+    inner: np.ndarray
+    points: np.ndarray
+    boxes: np.ndarray
+    surfaces: list[np.ndarray]
+
+
 @kept_with
-def _enclosable(world: World) -> tuple[Sequence[_Solid], list[int]]:
-    """What tells whether bodies are inside others, and the pairs of which one body could be."""
+def _enclosable(world: World) -> _Enclosable:
     solids = _solids(world)
     surfaced = np.array([solid.surface is not None for solid in solids])
-    return solids, np.flatnonzero(world.is_obstacle_pair & surfaced[world.pairs].any(axis=1)).tolist()
+    could = np.flatnonzero(world.is_obstacle_pair & surfaced[world.pairs].any(axis=1))
+    rows = [
+        (pair, outer, inner, point)
+        for pair, (first, second) in zip(could.tolist(), world.pairs[could].tolist(), strict=True)
+        for outer, inner in ((first, second), (second, first))
+        if solids[outer].surface is not None
+        for point in solids[inner].points
+    ]
+    ends = np.array([row[1:3] for row in rows], int).reshape(-1, 2)
+    bodies, places = np.unique(ends, return_inverse=True)
+    outer, inner = places.reshape(-1, 2).T
+    on_joints = [_on_joint(world, body) for body in bodies.tolist()]
+    joints, joint_of = np.unique([joint for joint, _ in on_joints], return_inverse=True)
+    return _Enclosable(
+        joints=joints.astype(int).tolist(),
+        joint_of=joint_of,
+        placements=np.array([placement.homogeneous for _, placement in on_joints]).reshape(-1, 4, 4),
+        pairs=np.array([row[0] for row in rows], int),
+        outer=outer,
+        inner=inner,
+        points=np.array([row[3] for row in rows]).reshape(-1, 3),
+        boxes=np.array([solids[row[1]].box for row in rows]).reshape(-1, 2, 3),
+        surfaces=[surface for row in rows if (surface := solids[row[1]].surface) is not None],
+    )
+
+
+def _on_joint(world: World, body: int) -> tuple[int, Any]:
+    """The joint of the model that a body is on, 0 for the world, and its placement there (pinocchio.SE3)."""
+    links = world.group.geometry.geometryObjects
+    if body < len(links):
+        return links[body].parentJoint, links[body].placement
+    return 0, world.scene.obstacles[body - len(links)].placement
 
 
 def _solids(world: World) -> Sequence[_Solid]:
@@ -122,16 +180,3 @@ def _solid(shape: Any) -> _Solid:
         return _Solid(None, _NOWHERE, mesh.vertices[first_of_each])
     corners = mesh.vertices[mesh.triangles]
     return _Solid(corners, np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]), mesh.vertices[first_of_each])
-
-
-def _inside(world: World, solids: Sequence[_Solid], outer: int, inner: int) -> bool:
-    surface = solids[outer].surface
-    if surface is None:
-        return False
-    local = world.geometry_data.oMg[outer].actInv(world.geometry_data.oMg[inner])
-    low, high = solids[outer].box
-    for point in solids[inner].points:
-        here = local.act(point)
-        if (here > low).all() and (here < high).all() and abs(winding_number(here, surface)) > 0.5:
-            return True
-    return False

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from guidefield.collision.met_pairs import met_pairs
 from guidefield.errors import Status
-from guidefield.planner.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.stages import StageFailed
-from guidefield.robot.inverse_kinematics import solve
+from guidefield.robot.inverse_kinematics import IkResult, solve
 from guidefield.robot.pose_target import PoseTarget
 
 GOAL_SOLUTIONS = 8
@@ -24,14 +24,15 @@ def check_start(problem: Problem) -> None:
     Raises:
         StageFailed: START_STATE_IN_COLLISION with the deepest pair, or CLEARANCE_BELOW_MINIMUM.
     """
-    fault = end_fault(problem, problem.q_start)
-    if fault is not None:
-        message, details = fault
-        raise StageFailed(
-            Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details
-        )
-    _check_clearance(problem, problem.q_start, "start")
-    if (violated := _violated(problem, problem.group.chart(problem.q_start))) is not None:
+    z_start = problem.group.chart(problem.q_start)
+    if isinstance(problem.goal, LastPlaneGoal) or not are_free(problem, z_start[None])[0]:
+        if (fault := end_fault(problem, problem.q_start)) is not None:
+            message, details = fault
+            raise StageFailed(
+                Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details
+            )
+        _check_clearance(problem, problem.q_start, "start")
+    if (violated := _violated(problem, z_start)) is not None:
         message, details = violated
         status = Status.START_STATE_VIOLATES_PATH_CONSTRAINTS
         raise StageFailed(status, f"the start violates a path constraint: {message}", stage="start", **details)
@@ -61,18 +62,13 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way.
     """
-    group = problem.group
-    result = solve(
-        group,
-        target,
-        starts=(*starts, problem.q_start),
-        count=GOAL_SOLUTIONS,
-        rng=np.random.default_rng([problem.seed, 1]),
-        accept=lambda zs: are_free(problem, zs),
-        fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
-    )
-    if result.solutions:
-        return np.array([group.chart(q) for q in result.solutions])
+    result = _solved(problem, target, starts, _touch_nothing)
+    outside = [q for q in result.solutions if problem.world.enclosed(q) is None]
+    if result.solutions and not outside:
+        result = _solved(problem, target, starts, are_free)
+        outside = list(result.solutions)
+    if outside:
+        return np.array([problem.group.chart(q) for q in outside])
     met = met_pairs(problem.world, result.rejected)
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
@@ -84,7 +80,31 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     )
 
 
+def _solved(
+    problem: Problem,
+    target: PoseTarget,
+    starts: Sequence[np.ndarray],
+    free: Callable[[Problem, np.ndarray], np.ndarray],
+) -> IkResult:
+    return solve(
+        problem.group,
+        target,
+        starts=(*starts, problem.q_start),
+        count=GOAL_SOLUTIONS,
+        rng=np.random.default_rng([problem.seed, 1]),
+        accept=lambda zs: free(problem, zs),
+        fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
+    )
+
+
 def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
+    """Which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool."""
+    free = _touch_nothing(problem, zs)
+    free[free] = [problem.world.enclosed(problem.group.from_chart(z)) is None for z in zs[free]]
+    return free
+
+
+def _touch_nothing(problem: Problem, zs: np.ndarray) -> np.ndarray:
     """Which chart points (n, nv) touch nothing and keep the clearance: (n,), bool.
 
     What lanes find free is; what they don't is judged by Coal where there is nothing else.
@@ -93,13 +113,12 @@ def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
     if not problem.path_constraints:
         free = ~problem.lanes.touching(zs, problem.min_clearance)
     if not free.any():
-        return np.array([_is_free(problem, problem.group.from_chart(z)) for z in zs])
-    free[free] = [problem.world.enclosed(problem.group.from_chart(z)) is None for z in zs[free]]
+        free = np.array([_keeps_off(problem, problem.group.from_chart(z)) for z in zs])
     return free
 
 
-def _is_free(problem: Problem, q: np.ndarray) -> bool:
-    return not problem.world.in_collision(q) and problem.world.enclosed(q) is None and _keeps_clearance(problem, q)
+def _keeps_off(problem: Problem, q: np.ndarray) -> bool:
+    return not problem.world.in_collision(q) and _keeps_clearance(problem, q)
 
 
 def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
