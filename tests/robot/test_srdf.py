@@ -1,5 +1,6 @@
 """An SRDF is read as strictly as a URDF, and what it names in vain is told."""
 
+import numpy as np
 import pytest
 
 from guidefield.errors import RobotInvalid
@@ -38,3 +39,14 @@ def test_names_that_the_robot_does_not_have_are_told() -> None:
     assert "the SRDF's pairs name link 'ghost', which the robot doesn't have" in warnings
     assert "the SRDF's groups and states name joint 'j8' and 1 more, which the robot doesn't have" in warnings
     assert "the SRDF's groups name link 'hand', which the robot doesn't have" in warnings
+
+
+def test_a_state_places_a_root_joint_of_the_kind_that_it_was_written_for() -> None:
+    root = '<joint name="root_joint" value="0. 0. 0.55 0. 0. 0.707 0.707"/>'
+    state = f'<group_state name="rest" group="g">{root}<joint name="j1" value="0.3"/></group_state>'
+    urdf, srdf = box_arm("y", 1).text, f'<robot name="arm">{state}</robot>'
+    free = load(UrdfText(text=urdf, srdf=srdf, root_joint="free"))
+    np.testing.assert_allclose(free.rest, [0.0, 0.0, 0.55, 0.0, 0.0, 0.5**0.5, 0.5**0.5, 0.3])
+    planar = load(UrdfText(text=urdf, srdf=srdf, root_joint="planar"))
+    np.testing.assert_array_equal(planar.rest, [0.0, 0.0, 1.0, 0.0, 0.3])
+    np.testing.assert_array_equal(load(UrdfText(text=urdf, srdf=srdf)).rest, [0.3])

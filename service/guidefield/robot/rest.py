@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,8 +12,8 @@ import pinocchio as pin
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
 from guidefield.robot.card import RobotCard
-from guidefield.robot.configuration import clamp, follow, values_from_wire
-from guidefield.robot.model import Joint
+from guidefield.robot.configuration import LENGTHS, clamp, follow, values_from_wire
+from guidefield.robot.model import Joint, JointKind
 from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.srdf import Srdf
 
@@ -43,7 +44,7 @@ def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard
     """
     states = described.states
     preferred = next((states[key] for key in STATES if key in states), None)
-    values: Positions = {**(preferred or next(iter(states.values()), {})), **card.rest}
+    values = {**_fitting(preferred or next(iter(states.values()), {}), joints), **card.rest}
     q: np.ndarray = pin.neutral(model)
     for joint in joints:
         if joint.name in values:
@@ -51,6 +52,24 @@ def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard
     q = clamp(joints, q)
     follow(joints, q)
     return q
+
+
+def _fitting(state: Positions, joints: Sequence[Joint]) -> Positions:
+    """What an SRDF's state says of joints that take as many numbers: a root joint may be another than it was made for.
+
+    Quaternions are written with few digits there; they get length 1.
+    """
+    kinds, fitting = {joint.name: joint.kind for joint in joints}, {}
+    for name, value in state.items():
+        numbers = value if isinstance(value, list) else [value]
+        length = LENGTHS.get(kinds[name], 1) if name in kinds else 0
+        if len(numbers) != length:
+            continue
+        if length >= LENGTHS[JointKind.SPHERICAL]:
+            norm = math.hypot(*numbers[-4:])
+            numbers = [*numbers[:-4], *(number / norm for number in numbers[-4:])] if norm > 0.0 else numbers
+        fitting[name] = numbers if length > 1 else numbers[0]
+    return fitting
 
 
 def settle(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
+from guidefield.messages.requests import Positions
 from guidefield.robot.urdf_xml import root_of
 
 
@@ -36,13 +37,13 @@ class Srdf:
 
     Attributes:
         groups: By name.
-        states: Joint values by state name.
+        states: Joint values by state name; a joint with several numbers has a list of them.
         end_effectors: Parent link and group of each end effector.
         disabled: Pair of links to the reason given.
     """
 
     groups: dict[str, SrdfGroup] = field(default_factory=dict)
-    states: dict[str, dict[str, float]] = field(default_factory=dict)
+    states: dict[str, Positions] = field(default_factory=dict)
     end_effectors: tuple[tuple[str, str], ...] = ()
     disabled: dict[frozenset[str], str] = field(default_factory=dict)
 
@@ -77,20 +78,20 @@ def _group(element: etree._Element) -> SrdfGroup:
     )
 
 
-def _state(element: etree._Element) -> dict[str, float]:
-    values: dict[str, float] = {}
+def _state(element: etree._Element) -> Positions:
+    values: Positions = {}
     for joint in element.findall("joint"):
         try:
-            value = float(joint.get("value", "").split()[0])
-        except (ValueError, IndexError):
-            value = math.nan
-        if not math.isfinite(value):
+            numbers = [float(number) for number in joint.get("value", "").split()]
+        except ValueError:
+            numbers = []
+        if not numbers or not all(map(math.isfinite, numbers)):
             raise RobotInvalid(
                 f"the SRDF's state {element.get('name')!r} gives joint {joint.get('name')!r} the value "
                 f"{joint.get('value')!r}, which is no number",
                 line=joint.sourceline,
             )
-        values[joint.get("name", "")] = value
+        values[joint.get("name", "")] = numbers if len(numbers) > 1 else numbers[0]
     return values
 
 
