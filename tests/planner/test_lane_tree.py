@@ -12,7 +12,7 @@ import pytest
 
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels import lane_tree as kernel
+from guidefield.kernels import lane_samples
 from guidefield.planner import lane_tree
 from guidefield.planner.problem import Budget
 from tests.planner.problems import scene_of
@@ -83,7 +83,7 @@ def test_rotations_are_drawn_evenly() -> None:
     places, drawn = np.zeros(3), np.empty((2000, 3), np.float32)
     for vector in drawn:
         places = (places + lane_tree._steps(3)) % 1.0
-        kernel._turn_evenly.py_func(places, 0, vector)
+        lane_samples._turn_evenly.py_func(places, 0, vector)
     assert np.linalg.norm(drawn, axis=1).max() <= np.pi + 1e-6
     matrices = np.array([pin.exp3(vector.astype(float)) for vector in drawn])
     np.testing.assert_allclose(matrices.mean(axis=0), np.zeros((3, 3)), atol=0.01)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.lane_tree import MEETING, ROOT, sampling_of, search_of
+from guidefield.kernels.lane_nodes import MEETING, ROOT, search_of
+from guidefield.kernels.lane_samples import sampling_of
 from guidefield.kernels.lanes import lane_kernel, pointers
 from guidefield.kernels.packing import Words
 from guidefield.kernels.tree_kinematics import INDICES

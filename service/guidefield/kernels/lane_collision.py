@@ -47,31 +47,31 @@ from guidefield.kernels.separation import POINTED_PARTS, Parts
 
 
 @lane_part
-def _ball(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
-    """Centre of a ball that a joint carries."""
+def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
+    """Centre of a ball that a joint carries: of `poses`, shape (joints * POSE,), and `balls`, shape (4 * n,)."""
     at = 4 * ball
     return moved(poses, joint, balls[at], balls[at + 1], balls[at + 2])
 
 
 @lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64))
-def _near(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
+def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Mask of the points closer to an obstacle's primitive than `reach`."""
     return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
 
 
 @lane_step(void(BODIES, SCRATCH_MEMORY))
-def _place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
+def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
     """Write the centres of the balls about carriers."""
     poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
     for c in range(bodies.carriers):
-        x, y, z = _ball(poses, carrying[c], around, c)
+        x, y, z = ball_centre(poses, carrying[c], around, c)
         store(centres, c * BALL, x)
         store(centres, c * BALL + LANES, y)
         store(centres, c * BALL + 2 * LANES, z)
 
 
 @lane_part
-def _boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
+def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Mask of the sixteen obstacles whose boxes come near the box about all lanes' balls."""
     at = block * AROUND
     near = below(load(boxes, at), splat(largest_lane(x) + reach))
@@ -99,8 +99,8 @@ def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
         body, o, ball = hits[3 * k], hits[3 * k + 1], hits[3 * k + 2]
         if body < 0:
             return False
-        x, y, z = _ball(poses, bodies.joints[body], inner, ball)
-        if _near(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND):
+        x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
+        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND):
             _put_first(hits, body, o, ball, k)
             return True
     return False
@@ -113,8 +113,8 @@ def _inner_meets(
     """Whether a ball inside a body meets an obstacle in any of some lanes."""
     poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
-        x, y, z = _ball(poses, joint, inner, ball)
-        if _near(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND) & near:
+        x, y, z = ball_centre(poses, joint, inner, ball)
+        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND) & near:
             _put_first(scratch.hits, body, o, ball, HITS - 1)
             return True
     return False
@@ -131,11 +131,11 @@ def _near_obstacles(
         x, y, z = load(centres, c * BALL), load(centres, c * BALL + LANES), load(centres, c * BALL + 2 * LANES)
         reach, several = bodies.around[4 * c + 3] + clearance + BAND, members[c + 1] - members[c] > 1
         for block in range((n + LANES - 1) // LANES):
-            candidates = _boxes_near(obstacles.boxes, block, x, y, z, reach)
+            candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
             while candidates:
                 o = block * LANES + first_lane(candidates)
                 candidates &= candidates - 1
-                mask = _near(obstacles, o, x, y, z, reach)
+                mask = near_obstacle(obstacles, o, x, y, z, reach)
                 if mask == 0:
                     continue
                 for k in range(members[c], members[c + 1]):
@@ -144,8 +144,8 @@ def _near_obstacles(
                         continue
                     near = mask
                     if several:
-                        u, v, w = _ball(poses, bodies.joints[body], bounds, body)
-                        near &= _near(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND)
+                        u, v, w = ball_centre(poses, bodies.joints[body], bounds, body)
+                        near &= near_obstacle(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND)
                         if near == 0:
                             continue
                     if obstacles.whole[o] and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
@@ -172,12 +172,12 @@ def _cover_meets(
     )
     mask = 0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
-        x, y, z = _ball(poses, joint, grouped, group)
-        if not _near(obstacles, o, x, y, z, grouped[4 * group + 3] + clearance + BAND) & near & ~mask:
+        x, y, z = ball_centre(poses, joint, grouped, group)
+        if not near_obstacle(obstacles, o, x, y, z, grouped[4 * group + 3] + clearance + BAND) & near & ~mask:
             continue
         for ball in range(covers[group], covers[group + 1]):
-            x, y, z = _ball(poses, joint, cover, ball)
-            mask |= _near(obstacles, o, x, y, z, cover[4 * ball + 3] + clearance + BAND) & near
+            x, y, z = ball_centre(poses, joint, cover, ball)
+            mask |= near_obstacle(obstacles, o, x, y, z, cover[4 * ball + 3] + clearance + BAND) & near
         if mask == near:
             break
     return mask
@@ -217,8 +217,8 @@ def _near_pairs(
             continue
         for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
             first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
-            x, y, z = _ball(poses, bodies.joints[first], bounds, first)
-            u, v, w = _ball(poses, bodies.joints[second], bounds, second)
+            x, y, z = ball_centre(poses, bodies.joints[first], bounds, first)
+            u, v, w = ball_centre(poses, bodies.joints[second], bounds, second)
             x, y, z, reach = x - u, y - v, z - w, bounds[4 * first + 3] + bounds[4 * second + 3] + BAND
             mask = below(x * x + y * y + z * z, splat(reach * reach)) & near
             if mask:
@@ -256,7 +256,7 @@ def block_touches(
     lane_placements(joints, coordinates, scratch.poses)
     if _met_again(bodies, obstacles, clearance, scratch):
         return True
-    _place_carriers(bodies, scratch)
+    place_carriers(bodies, scratch)
     count = _near_obstacles(bodies, parts, obstacles, clearance, scratch)
     if count < 0:
         return True

@@ -9,8 +9,10 @@ import numpy as np
 
 from guidefield.collision.lanes import Lanes
 from guidefield.kept import kept_with
-from guidefield.kernels import lane_tree as kernel
+from guidefield.kernels import lane_nodes, lane_tree as kernel
 from guidefield.kernels.lane_branch import joined
+from guidefield.kernels.lane_samples import Sampling
+from guidefield.kernels.lane_sieve import SIEVE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.planner.problem import Budget
@@ -41,14 +43,14 @@ class Found:
     path: np.ndarray | None
     iterations: int
     motions: int
-    search: kernel.Search
+    search: lane_nodes.Search
 
     def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
         search = self.search
         nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
         parents = search.parents.reshape(2, search.capacity)
-        sizes = search.counters[[kernel.SIZE, kernel.SIZE + 1]].tolist()
+        sizes = search.counters[[lane_nodes.SIZE, lane_nodes.SIZE + 1]].tolist()
         return tuple(
             (nodes[tree, :, :size].T.astype(float), parents[tree, :size].copy()) for tree, size in enumerate(sizes)
         )
@@ -81,8 +83,8 @@ def grow(
     counters = room.search.counters
     lanes.forget()
     while (
-        counters[kernel.ITERATION] < MOST_ITERATIONS
-        and counters[kernel.MOTIONS] < MOST_MOTIONS
+        counters[lane_nodes.ITERATION] < MOST_ITERATIONS
+        and counters[lane_nodes.MOTIONS] < MOST_MOTIONS
         and budget.spent() is None
     ):
         ended = kernel.grow(lanes.words, sources.words, room.words, clearance, resolution, PIECE)
@@ -90,8 +92,8 @@ def grow(
             room = room.roomier()
         if ended == kernel.MET:
             path = _joined(room, sources, starts, goals)
-            return Found(path, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]), room.search)
-    return Found(None, int(counters[kernel.ITERATION]), int(counters[kernel.MOTIONS]), room.search)
+            return Found(path, int(counters[lane_nodes.ITERATION]), int(counters[lane_nodes.MOTIONS]), room.search)
+    return Found(None, int(counters[lane_nodes.ITERATION]), int(counters[lane_nodes.MOTIONS]), room.search)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +107,13 @@ class _Sources:
         roams: Which coordinates are lengths without limits, shape (k,).
     """
 
-    sampling: kernel.Sampling
+    sampling: Sampling
     words: Words
     wraps: bool
     roams: np.ndarray
 
     @classmethod
-    def of(cls, sampling: kernel.Sampling, roams: np.ndarray) -> _Sources:
+    def of(cls, sampling: Sampling, roams: np.ndarray) -> _Sources:
         """Sources that fill a box."""
         for array in (*sampling[:5], sampling.rotations, roams):
             array.setflags(write=False)
@@ -145,7 +147,7 @@ def _sources(group: PlanningGroup) -> _Sources:
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
     vectors = np.array(rotations, np.int64)
-    sampling = kernel.Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(vectors), vectors)
+    sampling = Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(vectors), vectors)
     return _Sources.of(sampling, np.flatnonzero(endless & lengths))
 
 
@@ -171,7 +173,7 @@ class _Room:
         nodes, parents, domains: What the trees hold, tree by tree: shapes (2, nv, capacity), (2, capacity) each.
     """
 
-    search: kernel.Search
+    search: lane_nodes.Search
     words: Words
     nodes: np.ndarray
     parents: np.ndarray
@@ -181,23 +183,26 @@ class _Room:
     def build(cls, nv: int, capacity: int) -> _Room:
         """Room for so many nodes in each tree."""
         # sixteen more: the nearest node is looked for sixteen at a time
-        search = kernel.Search(
+        search = lane_nodes.Search(
             nv=nv,
             capacity=capacity,
             nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
             parents=np.full(2 * capacity, -1, np.int64),
             domains=np.full(2 * capacity, np.inf, np.float32),
             places=np.zeros(nv),
-            counters=np.zeros(kernel.COUNTERS, np.int64),
+            counters=np.zeros(lane_nodes.COUNTERS, np.int64),
             sample=np.zeros(nv, np.float32),
             target=np.zeros(nv, np.float32),
             origin=np.zeros(nv, np.float32),
             reached=np.zeros(nv, np.float32),
+            grown=np.zeros(2 * LANES, np.int64),
+            ends=np.zeros(nv * LANES, np.float32),
+            hits=np.full(3 * SIEVE, -1, np.int64),
         )
         return cls.of(search)
 
     @classmethod
-    def of(cls, search: kernel.Search) -> _Room:
+    def of(cls, search: lane_nodes.Search) -> _Room:
         """The memory of some trees."""
         nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
         return cls(search, packed(search), nodes, search.parents.reshape(2, -1), search.domains.reshape(2, -1))
@@ -207,10 +212,11 @@ class _Room:
         counters = self.search.counters
         self.search.places[:] = shift
         counters[:] = 0
-        counters[kernel.ACTIVE] = 1
+        counters[lane_nodes.ACTIVE] = 1
+        self.search.hits[:] = -1
         for tree, points in enumerate(roots):
             size = len(points)
-            counters[kernel.SIZE + tree] = size
+            counters[lane_nodes.SIZE + tree] = size
             self.nodes[tree, :, :size] = points.T
             self.parents[tree, :size] = -1
             self.domains[tree, :size] = np.inf
@@ -248,10 +254,10 @@ def _room(nv: int, capacity: int) -> _Room:
 def _joined(room: _Room, sources: _Sources, starts: np.ndarray, goals: np.ndarray) -> np.ndarray:
     """The path through where the trees met; they hold float32, so the roots are put back as they were given."""
     counters = room.search.counters
-    rows = np.empty((counters[kernel.SIZE] + counters[kernel.SIZE + 1], room.search.nv))
+    rows = np.empty((counters[lane_nodes.SIZE] + counters[lane_nodes.SIZE + 1], room.search.nv))
     path = rows[: joined(sources.words, room.words, rows)].copy()
-    goal = goals[counters[kernel.ROOT + 1]]
+    goal = goals[counters[lane_nodes.ROOT + 1]]
     if sources.wraps:
         goal = goal + 2.0 * np.pi * np.rint((path[-1] - goal) * sources.sampling.frequency)
-    path[0], path[-1] = starts[counters[kernel.ROOT]], goal
+    path[0], path[-1] = starts[counters[lane_nodes.ROOT]], goal
     return path

@@ -1,0 +1,152 @@
+"""The nodes of two trees that a search on lanes grows: which is nearest, one step from it, one more of them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64, types
+
+from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lane_samples import SAMPLING, Sampling
+from guidefield.kernels.lanes import (
+    FLOAT_POINTER,
+    FLOATS_OUT,
+    INTEGERS_OUT,
+    LANES,
+    below,
+    first_lane,
+    lane,
+    lane_step,
+    load,
+    pointed,
+    rint,
+    splat,
+)
+from guidefield.kernels.packing import unpacked
+from guidefield.kernels.signatures import VECTOR_OUT
+
+RANGE = 1.0
+"""Longest extension of a tree [rad or m]."""
+
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROOT, REFUSED = 0, 2, 3, 4, 6, 7, 9
+"""Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
+the roots that the path joins, how many samples in a row were outside of their nodes' domains."""
+COUNTERS = 10
+
+
+class Search(NamedTuple):
+    """Two trees and what belongs to their search; each array holds both trees, one after the other.
+
+    Attributes:
+        nv: Coordinates of a chart point.
+        capacity: Nodes that each tree has room for.
+        nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
+        parents: (2 * capacity,) -1 for roots.
+        domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
+        places: (nv,) where in the box the last sample was, as shares of its sides.
+        counters: (COUNTERS,).
+        sample, target, origin, reached: (nv,) memory.
+        grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
+        ends: (nv * 16,) where they end, coordinate by coordinate.
+        hits: (3 * SIEVE,) what the sieve of a batch tries first.
+    """
+
+    nv: int
+    capacity: int
+    nodes: np.ndarray
+    parents: np.ndarray
+    domains: np.ndarray
+    places: np.ndarray
+    counters: np.ndarray
+    sample: np.ndarray
+    target: np.ndarray
+    origin: np.ndarray
+    reached: np.ndarray
+    grown: np.ndarray
+    ends: np.ndarray
+    hits: np.ndarray
+
+
+_SEARCH = types.NamedTuple(
+    [
+        *[types.int64] * 2,
+        FLOATS_OUT,
+        INTEGERS_OUT,
+        FLOATS_OUT,
+        VECTOR_OUT,
+        INTEGERS_OUT,
+        *[FLOATS_OUT] * 4,
+        INTEGERS_OUT,
+        FLOATS_OUT,
+        INTEGERS_OUT,
+    ],
+    Search,
+)
+SEARCH = pointed(_SEARCH)
+
+search_of = unpacked(_SEARCH)
+"""Makes a search of its words."""
+
+
+@lane_step(types.Tuple((int64, types.float64))(SEARCH, int64, FLOAT_POINTER, SAMPLING))
+def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> tuple[int, float]:
+    """The node nearest to a target, shape (nv,), and its distance squared; angles that wrap go the short way."""
+    nodes, period, frequency, capacity, nv = (
+        search.nodes,
+        sampling.period,
+        sampling.frequency,
+        search.capacity,
+        search.nv,
+    )
+    start, size = tree * nv * capacity, search.counters[SIZE + tree]
+    best, winner = np.float32(np.inf), 0
+    for i in range(0, size, LANES):
+        total = splat(0.0)
+        for j in range(nv):
+            apart = load(nodes, start + j * capacity + i) - target[j]
+            if period[j] != 0.0:
+                apart = apart - rint(apart * frequency[j]) * period[j]
+            total = total + apart * apart
+        mask = below(total, splat(best))
+        if size - i < LANES:
+            mask &= (1 << (size - i)) - 1
+        while mask:
+            k = first_lane(mask)
+            mask &= mask - 1
+            square = lane(total, k)
+            if square < best:
+                best, winner = square, i + k
+    return winner, float(best)
+
+
+@lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING))
+def step_towards(search: Search, tree: int, node: int, target: Floats32, sampling: Sampling) -> float:
+    """Write a node's point and the one at most `RANGE` towards a target, shape (nv,); the distance to the target."""
+    origin, reached, nodes, square = search.origin, search.reached, search.nodes, 0.0
+    nv, capacity = search.nv, search.capacity
+    for j in range(nv):
+        origin[j] = nodes[(tree * nv + j) * capacity + node]
+        way = target[j] - origin[j]
+        if sampling.period[j] != 0.0:
+            way -= np.float32(np.rint(way * sampling.frequency[j])) * sampling.period[j]
+        reached[j] = way
+        square += way * way
+    distance = math.sqrt(square)
+    share = np.float32(min(1.0, RANGE / max(distance, 1e-12)))
+    for j in range(nv):
+        reached[j] = origin[j] + share * reached[j]
+    return distance
+
+
+@lane_step(int64(SEARCH, int64, int64))
+def add_reached(search: Search, tree: int, parent: int) -> int:
+    """Add the point that was reached to a tree, which has room; its index."""
+    at, nv, capacity = search.counters[SIZE + tree], search.nv, search.capacity
+    for j in range(nv):
+        search.nodes[(tree * nv + j) * capacity + at] = search.reached[j]
+    search.parents[tree * capacity + at] = parent
+    search.domains[tree * capacity + at] = np.inf
+    search.counters[SIZE + tree] = at + 1
+    return int(at)
