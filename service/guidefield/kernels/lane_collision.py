@@ -72,7 +72,7 @@ def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
 
 @lane_part
 def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
-    """Mask of the sixteen obstacles whose boxes come near the box about all lanes' balls."""
+    """Mask of the sixteen obstacles whose boxes, shape (AROUND * blocks,), come near the box about all lanes' balls."""
     at = block * AROUND
     near = below(load(boxes, at), splat(largest_lane(x) + reach))
     near &= below(load(boxes, at + 16), splat(largest_lane(y) + reach))
