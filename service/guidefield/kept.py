@@ -22,11 +22,18 @@ def kept_with(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concate
     Args:
         find: Takes one object that can be weakly referenced, then what can be hashed.
     """
+    return kept_by(lambda key: key, find)
+
+
+def kept_by(
+    owner: Callable[[Key], object], find: Callable[Concatenate[Key, Rest], Found]
+) -> Callable[Concatenate[Key, Rest], Found]:
+    """The same with something that the first argument has: found once for all that have it, as long as it lives."""
     known: weakref.WeakKeyDictionary[Any, dict[Any, Found]] = weakref.WeakKeyDictionary()
 
     @functools.wraps(find)
     def found(key: Key, /, *rest: Rest.args, **options: Rest.kwargs) -> Found:
-        answers = known.setdefault(key, {})
+        answers = known.setdefault(owner(key), {})
         asked = (rest, *options.items())
         if asked not in answers:
             answers[asked] = find(key, *rest, **options)

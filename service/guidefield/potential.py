@@ -15,7 +15,7 @@ from guidefield.kernels.field_tables import FieldTables, single_precision
 from guidefield.kernels.tree_kinematics import JointTable, joint_placements
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.tables import joint_table
+from guidefield.robot.tables import joints_of
 from guidefield.scene.scene import Scene
 
 
@@ -68,7 +68,7 @@ class RobotField:
     @cached_property
     def joints(self) -> JointTable:
         """The group's joints."""
-        return joint_table(self.group.model)
+        return joints_of(self.group)
 
     @cached_property
     def charged(self) -> ChargedRobot:

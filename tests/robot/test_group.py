@@ -177,3 +177,27 @@ def test_links_and_joints_may_share_names() -> None:
     assert planned.position_names == ["c"]
     assert {frame.name for frame in planned.model.frames} >= {"a", "b", "c"}
     np.testing.assert_allclose(Kinematics(planned).tip_position(np.zeros(1)), [0.0, 0.0, 1.0], atol=1e-12)
+
+
+def test_groups_that_differ_in_their_start_alone_are_alike() -> None:
+    panda, ur5 = robot("panda"), robot("ur5")
+    names = tuple(joint.name for joint in panda.joints[:7])
+    other = panda.rest.copy()
+    other[:7] += 0.1
+    one, two = (select(panda, names, None, q, HERE) for q in (panda.rest, other))
+    assert one.alike is two.alike
+    assert one.model is two.model
+    np.testing.assert_array_equal(two.q_origin, other[:7])
+    np.testing.assert_array_equal(one.q_origin, panda.rest[:7])
+    assert one.with_limits({}, {}, 0.5, 0.5).alike is one.alike
+    finger = panda.rest.copy()
+    finger[-1] += 0.01
+    elsewhere = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
+    for unlike in (
+        select(panda, names, None, finger, HERE),
+        select(panda, names[:6], None, panda.rest, HERE),
+        select(panda, names, panda.links[3], panda.rest, HERE),
+        select(panda, names, None, panda.rest, elsewhere),
+        select(ur5, None, None, ur5.rest, HERE),
+    ):
+        assert unlike.alike is not one.alike

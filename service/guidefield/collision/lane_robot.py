@@ -33,7 +33,7 @@ from guidefield.robot.convex_parts import convex_parts
 from guidefield.robot.coverage import ShapeCoverage
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.shapes import triangulation
-from guidefield.robot.tables import joint_table
+from guidefield.robot.tables import joint_table, joints_of
 
 KINDS = np.empty(6, np.int64)
 """Lanes' kind of each of `JointTable`'s."""
@@ -189,7 +189,7 @@ def _turns(model: Any) -> list[np.ndarray]:
 
 
 def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
-    table = joint_table(group.model)
+    table = joints_of(group)
     n = len(table.parents)
     numbers = np.zeros((n, JOINT))
     drivers, forms = np.zeros(n, np.int64), np.full(n, PLAIN)

@@ -7,8 +7,6 @@ what is between them.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,47 +23,29 @@ from guidefield.kernels.lane_words import SCENE_WORDS, scene_words
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.kernels.separation import WORK
+from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.coverage import coverage
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import RobotModel
-from guidefield.robot.tables import joint_table
 
 TRIES = 60
 """Straight ways between places on a path that are looked at, unless told otherwise."""
 
 
-MOST_GROUPS = 4
-"""Groups of a robot whose tables are kept, those asked for last: every request makes its own group."""
-
-_KNOWN: weakref.WeakKeyDictionary[RobotModel, dict[bytes, tuple[LaneRobot, Words]]] = weakref.WeakKeyDictionary()
-
-
 @kept_with
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
-    """The tables of a group, made once for what they are made of and the pairs (int64) that must not touch."""
-    known, key = _KNOWN.setdefault(group.robot, {}), _fingerprint(group) + pairs
-    found = known.pop(key, None)
-    if found is None:
-        robot = lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))
-        found = robot, packed((robot.joints, robot.bodies, robot.parts))
-    known[key] = found
-    while len(known) > MOST_GROUPS:
-        del known[next(iter(known))]
-    robot, words = found
+    """The tables of a group and the pairs (int64) that must not touch."""
+    robot, words = _unturned(group, pairs)
     joints = turned_from(robot.joints, group)
     if joints is robot.joints:
         return robot, words
     return dataclasses.replace(robot, joints=joints), packed((joints, robot.bodies, robot.parts))
 
 
-def _fingerprint(group: PlanningGroup) -> bytes:
-    """What tells groups of one robot apart whose tables differ: how joints follow each other, and what they carry."""
-    digest = hashlib.sha256()
-    for array in (*joint_table(group.model), group.expand_velocity, group.expand_offset, group.lower, group.upper):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    for shape in group.geometry.geometryObjects:
-        digest.update(f"{shape.name} {shape.parentJoint}".encode() + shape.placement.homogeneous.tobytes())
-    return digest.digest()
+@kept_with_alike
+def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+    """The same, wherever the group starts."""
+    robot = lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))
+    return robot, packed((robot.joints, robot.bodies, robot.parts))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from guidefield.kernels.swept import motion_apart
 from guidefield.kernels.swept_bounds import SweptRobot
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.tables import joint_table
+from guidefield.robot.tables import joints_of
 from guidefield.scene.distance_tables import distance_tables
 
 SELF_MARGIN = 1e-4
@@ -101,7 +101,7 @@ def swept_world(world: World) -> SweptWorld:
     for row, carrier in enumerate(carriers):
         moved[row, [joint for joint in group.model.supports[carrier] if joint]] = 1
     robot = SweptRobot(
-        joints=joint_table(group.model),
+        joints=joints_of(group),
         origin=group.expand(group.q_origin),
         capsules=np.array(capsules, float).reshape(-1, 7),
         carriers=np.array(carriers, np.int64),

@@ -19,7 +19,7 @@ from guidefield.collision.enclosure import enclosed
 from guidefield.collision.hulls import with_hulls
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.errors import UnknownObject
-from guidefield.kept import kept_with
+from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.scratch_space import scratch_space
 from guidefield.scene.scene import Scene
@@ -199,13 +199,13 @@ def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tu
     return allowed
 
 
-@kept_with
+@kept_with_alike
 def _link_names(group: PlanningGroup) -> tuple[str, ...]:
     """The link of each of the robot's bodies."""
     return tuple(group.robot.link_of_geometry(index) for index in range(group.geometry.ngeoms))
 
 
-@kept_with
+@kept_with_alike
 def _own_pairs(group: PlanningGroup) -> np.ndarray:
     """Pairs of robot bodies that count and move relative to each other, shape (p, 2), the lower index first."""
     joints = [shape.parentJoint for shape in group.geometry.geometryObjects]
@@ -217,7 +217,7 @@ def _own_pairs(group: PlanningGroup) -> np.ndarray:
     return _frozen(np.array(own, int).reshape(-1, 2))
 
 
-@kept_with
+@kept_with_alike
 def _mixed_pairs(group: PlanningGroup, obstacles: int) -> np.ndarray:
     """Pairs of a robot body that moves with one of so many obstacles, shape (p, 2)."""
     moving = np.flatnonzero([shape.parentJoint != 0 for shape in group.geometry.geometryObjects])

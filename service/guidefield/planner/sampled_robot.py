@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kept import kept_with
 from guidefield.kernels.distance import DistanceTables
 from guidefield.kernels.sampled_robot import SampledRobot
 from guidefield.kernels.self_barrier import pair_distances
 from guidefield.planner.problem import Problem
+from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.link_bodies import link_bodies
 from guidefield.robot.surface_samples import surface_samples
-from guidefield.robot.tables import joint_table
+from guidefield.robot.tables import joints_of
 
 WEIGHT = 100.0
 """Sum of the weights of all points."""
@@ -40,7 +40,10 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     """
     moving, pairs = _moving(problem.group), _pairs(problem)
     robot = _of_group(problem.group)._replace(
-        ignored=_ignored(problem, moving), pairs=pairs, pair_ranges=np.full(len(pairs), SELF_RANGE)
+        origin=problem.group.expand(problem.group.q_origin),
+        ignored=_ignored(problem, moving),
+        pairs=pairs,
+        pair_ranges=np.full(len(pairs), SELF_RANGE),
     )
     _freeze(robot)
     closest = np.full(len(pairs), np.inf)
@@ -53,9 +56,9 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) ->
     return robot
 
 
-@kept_with
+@kept_with_alike
 def _of_group(group: PlanningGroup) -> SampledRobot:
-    """The robot without obstacles that it ignores, and without pairs."""
+    """The robot without where it starts, obstacles that it ignores, and pairs."""
     moving = _moving(group)
     points = _points(group, moving)
     counts = np.array([len(some) for some in points], np.int64)
@@ -63,11 +66,11 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
     joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
     links = _links(group)
     robot = SampledRobot(
-        joints=joint_table(group.model),
+        joints=joints_of(group),
         drivers=np.abs(group.expand_velocity).argmax(axis=1),
         multipliers=group.expand_velocity.sum(axis=1),
         offsets=group.expand_offset,
-        origin=group.expand(group.q_origin),
+        origin=np.empty(0),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
         weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
         groups=np.column_stack(
@@ -85,7 +88,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
     return robot
 
 
-@kept_with
+@kept_with_alike
 def _moving(group: PlanningGroup) -> tuple[int, ...]:
     """The group's bodies that move."""
     return tuple(body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0)

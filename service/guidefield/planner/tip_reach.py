@@ -8,10 +8,10 @@ import numpy as np
 
 from guidefield.collision.ball import obstacle_touched
 from guidefield.collision.swept import swept_world
-from guidefield.kept import kept_with
 from guidefield.kernels.distance import distance_at_points
 from guidefield.kernels.field_tables import frozen
 from guidefield.planner.problem import Problem
+from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.charges import robot_charges
 from guidefield.robot.chart import TRANSLATION
 from guidefield.robot.group import PlanningGroup
@@ -31,7 +31,7 @@ def tip_radius(problem: Problem) -> float:
     return _tip_radius(problem.group)
 
 
-@kept_with
+@kept_with_alike
 def _tip_radius(group: PlanningGroup) -> float:
     charges = robot_charges(group.robot)
     tip = group.model.frames[group.tip_id]
@@ -77,7 +77,7 @@ def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
     return _arm_reach(problem.group)
 
 
-@kept_with
+@kept_with_alike
 def _arm_reach(group: PlanningGroup) -> tuple[np.ndarray, float]:
     tip_frame = group.model.frames[group.tip_id]
     chain = [index for index in group.model.supports[tip_frame.parentJoint] if index]

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot import chart
+from guidefield.robot.alike import Alike
 from guidefield.robot.model import Joint, JointKind, LimitSource, RobotModel
 
 ROAM = 2.0
@@ -40,6 +41,7 @@ class PlanningGroup:
         velocity_limits, acceleration_limits: Shape (nv,).
         expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
         expand_offset: Shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset.
+        alike: What groups share that differ in q_reference, q_origin and the limits of their rates only.
     """
 
     robot: RobotModel
@@ -57,6 +59,7 @@ class PlanningGroup:
     acceleration_limits: np.ndarray
     expand_velocity: np.ndarray
     expand_offset: np.ndarray
+    alike: Alike
 
     @property
     def nq(self) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.kept import kept_with
 from guidefield.kernels.field_tables import frozen
 from guidefield.kernels.mover import Mover
+from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.chart import TRANSLATION
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.tables import joint_table
+from guidefield.robot.tables import joints_of
 
 LARGEST_TURN = np.deg2rad(15.0)
 """No joint turns more than this in one step of a descent [rad]."""
@@ -17,7 +17,7 @@ LARGEST_SLIDE = 0.1
 """None slides more than this in one step [m]."""
 
 
-@kept_with
+@kept_with_alike
 def mover_of(group: PlanningGroup) -> Mover:
     """Tables of a group; computed once for each."""
     E, model = group.expand_velocity, group.model
@@ -38,7 +38,7 @@ def mover_of(group: PlanningGroup) -> Mover:
     supports[[index for index in model.supports[tip.parentJoint] if index]] = 1
     placement = np.c_[tip.placement.rotation, tip.placement.translation]
     return Mover(
-        joints=joint_table(model),
+        joints=joints_of(group),
         leaders=frozen(leaders),
         factors=frozen(factors),
         norms=frozen((E**2).sum(axis=0)),
@@ -53,7 +53,7 @@ def mover_of(group: PlanningGroup) -> Mover:
     )
 
 
-@kept_with
+@kept_with_alike
 def planned_values(group: PlanningGroup) -> np.ndarray:
     """Where a group's configuration stands in its model's, shape (nq,) of indices."""
     at = []

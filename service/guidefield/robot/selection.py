@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import InvalidGroup
+from guidefield.robot.alike import Alike
 from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup, reference_of
 from guidefield.robot.groups import joints_to
@@ -39,6 +41,33 @@ def select(
     robot.frame_id(tip)
     planned = _planned_joints(robot, group, tip)
     followers = {joint.name for joint in robot.joints if joint.mimic and _driver(robot, joint) in planned}
+    free = [joint for joint in robot.joints if joint.name in planned]
+    # what moves has no part in how the models look, but for those that follow: `space` keeps them where they are
+    standing = np.array(q_reference, float)
+    for joint in free:
+        standing[joint.idx_q : joint.idx_q + joint.nq] = 0.0
+    known = _KNOWN.setdefault(robot, {})
+    key = (planned, tip, standing.tobytes(), placement.homogeneous.tobytes())
+    reduced = known.pop(key, None) or _reduce(robot, planned, followers, tip, q_reference, placement)
+    known[key] = reduced
+    while len(known) > MOST_KNOWN:
+        del known[next(iter(known))]
+    q_reference, q_origin = np.array(q_reference, float), reference_of(reduced["space"], robot, q_reference)
+    for array in (q_reference, q_origin):
+        array.setflags(write=False)
+    return PlanningGroup(robot=robot, tip=tip, q_reference=q_reference, q_origin=q_origin, **reduced)
+
+
+MOST_KNOWN = 4
+"""Groups of a robot whose models are kept, those asked for last."""
+
+_KNOWN: weakref.WeakKeyDictionary[RobotModel, dict[tuple[Any, ...], dict[str, Any]]] = weakref.WeakKeyDictionary()
+
+
+def _reduce(
+    robot: RobotModel, planned: tuple[str, ...], followers: set[str], tip: str, q_reference: np.ndarray, placement: Any
+) -> dict[str, Any]:
+    """What groups have in common that are alike, as `PlanningGroup` names it; but not the robot itself."""
     model, geometry = _placed(robot, placement)
     locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
     model, geometry = _reduced(model, geometry, locked, q_reference)
@@ -55,21 +84,18 @@ def select(
         "acceleration_limits": np.concatenate([j.acceleration for j in joints]),
         "expand_velocity": matrix,
         "expand_offset": offset,
-        "q_reference": np.array(q_reference, float),
-        "q_origin": reference_of(space, robot, q_reference),
     }
     for array in arrays.values():
         array.setflags(write=False)
-    return PlanningGroup(
-        robot=robot,
-        model=model,
-        geometry=geometry,
-        space=space,
-        joints=joints,
-        tip=tip,
-        tip_id=_tip_index(model, tip),
+    return {
+        "model": model,
+        "geometry": geometry,
+        "space": space,
+        "joints": joints,
+        "tip_id": _tip_index(model, tip),
+        "alike": Alike(),
         **arrays,
-    )
+    }
 
 
 def _tip_index(model: Any, tip: str) -> int:

@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.kernels.tree_kinematics import CONTINUOUS, FLOATING, PLANAR, PRISMATIC, REVOLUTE, SPHERICAL, JointTable
+from guidefield.robot.alike import kept_with_alike
+from guidefield.robot.group import PlanningGroup
 
 CODES = {
     "JointModelPlanar": PLANAR,
@@ -38,6 +40,12 @@ def joint_table(model: Any) -> JointTable:
     for array in (parents, kinds, axes, placements, idx_q, idx_v, nv):
         array.setflags(write=False)
     return JointTable(parents, kinds, axes, placements, idx_q, idx_v, nv)
+
+
+@kept_with_alike
+def joints_of(group: PlanningGroup) -> JointTable:
+    """Tables of the joints of a group's model; made once."""
+    return joint_table(group.model)
 
 
 def _axis(joint: Any) -> np.ndarray:

@@ -17,7 +17,7 @@ from guidefield.kernels.tree_kinematics import FLOATING, PLANAR, PRISMATIC, SPHE
 from guidefield.robot.chart import ROTATION
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import JointKind
-from guidefield.robot.tables import joint_table
+from guidefield.robot.tables import joints_of
 
 DISTINCT_ANGLE = 0.1
 DISTINCT_LENGTH = 0.02
@@ -68,7 +68,7 @@ class ChainToTip:
 @kept_with
 def chain_to_tip(group: PlanningGroup) -> ChainToTip:
     """The chain to a group's tip."""
-    model, joints = group.model, joint_table(group.model)
+    model, joints = group.model, joints_of(group)
     tip = model.frames[group.tip_id]
     parts = _Parts()
     for index in list(model.supports[tip.parentJoint])[1:]:
