@@ -28,6 +28,16 @@ def test_pairs_are_counted_and_the_most_frequent_told(world):
     assert details["counts"] == sorted(details["counts"], reverse=True)
 
 
+def test_where_a_clearance_is_asked_the_nearest_counts(world):
+    up, leaning = np.zeros(2), np.array([0.3, 0.0])
+    met = met_pairs(world, [up, leaning], 0.3)
+    distances = [world.clearance(q).obstacle_distance for q in (up, leaning)]
+    assert met.clearest == pytest.approx(max(distances))
+    assert sum(met.counts.values()) == 2
+    assert f"the most that one keeps is {1000 * max(distances):.1f} mm" in met.told()
+    assert met.details()["clearance"] == met.clearest
+
+
 def test_nothing_is_met(world):
     met = met_pairs(world, [np.zeros(2)])
     assert (met.told(), met.details(), met.counts) == ("", {}, {})

@@ -110,8 +110,20 @@ def test_an_end_beyond_its_limits_names_joint_value_and_limits(end: str, status:
     assert reply.status.details["joint"] == "panda_joint2"
     assert reply.status.details["value"] == 2.5
     assert reply.status.details["limits"] == pytest.approx([-1.7628, 1.7628])
-    assert "panda_joint2" in reply.status.message
+    assert reply.status.details["excess"] == pytest.approx(2.5 - 1.7628)
+    assert reply.status.details["joints"] == ["panda_joint2"]
+    assert "panda_joint2 at 2.5, 0.737 rad outside its limits" in reply.status.message
     assert reply.trajectory is None
+
+
+def test_the_joint_farthest_beyond_its_limits_is_told_and_the_others_named() -> None:
+    beyond = {"panda_joint4": 0.2, "panda_joint2": 2.5}
+    for goal in (joints(**beyond), {"type": "joint_set", "positions": [beyond, beyond]}):
+        reply = ask(start=READY, goal=goal)
+        assert reply.status.name == "GOAL_STATE_INVALID"
+        assert reply.status.details["joints"] == ["panda_joint2", "panda_joint4"]
+        assert "panda_joint2 at 2.5" in reply.status.message
+        assert reply.status.message.startswith("the goal" if goal["type"] == "joints" else "all 2 goals")
 
 
 def test_one_good_goal_of_a_set_is_enough() -> None:

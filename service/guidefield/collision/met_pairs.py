@@ -22,11 +22,13 @@ class MetPairs:
         looked_at: At how many configurations.
         counts: By pair at how many of them it touches, the most frequent first.
         deepest: Of the first pair the greatest depth [m]; None where it has none.
+        clearest: The most that one of them keeps from the obstacles, if they were to keep something [m].
     """
 
     looked_at: int
     counts: dict[PairNames, int]
     deepest: float | None
+    clearest: float | None = None
 
     def told(self) -> str:
         """The pair that is met most, in words; empty if there is none."""
@@ -35,25 +37,34 @@ class MetPairs:
         (first, second), count = next(iter(self.counts.items()))
         more = len(self.counts) - 1
         others = f" (and {more} more pair{'s' if more > 1 else ''})" if more else ""
-        if self.looked_at == 1:
-            return f"{first} and {second}{others}"
-        return f"most often {first} and {second}, {count} of {self.looked_at} times{others}"
+        often = "" if self.looked_at == 1 else "most often "
+        times = "" if self.looked_at == 1 else f", {count} of {self.looked_at} times"
+        kept = "" if self.clearest is None else f"; the most that one keeps is {1000.0 * self.clearest:.1f} mm"
+        return f"{often}{first} and {second}{times}{others}{kept}"
 
     def details(self) -> dict[str, object]:
         """The same as values."""
         if not self.counts:
             return {}
-        return {
+        details: dict[str, object] = {
             "pair": list(next(iter(self.counts))),
             "depth": self.deepest,
             "pairs": [list(pair) for pair in self.counts],
             "counts": list(self.counts.values()),
             "looked_at": self.looked_at,
         }
+        return details if self.clearest is None else {**details, "clearance": self.clearest}
 
 
-def met_pairs(world: World, qs: Sequence[np.ndarray]) -> MetPairs:
-    """The pairs that touch, or of which one is wholly inside the other, at configurations of the group, each (nq,)."""
+def met_pairs(world: World, qs: Sequence[np.ndarray], clearance: float = 0.0) -> MetPairs:
+    """The pairs that touch, or of which one is wholly inside the other, at configurations.
+
+    Args:
+        world: Robot and obstacles.
+        qs: Configurations of the group, each (nq,).
+        clearance: What they were to keep from obstacles; the nearest pair counts where nothing touches [m].
+    """
+    clearest: float | None = None
     counts: Counter[PairNames] = Counter()
     depths: dict[PairNames, float] = {}
     for q in qs[:MOST_LOOKED_AT]:
@@ -62,7 +73,12 @@ def met_pairs(world: World, qs: Sequence[np.ndarray]) -> MetPairs:
         for contact in contacts:
             if contact.depth is not None:
                 depths[contact.pair] = max(contact.depth, depths.get(contact.pair, 0.0))
-        if not contacts and (inside := world.enclosed(q)) is not None:
+        if contacts:
+            continue
+        if (inside := world.enclosed(q)) is not None:
             counts[inside] += 1
+        elif clearance > 0.0 and (near := world.clearance(q)).obstacle_pair is not None:
+            counts[near.obstacle_pair] += 1
+            clearest = max(near.obstacle_distance, clearest or 0.0)
     ordered = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-    return MetPairs(min(len(qs), MOST_LOOKED_AT), ordered, depths.get(next(iter(ordered), ("", ""))))
+    return MetPairs(min(len(qs), MOST_LOOKED_AT), ordered, depths.get(next(iter(ordered), ("", ""))), clearest)

@@ -24,7 +24,7 @@ from guidefield.planner.quality import ClearanceProfile, clearance_profile
 from guidefield.planner.trace import Event, Silent
 from guidefield.robot.configuration import LimitFault, limit_faults
 from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import RobotModel
+from guidefield.robot.model import JointKind, RobotModel
 from guidefield.robot.selection import select
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
@@ -101,11 +101,17 @@ def _refusal(problem: Problem) -> Plan | None:
     """The plan of a problem whose start or goal is beyond a joint limit; None where they are not."""
     faults = limit_faults(problem.group.robot.joints, problem.group.q_reference)
     if faults:
-        return refused(problem, Status.START_STATE_INVALID, *_limit_message("start", faults))
+        return refused(problem, Status.START_STATE_INVALID, *_limit_message("start", faults, problem.group.robot))
     if isinstance(problem.goal, ConfigurationGoal):
-        faults = limit_faults(problem.group.joints, problem.goal.configurations[0])
+        configurations = problem.goal.configurations
+        faults = limit_faults(problem.group.joints, configurations[0])
         if faults:
-            return refused(problem, Status.GOAL_STATE_INVALID, *_limit_message("goal", faults))
+            message, details = _limit_message("goal", faults, problem.group.robot)
+            if len(configurations) > 1:
+                message = (
+                    f"all {len(configurations)} goals are outside of limits; {message.replace('goal', 'first', 1)}"
+                )
+            return refused(problem, Status.GOAL_STATE_INVALID, message, details)
     return None
 
 
@@ -141,11 +147,21 @@ def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan
     return None
 
 
-def _limit_message(end: str, faults: list[LimitFault]) -> tuple[str, dict[str, Any]]:
-    fault = faults[0]
-    more = f" (and {len(faults) - 1} more joints)" if len(faults) > 1 else ""
+def _limit_message(end: str, faults: list[LimitFault], robot: RobotModel) -> tuple[str, dict[str, Any]]:
+    """The joint that is farthest beyond a limit, as a sentence and values, and all others as values."""
+    first, *others = sorted(faults, key=lambda fault: -fault.excess)
+    joint = robot.joint(first.joint)
+    unit = {1: " m" if joint.kind is JointKind.PRISMATIC else " rad"}.get(joint.nv, "") if joint else ""
+    more = f" (and {', '.join(fault.joint for fault in others)})" if others else ""
     return (
-        f"the {end} has joint {fault.joint} at {fault.value:.6g}, outside its limits"
-        f" [{fault.lower:.6g}, {fault.upper:.6g}]{more}",
-        {"stage": end, "joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]},
+        f"the {end} has joint {first.joint} at {first.value:.6g}, {first.excess:.3g}{unit} outside its limits"
+        f" [{first.lower:.6g}, {first.upper:.6g}]{more}",
+        {
+            "stage": end,
+            "joint": first.joint,
+            "value": first.value,
+            "limits": [first.lower, first.upper],
+            "excess": first.excess,
+            "joints": [first.joint, *(fault.joint for fault in others)],
+        },
     )

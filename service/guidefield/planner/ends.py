@@ -9,6 +9,7 @@ import numpy as np
 
 from guidefield.collision.met_pairs import met_pairs
 from guidefield.errors import Status
+from guidefield.planner.leaving import SLIGHT
 from guidefield.planner.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.stages import StageFailed
 from guidefield.robot.inverse_kinematics import IkResult, solve
@@ -28,8 +29,10 @@ def check_start(problem: Problem) -> None:
     if isinstance(problem.goal, LastPlaneGoal) or not are_free(problem, z_start[None])[0]:
         if (fault := end_fault(problem, problem.q_start)) is not None:
             message, details = fault
+            slight = not problem.leave_start_contact and details["depth"] is not None and details["depth"] <= SLIGHT
+            hint = "; `leave_start_contact` would leave so slight a contact first" if slight else ""
             raise StageFailed(
-                Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}", stage="start", **details
+                Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}{hint}", stage="start", **details
             )
         _check_clearance(problem, problem.q_start, "start")
     if (violated := _violated(problem, z_start)) is not None:
@@ -69,7 +72,7 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
         outside = list(result.solutions)
     if outside:
         return np.array([problem.group.chart(q) for q in outside])
-    met = met_pairs(problem.world, result.rejected)
+    met = met_pairs(problem.world, result.rejected, problem.min_clearance)
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
         Status.NO_IK_SOLUTION,
@@ -131,12 +134,13 @@ def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | N
     contacts = problem.world.contacts(q)
     if contacts:
         worst = max(contacts, key=lambda contact: contact.depth or 0.0)
+        pairs = list(dict.fromkeys(contact.pair for contact in contacts))
         depth = f", {1000 * worst.depth:.1f} mm deep" if worst.depth is not None else ""
-        more = f" (and {len(contacts) - 1} more pairs)" if len(contacts) > 1 else ""
+        more = f" (and {len(pairs) - 1} more pair{'s' if len(pairs) > 2 else ''})" if len(pairs) > 1 else ""
         return f"{worst.pair[0]} and {worst.pair[1]}{depth}{more}", {
             "pair": list(worst.pair),
             "depth": worst.depth,
-            "pairs": [list(contact.pair) for contact in contacts],
+            "pairs": [list(pair) for pair in pairs],
         }
     inside = problem.world.enclosed(q)
     if inside is not None:

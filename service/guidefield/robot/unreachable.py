@@ -34,7 +34,10 @@ def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Reason | None:
     short = math.sqrt(float(beyond @ beyond)) - chain.reach - EXACT
     if short <= 0.0:
         return None
-    return f"out of reach: at least {int(1000.0 * short)} mm short", {"cause": "out of reach", "short_by": short}
+    sentence = (
+        f"out of reach: at least {int(1000.0 * short)} mm short, as the chain to the tip is {chain.reach:.3g} m long"
+    )
+    return sentence, {"cause": "out of reach", "short_by": short, "reach": chain.reach}
 
 
 def why_unreached(

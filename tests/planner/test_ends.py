@@ -1,0 +1,127 @@
+"""The ends of a motion: which configurations reach a goal, judged by Coal and Pinocchio; and why none does."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.planner.ends import GOAL_SOLUTIONS, check_start, goal_points
+from guidefield.planner.problem import ConfigurationGoal, TipGoal
+from guidefield.planner.stages import StageFailed
+from guidefield.robot.pose_target import PoseTarget
+from tests.planner.problems import problem, scene_of
+from tests.robots import random_configuration, rest
+
+DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.45, 0.1, 0.5]))
+
+
+def pose(placement: pin.SE3 = DOWN) -> TipGoal:
+    return TipGoal(PoseTarget(placement, np.full(3, 1e-4), np.full(3, 1e-3)))
+
+
+def ball(radius: float, *position: float) -> messages.Sphere:
+    return messages.Sphere(name="ball", radius=radius, position=position)
+
+
+def refused(made) -> StageFailed:
+    with pytest.raises(StageFailed) as failure:
+        goal_points(made)
+    return failure.value
+
+
+def test_a_pose_has_free_configurations_far_from_each_other() -> None:
+    made = problem("panda", "table", pose())
+    goals = goal_points(made)
+    assert len(goals) == GOAL_SOLUTIONS
+    for z in goals:
+        q = made.group.from_chart(z)
+        assert not made.world.in_collision(q)
+        assert made.goal.target.is_reached(made.kinematics.frame_placement(q, made.group.tip_id))
+    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(goals, 2)) > 0.3
+    assert np.array_equal(goals, goal_points(problem("panda", "table", pose())))
+
+
+def test_a_clearance_is_kept_by_every_one() -> None:
+    made = problem("panda", scene_of(ball(0.1, 0.45, 0.5, 0.5)), pose(), min_clearance=0.1)
+    for z in goal_points(made):
+        assert made.world.clearance(made.group.from_chart(z)).obstacle_distance >= 0.1
+
+
+def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
+    made = problem("panda", scene_of(ball(0.1, *DOWN.translation)), pose())
+    failure = refused(made)
+    assert failure.status is Status.NO_IK_SOLUTION
+    assert failure.details["cause"] == "in collision"
+    assert failure.details["pair"][1] == "ball"
+    assert failure.details["counts"][0] == failure.details["looked_at"]
+    assert "most often panda_" in failure.message
+    assert failure.details["solutions"] >= failure.details["looked_at"]
+
+
+def test_a_pose_that_is_too_close_says_how_close() -> None:
+    made = problem("panda", scene_of(ball(0.05, 0.45, 0.1, 0.3)), pose(), min_clearance=0.3)
+    failure = refused(made)
+    assert "too close" in failure.message
+    assert 0.0 <= failure.details["clearance"] < 0.3
+
+
+def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
+    half = 0.05
+    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    faces = [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+    ]
+    top = [(1, 5, 8), (5, 7, 8), (7, 3, 8), (3, 1, 8)]
+    dented = [tuple(40.0 * np.array(v)) for v in [*corners, (0.0, 0.0, 0.9 * half)]]
+    made = problem("panda", scene_of(messages.Mesh(name="shell", vertices=dented, triangles=[*faces, *top])), pose())
+    assert not made.world.in_collision(made.q_start)
+    failure = refused(made)
+    assert failure.details["pair"][1] == "shell"
+    with pytest.raises(StageFailed, match="inside"):
+        check_start(made)
+
+
+def test_of_a_set_those_that_are_free_are_left() -> None:
+    made = problem("panda", "table")
+    qs = tuple(random_configuration(made.group, seed) for seed in range(300))
+    free = [not made.world.in_collision(q) for q in qs]
+    assert 0 < sum(free) < 300
+    made = problem("panda", "table", ConfigurationGoal(qs))
+    kept = goal_points(made)
+    expected = np.array([q for q, one in zip(qs, free, strict=True) if one])
+    assert len(kept) == len(expected)  # none of them is within the lanes' band of contact
+    assert np.allclose(kept, expected)
+
+
+def test_of_a_set_that_is_blocked_the_pair_met_most_is_named() -> None:
+    made = problem("panda", "table")
+    qs = tuple(q for q in (random_configuration(made.group, seed) for seed in range(60)) if made.world.in_collision(q))
+    failure = refused(problem("panda", "table", ConfigurationGoal(qs)))
+    assert failure.status is Status.GOAL_IN_COLLISION
+    assert failure.details["goals"] == len(qs)
+    assert f"all {len(qs)} goals are in collision: most often" in failure.message
+    assert failure.details["counts"] == sorted(failure.details["counts"], reverse=True)
+
+
+def test_a_slight_contact_at_the_start_can_be_left_and_that_is_said() -> None:
+    made = problem("panda", scene_of(), q_start=None)
+    near = made.kinematics.tip_position(rest(made.group))
+    for radius, slight in ((0.11, False), (0.004, True)):
+        touching = problem("panda", scene_of(ball(radius, *near)), ConfigurationGoal((rest(made.group),)))
+        with pytest.raises(StageFailed) as failure:
+            check_start(touching)
+        assert ("leave_start_contact" in failure.value.message) is (slight and failure.value.details["depth"] <= 0.01)
