@@ -7,12 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels import lane_samples
 from guidefield.planner import lane_tree
 from guidefield.planner.problem import Budget
 from tests.planner.problems import scene_of
@@ -76,18 +74,6 @@ def test_angles_that_wrap_go_the_short_way_round() -> None:
     assert (np.abs(np.diff(found.path, axis=0)) < np.pi).all()
     np.testing.assert_allclose(np.cos(found.path[-1]), np.cos(goal), atol=1e-6)
     np.testing.assert_allclose(np.sin(found.path[-1]), np.sin(goal), atol=1e-6)
-
-
-def test_rotations_are_drawn_evenly() -> None:
-    """Of an even distribution the mean of each entry of the matrices is 0, and of its square 1/3."""
-    places, drawn = np.zeros(3), np.empty((2000, 3), np.float32)
-    for vector in drawn:
-        places = (places + lane_tree._steps(3)) % 1.0
-        lane_samples._turn_evenly.py_func(places, 0, vector)
-    assert np.linalg.norm(drawn, axis=1).max() <= np.pi + 1e-6
-    matrices = np.array([pin.exp3(vector.astype(float)) for vector in drawn])
-    np.testing.assert_allclose(matrices.mean(axis=0), np.zeros((3, 3)), atol=0.01)
-    np.testing.assert_allclose((matrices**2).mean(axis=0), np.full((3, 3), 1.0 / 3.0), atol=0.01)
 
 
 def test_one_of_several_goals_is_reached() -> None:
