@@ -220,7 +220,7 @@ class Engine:
     def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
         from guidefield.handlers.robots import robot
 
-        return robot(self._robot(request.name))
+        return robot(self._robot(request.robot))
 
     def _store_robot(self, request: requests.StoreRobot) -> Done:
         from guidefield.handlers.robots import prepared

@@ -15,10 +15,14 @@ from urllib.request import urlopen
 import pytest
 
 from guidefield.cli.loopback import free_port
+from guidefield.engine import answer
 from guidefield.errors import Status
+from guidefield.messages.replies import RobotReply
+from guidefield.messages.requests import ReadRobot, UrdfFile
 from tests.journeys.service import running_service
 from tests.replies import plan_reply
 
+ROBOTS = Path(__file__).resolve().parent.parent.parent / "robots"
 POTENTIAL = {"type": "potential", "scene": "bookshelf", "points": [[0, 0, 2]]}
 
 
@@ -57,7 +61,7 @@ def test_a_request_from_standard_input_is_answered_to_standard_output() -> None:
     ("request_", "says"),
     [
         ("{}", "MALFORMED_REQUEST"),
-        ('{"type": "robot", "name": "r2d2"}', "ROBOT_INVALID"),
+        ('{"type": "robot", "robot": "r2d2"}', "ROBOT_INVALID"),
         ('{"type": "scene", "name": "nowhere"}', "SCENE_INVALID"),
     ],
 )
@@ -103,6 +107,22 @@ def test_robots_are_listed_for_people_and_for_machines() -> None:
     table = guidefield("robots")
     assert table.returncode == 0
     assert "panda" in table.stdout
+
+
+def test_a_robot_of_ones_own_is_described_from_its_file(tmp_path: Path) -> None:
+    urdf = ROBOTS / "chain_fixed_6x320_r25.urdf"
+    shown = json.loads(guidefield("robots", str(urdf), "--json").stdout)
+    reply = answer(ReadRobot(UrdfFile(str(urdf))))
+    assert isinstance(reply, RobotReply)
+    assert [joint["name"] for joint in shown["joints"]] == [joint.name for joint in reply.joints]
+    assert len(reply.joints) == 6
+    (tmp_path / "bad.urdf").write_text(urdf.read_text().replace("</robot>", ""))
+    refused = guidefield("robots", str(tmp_path / "bad.urdf"))
+    assert refused.returncode == 2
+    assert "ROBOT_INVALID" in refused.stderr
+    missing = guidefield("robots", str(tmp_path / "none.urdf"))
+    assert "none.urdf" in missing.stderr
+    assert "Traceback" not in missing.stderr
 
 
 def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path) -> None:

@@ -176,11 +176,24 @@ def batch(
 
 @app.command()
 def robots(
-    name: Annotated[str | None, typer.Argument(help="A robot, to be told all about it.")] = None,
+    robot: Annotated[
+        str | None, typer.Argument(help="A robot, by its name or by its .urdf file, to be told all about it.")
+    ] = None,
+    srdf: Annotated[Path | None, typer.Option(help="The SRDF of a .urdf file.")] = None,
+    package_dir: Annotated[
+        list[Path] | None, typer.Option(help="A folder that holds packages of a .urdf file's meshes; can be repeated.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
-    """List the robots that can be named in a request, or describe one."""
-    reply = answer(requests.ReadRobots() if name is None else requests.ReadRobot(name))
+    """List the robots that can be named in a request, or describe one: one of them, or your own."""
+    if robot is None:
+        reply = answer(requests.ReadRobots())
+    elif robot.endswith(".urdf"):
+        folders = [str(folder) for folder in package_dir or ()]
+        file = requests.UrdfFile(robot, srdf_path=None if srdf is None else str(srdf), package_dirs=folders)
+        reply = answer(requests.ReadRobot(file))
+    else:
+        reply = answer(requests.ReadRobot(robot))
     if json:
         typer.echo(_as_json(reply))
     elif isinstance(reply, RobotsReply):

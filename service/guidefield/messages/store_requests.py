@@ -6,6 +6,7 @@ from typing import Annotated
 
 import msgspec
 
+from guidefield.messages.references import RobotReference
 from guidefield.messages.scene import Scene
 from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfCharacters
 
@@ -17,7 +18,7 @@ class ReadRobots(Message, tag_field="type", tag="robots"):
 class ReadRobot(Message, tag_field="type", tag="robot"):
     """Describe one robot: joints, limits and their sources, frames, groups, collision pairs."""
 
-    name: Name
+    robot: RobotReference
 
 
 class RobotFiles(Message):
