@@ -12,11 +12,17 @@ from guidefield.errors import Status
 from guidefield.planner.leaving import SLIGHT
 from guidefield.planner.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.stages import StageFailed
-from guidefield.robot.inverse_kinematics import IkResult, solve
+from guidefield.robot.inverse_kinematics import MOST_REJECTED, IkResult, solve
 from guidefield.robot.pose_target import PoseTarget
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""
+
+GRAZING = 1e-3
+"""What configurations that reach a pose keep from obstacles beyond the clearance asked for, if there are such [m]."""
+
+MOST_STARTS = 8192
+"""Starts from which a configuration that is free is looked for."""
 
 
 def check_start(problem: Problem) -> None:
@@ -65,13 +71,16 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way.
     """
-    result = _solved(problem, target, starts, _touch_nothing)
-    outside = [q for q in result.solutions if problem.world.enclosed(q) is None]
-    if result.solutions and not outside:
-        result = _solved(problem, target, starts, are_free)
-        outside = list(result.solutions)
-    if outside:
-        return np.array([problem.group.chart(q) for q in outside])
+    result = _solved(problem, target, starts, _keep_some_distance)
+    if not result.solutions and result.rejected:
+        result = _solved(problem, target, starts, _touch_nothing, MOST_STARTS)
+    qs = [q for q in result.solutions if problem.world.enclosed(q) is None]
+    if result.solutions and not qs:  # all that were chosen are inside of something: choose among the others
+        result = _solved(problem, target, starts, _are_outside, MOST_STARTS)
+        qs = list(result.solutions)
+    qs = qs or [q for q in result.rejected if _keeps_off(problem, q)]  # lanes refuse what all but touches
+    if qs:
+        return np.array([problem.group.chart(q) for q in qs])
     met = met_pairs(problem.world, result.rejected, problem.min_clearance)
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
@@ -88,6 +97,7 @@ def _solved(
     target: PoseTarget,
     starts: Sequence[np.ndarray],
     free: Callable[[Problem, np.ndarray], np.ndarray],
+    most: int = MOST_REJECTED,
 ) -> IkResult:
     return solve(
         problem.group,
@@ -97,31 +107,42 @@ def _solved(
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda zs: free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
+        most=most,
     )
 
 
 def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
-    """Which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool."""
+    """Which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
+
+    What lanes find free is; what they don't is judged by Coal where there is nothing else.
+    """
+    free = _are_outside(problem, zs)
+    return free if free.any() else np.array([_keeps_off(problem, problem.group.from_chart(z)) for z in zs])
+
+
+def _are_outside(problem: Problem, zs: np.ndarray) -> np.ndarray:
+    """Which chart points (n, nv) surely touch nothing and are inside of nothing: (n,), bool."""
     free = _touch_nothing(problem, zs)
     free[free] = [problem.world.enclosed(problem.group.from_chart(z)) is None for z in zs[free]]
     return free
 
 
-def _touch_nothing(problem: Problem, zs: np.ndarray) -> np.ndarray:
-    """Which chart points (n, nv) touch nothing and keep the clearance: (n,), bool.
-
-    What lanes find free is; what they don't is judged by Coal where there is nothing else.
-    """
-    free: np.ndarray = np.zeros(len(zs), bool)
-    if not problem.path_constraints:
-        free = ~problem.lanes.touching(zs, problem.min_clearance)
-    if not free.any():
-        free = np.array([_keeps_off(problem, problem.group.from_chart(z)) for z in zs])
-    return free
+def _keep_some_distance(problem: Problem, zs: np.ndarray) -> np.ndarray:
+    """Which chart points (n, nv) keep more than the clearance, so that a certificate isn't stopped by grazing."""
+    return _touch_nothing(problem, zs, GRAZING)
 
 
-def _keeps_off(problem: Problem, q: np.ndarray) -> bool:
-    return not problem.world.in_collision(q) and _keeps_clearance(problem, q)
+def _touch_nothing(problem: Problem, zs: np.ndarray, beyond: float = 0.0) -> np.ndarray:
+    """Which chart points (n, nv) surely touch nothing and keep the clearance and something beyond it: (n,), bool."""
+    if problem.path_constraints:  # lanes aren't prepared for these
+        return np.array([_keeps_off(problem, problem.group.from_chart(z), beyond) for z in zs], bool)
+    return ~problem.lanes.touching(zs, problem.min_clearance + beyond)
+
+
+def _keeps_off(problem: Problem, q: np.ndarray, beyond: float = 0.0) -> bool:
+    if problem.world.in_collision(q) or problem.world.enclosed(q) is not None:
+        return False
+    return _keeps_clearance(problem, q, beyond)
 
 
 def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
@@ -194,10 +215,9 @@ def _violated(problem: Problem, z: np.ndarray) -> tuple[str, dict[str, Any]] | N
     return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 
-def _keeps_clearance(problem: Problem, q: np.ndarray) -> bool:
-    if problem.min_clearance <= 0.0:
-        return True
-    return problem.world.clearance(q).obstacle_distance >= problem.min_clearance
+def _keeps_clearance(problem: Problem, q: np.ndarray, beyond: float = 0.0) -> bool:
+    asked = problem.min_clearance + beyond
+    return asked <= 0.0 or problem.world.clearance(q).obstacle_distance >= asked
 
 
 def _check_clearance(problem: Problem, q: np.ndarray, end: str) -> None:

@@ -20,8 +20,9 @@ from guidefield.planner.tip_reach import inset_of
 from guidefield.planner.trace import Note
 from guidefield.robot.pose_target import PoseTarget
 
-CLEARANCE_SHARE = 0.5
-"""Share of the time in which a connection with the clearance asked for is looked for; then any that is free will do."""
+SHARE = 0.5
+"""Share of the time for a connection before a lesser one is looked for: from the start instead of from where derived
+guide planes led; with no more than contact avoided instead of with the clearance asked for."""
 
 
 @dataclass
@@ -72,7 +73,8 @@ def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: St
 
     Args:
         problem: Robot and world.
-        found: The motion so far; extended.
+        found: The motion so far; extended. If nothing leads on from where guide planes led that nobody gave, it
+            begins anew at the start.
         goals: Chart points of which one is to be reached, shape (m, nv).
         stage: What it is counted as.
         prove: Whether the connection is to be certified.
@@ -80,12 +82,12 @@ def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: St
     Raises:
         StageFailed: if no connection is found, or time is up.
     """
-    rng = np.random.default_rng([problem.seed, 2])
-    if problem.path_constraints:
-        keeper = Keeper(problem, problem.constrained_frames)
-        connection = connect_constrained(problem, keeper, found.path[-1], goals, rng)
-    else:
-        connection = _connected(problem, found, goals, rng, prove)
+    led = len(found.path) > 1 and max(found.crossings, default=-1) < problem.derived_planes
+    connection = _tried(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
+    if led and connection.status is not Status.SUCCESS and not problem.budget.spent():
+        problem.tell(Note("nothing leads on from where derived guide planes led: the connection begins at the start"))
+        found.path, found.crossings = found.path[:1], {}
+        connection = _tried(problem, found, goals, prove)
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
         raise StageFailed(connection.status, connection.message, stage="connect")
@@ -93,9 +95,19 @@ def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: St
     return connection.proven
 
 
+def _tried(problem: Problem, found: Found, goals: np.ndarray, prove: bool) -> Connection:
+    """A connection from the end of the motion so far, along path constraints if there are any."""
+    rng = np.random.default_rng([problem.seed, 2])
+    if problem.path_constraints:
+        keeper = Keeper(problem, problem.constrained_frames)
+        return connect_constrained(problem, keeper, found.path[-1], goals, rng)
+    return _connected(problem, found, goals, rng, prove)
+
+
 def _connected(problem: Problem, found: Found, goals: np.ndarray, rng: np.random.Generator, prove: bool) -> Connection:
     """With the clearance asked for if there is such a connection, else any that is free."""
-    connection = connect(_in_part_of_the_time(problem), found.path[-1], goals, rng, prove=prove)
+    part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
+    connection = connect(part, found.path[-1], goals, rng, prove=prove)
     if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
         problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
         problem = dataclasses.replace(problem, min_clearance=0.0)
@@ -104,9 +116,7 @@ def _connected(problem: Problem, found: Found, goals: np.ndarray, rng: np.random
 
 
 def _in_part_of_the_time(problem: Problem) -> Problem:
-    """The problem with a share of the time that is left, if a clearance is asked for: one without comes after."""
-    if problem.min_clearance <= 0.0:
-        return problem
+    """The problem with a share of the time that is left: another way is tried after."""
     left = problem.budget.deadline - time.monotonic()
-    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + CLEARANCE_SHARE * max(left, 0.0))
+    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + SHARE * max(left, 0.0))
     return dataclasses.replace(problem, budget=budget)

@@ -23,6 +23,10 @@ CHOICE = 2
 MOST_UNREACHED, MOST_REJECTED, MOST_PER_SOLUTION = 256, 1024, 64
 """Random starts after which a pose counts as unreachable; as reachable only by what isn't accepted; and, for each
 solution asked for, where there are some."""
+LARGE_ROUND = 512
+"""Random starts of a round where nothing was accepted for so many."""
+MOST_KEPT = 256
+"""Distinct solutions that are kept of those not accepted: they tell what stands in the way."""
 
 Accept = Callable[[np.ndarray], np.ndarray]
 """Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
@@ -55,6 +59,7 @@ def solve(
     rng: np.random.Generator,
     accept: Accept | None = None,
     fault: str = "in collision",
+    most: int = MOST_REJECTED,
 ) -> IkResult:
     """Distinct configurations of a group that bring its tip to a pose.
 
@@ -71,6 +76,7 @@ def solve(
         rng: Where random starts come from; the same state gives the same solutions.
         accept: Which configurations may be a solution; None: all may.
         fault: What is wrong with those that may not, for the reason.
+        most: Random starts after which a pose counts as reachable only by what isn't accepted.
 
     Returns:
         The solutions, and a reason where there are fewer than `count`.
@@ -84,18 +90,19 @@ def solve(
     found.add(search.descend(given))
     from_starts = len(found.accepted)
     drawn = 0
-    while not _enough(found, count, drawn):
-        size = FIRST_ROUND if count == 1 and drawn < ROUND else ROUND
+    while not _enough(found, count, drawn, most):
+        size = FIRST_ROUND if count == 1 and drawn < ROUND else LARGE_ROUND if drawn >= LARGE_ROUND else ROUND
         found.add(search.near_base(search.descend(search.drawn(size, rng))))
         drawn += size
     tried = f"{len(starts) + drawn} starts"
     rejected = tuple(group.from_chart(z) for z in found.rejected)
-    if not len(found.points):
+    if not len(found.accepted) and not rejected:
         return IkResult((), *why_unreached(group, target, search, tried, rng))
-    if not found.accepted:
+    if not len(found.accepted):
         details = {"cause": fault, "solutions": len(rejected)}
-        return IkResult((), f"{_solutions(len(rejected))} from {tried}, all {fault}", details, rejected)
-    chosen = _chosen(search, found.points[found.accepted], from_starts, len(starts) > 0, count)
+        more = "at least " if len(rejected) == MOST_KEPT else ""
+        return IkResult((), f"{more}{_solutions(len(rejected))} from {tried}, all {fault}", details, rejected)
+    chosen = _chosen(search, found.accepted, from_starts, len(starts) > 0, count)
     solutions = tuple(group.from_chart(z) for z in chosen)
     if len(solutions) == count:
         return IkResult(solutions, "", rejected=rejected)
@@ -104,44 +111,45 @@ def solve(
 
 
 class _Found:
-    """Distinct solutions as they are found: `points` (n, nv), of which some are accepted.
+    """Distinct solutions as they are found.
 
     Attributes:
-        points: Chart points, shape (n, nv).
-        accepted: Indices of those that may be solutions, in order.
+        accepted: Chart points of those that may be solutions, in order, shape (n, nv).
+        rejected: Of those that may not, shape (m, nv), m at most `MOST_KEPT`.
         fresh: How many the last descents added.
     """
 
     def __init__(self, search: PoseSearch, accept: Accept | None) -> None:
         self._measure, self._accept = search.chain.measure, accept
-        self.points = np.empty((0, len(search.base)))
-        self.accepted: list[int] = []
+        self.accepted = self.rejected = np.empty((0, len(search.base)))
         self.fresh = 0
 
     def add(self, ends: np.ndarray) -> None:
         """Take those ends of descents, shape (k, nv), that are like none before."""
-        known, points = len(self.points), np.concatenate([self.points, ends])
+        before = len(self.accepted) + len(self.rejected)
+        free = np.ones(len(ends), bool)
+        if self._accept is not None and len(ends):
+            free = self._accept(ends)
+        self.accepted = self._with(self.accepted, ends[free])
+        if len(self.rejected) < MOST_KEPT:
+            self.rejected = self._with(self.rejected, ends[~free])[:MOST_KEPT]
+        self.fresh = len(self.accepted) + len(self.rejected) - before
+
+    def _with(self, known: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Distinct points (n, nv) with those of others (k, nv) that are like none before."""
+        points = np.concatenate([known, others])
         kept = np.empty(len(points), np.int64)
-        self.points = points[kept[: distinct(self._measure, points, known, kept)]]
-        new = self.points[known:]
-        self.fresh = len(new)
-        if self.fresh:
-            free = np.ones(len(new), bool) if self._accept is None else self._accept(new)
-            self.accepted += (known + np.flatnonzero(free)).tolist()
-
-    @property
-    def rejected(self) -> np.ndarray:
-        """Chart points (k, nv) that may not be solutions."""
-        return np.delete(self.points, self.accepted, axis=0)
+        distinct_ones: np.ndarray = points[kept[: distinct(self._measure, points, len(known), kept)]]
+        return distinct_ones
 
 
-def _enough(found: _Found, count: int, drawn: int) -> bool:
+def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
     """Whether to stop drawing starts."""
-    accepted = len(found.accepted)
-    if not len(found.points):
+    accepted, rejected = len(found.accepted), len(found.rejected)
+    if not accepted and not rejected:
         return drawn >= MOST_UNREACHED
     if not accepted:
-        return drawn >= MOST_REJECTED or (drawn >= MOST_UNREACHED and not found.fresh)
+        return drawn >= most or (drawn >= MOST_UNREACHED and not found.fresh and rejected < MOST_KEPT)
     if count == 1 or accepted >= CHOICE * count or drawn >= MOST_PER_SOLUTION * count:
         return True
     return drawn >= ROUND and not found.fresh
