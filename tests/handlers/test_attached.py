@@ -6,11 +6,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec import convert
 
-from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
+from guidefield.handlers.attached import holding
 from guidefield.handlers.plan import answer_plan
-from guidefield.messages import codec
+from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import AttachedObject
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.robots import robot
@@ -114,3 +117,17 @@ def test_what_can_not_be_held_is_refused_by_name() -> None:
     taken = {**ROD, "obstacle": {**ROD["obstacle"], "name": name}}
     with pytest.raises(UnknownObject, match=name):
         ask(goal=goal, attached_objects=[taken])
+
+
+def test_a_cloud_that_is_held_becomes_bodies_about_its_balls() -> None:
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (8, 3))
+    held = {**ROD, "obstacle": {"type": "point_cloud", "name": "cloud", "points": points.tolist(), "radius": 0.01}}
+    empty = build(codec.decode(b'{"name": "empty"}', messages.Scene))
+    panda = holding(robot("panda"), [convert(held, AttachedObject)], empty)
+    shape = panda.geometry.geometryObjects[len(robot("panda").geometry.geometryObjects)].geometry
+    vertices = np.array(shape.vertices()).reshape(8, -1, 3)
+    assert np.linalg.norm(vertices - points[:, None], axis=2).min() > 0.01
+    assert np.linalg.norm(vertices - points[:, None], axis=2).max() < 0.013
+    held["obstacle"]["points"] = np.zeros((5001, 3)).tolist()
+    with pytest.raises(SceneInvalid, match="thin it out"):
+        holding(robot("panda"), [convert(held, AttachedObject)], empty)

@@ -44,5 +44,4 @@ def test_a_robot_goes_around_a_cloud() -> None:
                 request, result = coal.DistanceRequest(), coal.DistanceResult()
                 nearest = min(nearest, coal.distance(shape.geometry, here, ball, there, request, result))
     assert nearest > 0.0
-    # The bodies around the balls, by which the clearance is measured, stand out by a quarter of their radius at most.
     assert nearest > reply.clearance.minimum - 1e-3

@@ -1,4 +1,4 @@
-"""Point clouds: bodies that contain the balls, charges of the surface, and a robot that keeps clear of one."""
+"""Point clouds: distances of the balls, bodies that contain them, charges of the surface."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import leak_limit, spacings
 from guidefield.geometry.charges import surface_points
+from guidefield.kernels.distance import distance_at_points
 from guidefield.kernels.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
@@ -44,22 +45,33 @@ def test_bodies_contain_the_balls_and_little_more(seed: int) -> None:
     assert heights == pytest.approx(np.full(20, RADIUS))
 
 
-def test_distances_are_those_of_the_balls_to_within_what_is_said() -> None:
+def test_coal_sees_the_points_and_is_told_their_radius() -> None:
     obstacle = build(cloud(SCAN), 0)
     assert obstacle.solid
+    assert obstacle.rounding == RADIUS
     rng = np.random.default_rng(1)
     for point in rng.uniform(-1.0, 1.0, (40, 3)):
         there = coal.Transform3s(np.eye(3), point)
         request, result = coal.DistanceRequest(), coal.DistanceResult()
         ours = coal.distance(obstacle.shape, coal.Transform3s.Identity(), coal.Sphere(1e-3), there, request, result)
-        exact = float(np.linalg.norm(SCAN - point, axis=1).min()) - RADIUS
-        if exact > 0.05:
-            assert exact - 0.26 * RADIUS - 1e-5 <= ours + 1e-3 <= exact + 1e-5
+        exact = float(np.linalg.norm(SCAN - point, axis=1).min())
+        assert ours + 1e-3 == pytest.approx(exact, abs=1e-6)
 
 
-def test_the_barrier_sees_a_ball_for_every_point() -> None:
-    tables = distance_tables(build_scene(messages.Scene(name="s", obstacles=[cloud(SCAN[:50])])))
-    assert len(tables.kinds) == 50
+def test_distances_are_those_of_the_balls() -> None:
+    block = messages.Box(name="b", size=(0.1, 0.1, 0.1), position=(2.0, 0.0, 0.0))
+    tables = distance_tables(build_scene(messages.Scene(name="s", obstacles=[block, cloud(SCAN[:50])])))
+    assert len(tables.kinds) == 2
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (60, 3))
+    distances, away, owners = distance_at_points(tables, points)
+    apart = points[:, None] - SCAN[:50]
+    exact = np.linalg.norm(apart, axis=2)
+    nearest = exact.argmin(axis=1)
+    assert (owners == 1).all()
+    assert distances == pytest.approx(exact.min(axis=1) - RADIUS, abs=1e-12)
+    directions = apart[np.arange(60), nearest] / exact.min(axis=1)[:, None]
+    assert away == pytest.approx(directions, abs=1e-12)
+    assert np.isinf(distance_at_points(tables, points, 1e-3)[0]).sum() == (exact.min(axis=1) - RADIUS >= 1e-3).sum()
 
 
 def test_spacing_is_what_the_surface_has() -> None:
@@ -97,6 +109,6 @@ def test_packed_points_mean_the_same_and_twins_count_once() -> None:
     twice = np.concatenate([SCAN, SCAN]).astype("<f4")
     packed = messages.PointCloud(name="scan", points=Float32Array(float32=twice.tobytes()), radius=RADIUS)
     obstacle = build(packed, 0)
-    assert len(obstacle.vertices) == CORNERS * len(SCAN)
+    assert len(obstacle.charges.cloud) == len(SCAN)
     assert obstacle.charges.cloud[:, 3].sum() == pytest.approx(2.0 * (0.48 + 0.32 + 0.24), rel=0.3)
     assert math.isfinite(obstacle.charges.cloud.sum())

@@ -217,11 +217,6 @@ def polygon(*vertices):
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
 STILL = messages.ObstacleTrajectory(times=[0.0], placements=[Placement()])
 FAULTS = [
-    (
-        messages.PointCloud(name="bad", points=np.random.default_rng(0).uniform(size=(5001, 3)).tolist(), radius=0.1),
-        ".points",
-        "thin it out",
-    ),
     (messages.HalfSpace(name="bad", normal=(0, 0, 1), trajectory=STILL), ".trajectory", "can't move"),
     (messages.PointCloud(name="bad", points=POINTS, radius=0.1, trajectory=STILL), ".trajectory", "can't move"),
     (polygon((0, 0, 0), (1, 0, 0), (1, 1, 0.01), (0, 1, 0)), ".vertices", "off a plane"),

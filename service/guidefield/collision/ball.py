@@ -21,6 +21,7 @@ def obstacle_touched(scene: Scene, centre: np.ndarray, radius: float) -> str | N
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     for obstacle in scene.obstacles:
         result.clear()
+        request.security_margin = obstacle.rounding
         there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
         if coal.collide(obstacle.shape, there, ball, at, request, result):
             return obstacle.name

@@ -142,4 +142,4 @@ def _box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return axes, np.zeros(3), np.full(3, np.inf)
     obstacle.shape.computeLocalAABB()
     low, high = obstacle.shape.aabb_local.min_, obstacle.shape.aabb_local.max_
-    return axes, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low)
+    return axes, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low) + obstacle.rounding

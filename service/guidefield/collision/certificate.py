@@ -198,9 +198,7 @@ class _Judge:
         self.floor = floor
         self.evaluations = 0
         self._kept = np.where(world.is_obstacle_pair, min_clearance, 0.0)
-        self._margins = np.zeros((world.geometry.ngeoms, world.geometry.ngeoms))
-        self._signed = world.signed.tolist()
-        self._entries = (world.pairs[:, 0], world.pairs[:, 1])
+        self._hulled = world.hulled.tolist()
 
     def halved(self, stretches: Sequence[_Stretch]) -> tuple[list[_Stretch], Verdict | None]:
         """Judge some stretches in order, up to the first that is refused.
@@ -243,21 +241,21 @@ class _Judge:
         """
         world = self.world
         self.evaluations += 1
-        margins = self._matrix(bounds + self._kept + COAL_ACCURACY)
-        world.hull_margin_data.setSecurityMargins(world.hulls, margins, True, True)
+        margins = bounds + self._kept + COAL_ACCURACY
+        world.set_margins(world.hulls, world.hull_margin_data, margins)
         if stretch.pairs is None:
             if not pin.computeCollisions(world.model, world.data, world.hull_broad_phase, q, True):
                 return []
             apart = world.bodies.separations(centres, world.pairs, world.n_self)
-            pairs = np.flatnonzero(apart <= margins[self._entries]).tolist()
+            pairs = np.flatnonzero(apart <= margins).tolist()
         else:
             pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
             pairs = stretch.pairs
         left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]
-        asked = [pair for pair in left if not self._signed[pair] and bounds[pair] <= MESH_FROM]
+        asked = [pair for pair in left if self._hulled[pair] and bounds[pair] <= MESH_FROM]
         if not asked:
             return left
-        world.margin_data.setSecurityMargins(world.geometry, margins, True, True)
+        world.set_margins(world.geometry, world.margin_data, margins)
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
         free = {pair for pair in asked if not pin.computeCollision(world.geometry, world.margin_data, pair)}
         return [pair for pair in left if pair not in free]
@@ -285,14 +283,9 @@ class _Judge:
                 return "contact", pair
         wanting = [pair for pair in pairs if self._kept[pair] > 0.0]
         if wanting:
-            world.margin_data.setSecurityMargins(world.geometry, self._matrix(self._kept), True, True)
+            world.set_margins(world.geometry, world.margin_data, self._kept)
             pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
         for pair in wanting:
             if pin.computeCollision(world.geometry, world.margin_data, pair):
                 return "too close", pair
         return None
-
-    def _matrix(self, margins: np.ndarray) -> np.ndarray:
-        """The matrix by bodies from which Coal takes within what margins (n,) pairs count as touching [m]."""
-        self._margins[self._entries] = margins
-        return self._margins

@@ -58,6 +58,8 @@ def clearance(world: World, q: np.ndarray) -> ClearanceAt:
     witness = None
     if obstacle is not None:
         witness = np.array([obstacle[2].getNearestPoint1(), obstacle[2].getNearestPoint2()])
+        between = witness[0] - witness[1]
+        witness[1] += between * (world.roundings[obstacle[1]] / max(float(np.linalg.norm(between)), 1e-12))
         witness.setflags(write=False)
     return ClearanceAt(
         obstacle_distance=np.inf if obstacle is None else obstacle[0],
@@ -76,12 +78,12 @@ def _closest(world: World, bounds: np.ndarray, first_pair: int) -> tuple[float, 
     while waiting and (closest is None or waiting[0][0] <= closest[0]):
         bound, index, last = heapq.heappop(waiting)
         pair = first_pair + index
-        if not (last or world.signed[pair]):
+        if world.hulled[pair] and not last:
             hulls_apart = pin.computeDistance(world.hulls, world.hull_margin_data, pair).min_distance
-            heapq.heappush(waiting, (max(bound, float(hulls_apart) - HULL_ACCURACY), index, True))
+            apart = float(hulls_apart) - float(world.roundings[pair]) - HULL_ACCURACY
+            heapq.heappush(waiting, (max(bound, apart), index, True))
             continue
-        result = pin.computeDistance(world.geometry, world.geometry_data, pair)
-        distance = float(result.min_distance) if world.signed[pair] else max(0.0, float(result.min_distance))
+        distance, result = world.distance(pair)
         if closest is None or distance < closest[0]:
             closest = (distance, pair, result)
     return closest

@@ -28,7 +28,7 @@ class Contact:
 def contacts(world: World, q: np.ndarray) -> list[Contact]:
     """Every pair that touches at a configuration of the group, shape (nq,), in the order of the world's pairs."""
     expanded = world.group.expand(q)
-    world.hull_margin_data.setSecurityMargins(world.hulls, np.zeros((world.hulls.ngeoms,) * 2), True, True)
+    world.set_margins(world.hulls, world.hull_margin_data, 0.0)
     pin.computeCollisions(world.model, world.data, world.hulls, world.hull_margin_data, expanded, False)
     near = [k for k, result in enumerate(world.hull_margin_data.collisionResults) if result.isCollision()]
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, expanded)
@@ -39,4 +39,4 @@ def contacts(world: World, q: np.ndarray) -> list[Contact]:
 def _depth(world: World, pair: int) -> float | None:
     if not world.signed[pair]:
         return None
-    return max(0.0, -float(pin.computeDistance(world.geometry, world.geometry_data, pair).min_distance))
+    return max(0.0, -world.distance(pair)[0])

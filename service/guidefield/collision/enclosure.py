@@ -32,9 +32,14 @@ def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
         q: Configuration, shape (group.nq,).
     """
     could = _enclosable(world)
-    if not len(could.pairs):
+    if not (len(could.pairs) or could.about_clouds):
         return None
     pin.forwardKinematics(world.model, world.data, world.group.expand(q))
+    for pair, outer, solid, points in could.about_clouds:
+        if _around_a_point(world, outer, solid, points):
+            return world.pair_names(pair)
+    if not len(could.pairs):
+        return None
     joints = np.array([world.data.oMi[joint].homogeneous[:3] for joint in could.joints])
     placed = joints[could.joint_of] @ could.placements
     points = np.einsum("kij,kj->ki", placed[could.inner, :, :3], could.points) + placed[could.inner, :, 3]
@@ -44,6 +49,19 @@ def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
         if abs(winding_number(local[row], could.surfaces[row])) > 0.5:
             return world.pair_names(int(could.pairs[row]))
     return None
+
+
+def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray) -> bool:
+    """Whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
+    assert solid.surface is not None, "only closed meshes are asked for"
+    joint, placement = _on_joint(world, outer)
+    there = world.data.oMi[joint] * placement
+    low, high = solid.box
+    reach = 0.5 * float(np.linalg.norm(high - low))
+    near = points[(np.abs(points - there.act(0.5 * (low + high))) < reach).all(axis=1)]
+    local = (near - there.translation) @ there.rotation
+    within = local[((local > low) & (local < high)).all(axis=1)]
+    return any(abs(winding_number(point, solid.surface)) > 0.5 for point in within)
 
 
 def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
@@ -94,6 +112,7 @@ class _Enclosable:
         points: A point of the inner one, in its frame, shape (n, 3) [m].
         boxes: Corners about the outer one, in its frame, shape (n, 2, 3) [m].
         surfaces: Its triangles, each (t, 3, 3) [m].
+        about_clouds: Pairs of such a robot body and a cloud: pair, body, its solid, points (p, 3) [m, world].
     """
 
     joints: list[int]
@@ -105,6 +124,7 @@ class _Enclosable:
     points: np.ndarray
     boxes: np.ndarray
     surfaces: list[np.ndarray]
+    about_clouds: list[tuple[int, int, _Solid, np.ndarray]]
 
 
 @kept_with
@@ -118,6 +138,12 @@ def _enclosable(world: World) -> _Enclosable:
         for outer, inner in ((first, second), (second, first))
         if solids[outer].surface is not None
         for point in solids[inner].points
+    ]
+    clouds = [None] * world.group.geometry.ngeoms + [obstacle.cloud for obstacle in world.scene.obstacles]
+    about_clouds = [
+        (pair, first, solids[first], cloud.points)
+        for pair, (first, second) in zip(could.tolist(), world.pairs[could].tolist(), strict=True)
+        if (cloud := clouds[second]) is not None
     ]
     ends = np.array([row[1:3] for row in rows], int).reshape(-1, 2)
     bodies, places = np.unique(ends, return_inverse=True)
@@ -134,6 +160,7 @@ def _enclosable(world: World) -> _Enclosable:
         points=np.array([row[3] for row in rows]).reshape(-1, 3),
         boxes=np.array([solids[row[1]].box for row in rows]).reshape(-1, 2, 3),
         surfaces=[surface for row in rows if (surface := solids[row[1]].surface) is not None],
+        about_clouds=about_clouds,
     )
 
 
@@ -162,19 +189,22 @@ def _of_links(robot: RobotModel) -> tuple[_Solid, ...]:
 
 @kept_with
 def _of_obstacles(scene: Scene) -> tuple[_Solid, ...]:
-    return tuple(_solid(obstacle.shape) for obstacle in scene.obstacles)
+    return tuple(_NOTHING if obstacle.cloud is not None else _solid(obstacle.shape) for obstacle in scene.obstacles)
+
+
+_NOTHING = _Solid(None, _NOWHERE, np.empty((0, 3)))
 
 
 def _solid(shape: Any) -> _Solid:
     if isinstance(shape, coal.Halfspace):
-        return _Solid(None, _NOWHERE, np.empty((0, 3)))
+        return _NOTHING
     if isinstance(shape, coal.Convex):
         return _Solid(None, _NOWHERE, np.mean(shape.points(), axis=0, keepdims=True))
     if not isinstance(shape, coal.BVHModelBase):
         return _Solid(None, _NOWHERE, np.zeros((1, 3)))
     mesh = mesh_surface(*triangulation(shape))
     if mesh is None:
-        return _Solid(None, _NOWHERE, np.empty((0, 3)))
+        return _NOTHING
     first_of_each = np.unique(connected_pieces(len(mesh.vertices), mesh.triangles))
     if not mesh.solid:
         return _Solid(None, _NOWHERE, mesh.vertices[first_of_each])

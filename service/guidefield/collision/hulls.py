@@ -43,8 +43,11 @@ def _link_hulls(robot: RobotModel) -> tuple[Any | None, ...]:
 
 @kept_with
 def _obstacle_hull(obstacle: Obstacle) -> Any | None:
-    """The hull of an obstacle that is judged as a mesh; None for a flat one, and for all others."""
-    if not isinstance(obstacle.shape, coal.BVHModelBase):
+    """The hull of an obstacle that is judged as a mesh; None for a flat one, and for all others.
+
+    A cloud of points has none: what is among its points is mostly free.
+    """
+    if obstacle.cloud is not None or not isinstance(obstacle.shape, coal.BVHModelBase):
         return None
     try:
         found = convex_hull(triangulation(obstacle.shape)[0])

@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.lane_clouds import cloud_tables
 from guidefield.kept import kept_with
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
 from guidefield.kernels.lane_primitives import primitive_tables
-from guidefield.kernels.lane_tables import LaneObstacles
+from guidefield.kernels.lane_tables import CLOUD, LaneObstacles
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import BLOCK, PART, Parts
-from guidefield.messages.scene import PointCloud
-from guidefield.scene.cloud import cloud_balls
+from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
@@ -29,7 +29,8 @@ class _Tables(NamedTuple):
 
     Attributes:
         sizes: How many stand-ins, nodes, parts and blocks of vertices there are.
-        places: Kind, whether the primitive is the obstacle itself, and root of each stand-in, shape (k, 3).
+        places: Kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words
+            of what is a cloud, else 0, shape (k, 4).
         primitives: Their numbers, shape (k, PRIMITIVE), float32.
         boxes: Their boxes along the world's axes, the least x, y, z, then the largest, shape (k, 6), float32.
         balls, links, shapes, numbers, vertices: Those of its parts, row by row.
@@ -92,6 +93,7 @@ def _primitives(kinds: np.ndarray, rows: np.ndarray, size: int) -> tuple[LaneObs
         tested=_UNTOLD,
         primitives=np.empty(PRIMITIVE * count, np.float32),
         boxes=np.tile(_EMPTY, -(-size // LANES)),
+        clouds=np.zeros(count, np.int64),
     )
     parts = Parts(
         balls=np.empty(4 * count),
@@ -132,6 +134,7 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         tested=obstacles.tested,
         primitives=np.concatenate([obstacles.primitives, primitives.ravel()]),
         boxes=obstacles.boxes,
+        clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
     ), Parts(*map(np.concatenate, zip(parts, (balls, links.ravel(), shapes.ravel(), numbers, vertices), strict=True)))
 
 
@@ -161,7 +164,8 @@ def _tables(obstacle: Obstacle) -> _Tables:
     table = PartsTable()
     stand_ins = _stand_ins(obstacle, table)
     parts = table.tables()
-    places = np.array([(kind, whole, root) for kind, whole, root, _ in stand_ins], np.int64).reshape(-1, 3)
+    address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
+    places = np.array([(*place, address) for *place, _ in stand_ins], np.int64).reshape(-1, 4)
     rows = np.array([row for *_, row in stand_ins]).reshape(-1, PRIMITIVE)
     boxes = np.array([_box(row) for *_, row in stand_ins]).reshape(-1, 6)
     return _Tables(
@@ -180,8 +184,8 @@ def _tables(obstacle: Obstacle) -> _Tables:
 def _stand_ins(obstacle: Obstacle, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
     """What stands for an obstacle: kind, whether it is the obstacle itself, its root, its numbers."""
     shape, placement = obstacle.shape, obstacle.placement
-    if isinstance(obstacle.message, PointCloud):
-        return _balls(*cloud_balls(obstacle.vertices), table)
+    if obstacle.cloud is not None:
+        return [_cloud(obstacle.cloud, table)]
     if isinstance(shape, coal.BVHModelBase):
         return [_cluster(corners, table) for corners in _clusters(obstacle.vertices[obstacle.triangles])]
     root = table.add_shape(shape, placement)
@@ -191,14 +195,11 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> list[tuple[int, bool, i
     return [(BOX, False, root, _row(placement.rotation.T, middle, 0.5 * (high - low)))]
 
 
-def _balls(centres: np.ndarray, radius: float, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
-    """Balls about points, neighbours together."""
-    ordered = np.concatenate(_clusters(np.repeat(centres[:, None], 3, axis=1)))[:, 0]
-    ball, unturned = coal.Sphere(radius), np.eye(3)
-    return [
-        (CAPSULE, True, table.add_shape(ball, pin.SE3(unturned, centre)), _row(unturned, centre, 0.0, radius))
-        for centre in ordered
-    ]
+def _cloud(cloud: Cloud, table: PartsTable) -> tuple[int, bool, int, np.ndarray]:
+    """One ball at the origin stands for all; the numbers are those of the box about them."""
+    low, high = cloud.points.min(axis=0) - cloud.radius, cloud.points.max(axis=0) + cloud.radius
+    root = table.add_shape(coal.Sphere(cloud.radius), pin.SE3.Identity())
+    return CLOUD, True, root, _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))
 
 
 def _clusters(corners: np.ndarray) -> list[np.ndarray]:

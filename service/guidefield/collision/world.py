@@ -109,6 +109,19 @@ class World:
         return _frozen(~self._are_surfaces[self.pairs].any(axis=1))
 
     @cached_property
+    def hulled(self) -> np.ndarray:
+        """Whether in `hulls` a hull stands for a body of a pair, shape (n,)."""
+        of_hulls = np.array([isinstance(body.geometry, coal.Convex) for body in self.hulls.geometryObjects], bool)
+        return _frozen((self._are_surfaces & of_hulls)[self.pairs].any(axis=1))
+
+    @cached_property
+    def roundings(self) -> np.ndarray:
+        """What the bodies of a pair are rounded by together, beyond their Coal shapes, shape (n,) [m]."""
+        robot = np.zeros(self.group.geometry.ngeoms)
+        radii = np.concatenate([robot, [obstacle.rounding for obstacle in self.scene.obstacles]])
+        return _frozen(radii[self.pairs].sum(axis=1))
+
+    @cached_property
     def hulls(self) -> Any:
         """The same model with the hull of each mesh that has a volume in its place."""
         return with_hulls(self.geometry, self.group, self.scene) if self._are_surfaces.any() else self.geometry
@@ -121,7 +134,10 @@ class World:
     @cached_property
     def geometry_data(self) -> Any:
         """Scratch of `geometry`, for contact itself."""
-        return scratch_space(self.geometry)
+        scratch = scratch_space(self.geometry)
+        if self.roundings.any():
+            self.set_margins(self.geometry, scratch, 0.0)
+        return scratch
 
     @cached_property
     def margin_data(self) -> Any:
@@ -152,6 +168,31 @@ class World:
     def motion_bound(self) -> MotionBound:
         """How much closer pairs can come when the robot moves."""
         return motion_bound(self.group, self.bodies, self.pairs, self.n_self)
+
+    def set_margins(self, geometry: Any, scratch: Any, margins: np.ndarray | float) -> None:
+        """Let pairs that come within margins of each other count as touching.
+
+        Args:
+            geometry: `geometry` or `hulls`.
+            scratch: Its scratch space.
+            margins: Of each pair, shape (n,), or of all [m].
+        """
+        self._margins[self.pairs[:, 0], self.pairs[:, 1]] = margins + self.roundings
+        scratch.setSecurityMargins(geometry, self._margins, True, True)
+
+    @cached_property
+    def _margins(self) -> np.ndarray:
+        """By two bodies."""
+        return np.zeros((self.geometry.ngeoms, self.geometry.ngeoms))
+
+    def distance(self, pair: int) -> tuple[float, Any]:
+        """Distance of a pair [m] where `geometry_data` stands, signed or 0 in contact, and what Coal says of it.
+
+        Of a rounded body Coal sees the inside only.
+        """
+        result = pin.computeDistance(self.geometry, self.geometry_data, pair)
+        distance = float(result.min_distance) - float(self.roundings[pair])
+        return (distance if self.signed[pair] else max(0.0, distance)), result
 
     def pair_names(self, pair: int) -> PairNames:
         """Names of a pair's bodies: a link, and a link or an obstacle."""

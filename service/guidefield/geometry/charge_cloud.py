@@ -21,7 +21,7 @@ _AT_ONCE = 512
 """Points whose distances to all are held in memory."""
 
 
-def spacings(points: Floats, least: float, most: float) -> Floats:
+def spacings(points: Floats, least: float, most: Floats | float) -> Floats:
     """Spacing of the square grid that is as dense as a cloud is around each of its points, shape (n,) [m].
 
     pi r^2 / k with r the distance of the k-th neighbour: unbiased for points spread at random on a smooth surface, 5 %
@@ -30,11 +30,11 @@ def spacings(points: Floats, least: float, most: float) -> Floats:
     Args:
         points: Shape (n, 3) [m].
         least: What is denser counts as this [m], positive: points may coincide.
-        most: What is sparser counts as this [m]: a point that is alone stands for its own surroundings only.
+        most: What is sparser counts as this [m], all or each, shape (n,): one that is alone stands for no more.
     """
     k = min(NEIGHBOURS, len(points) - 1)
     if k < 1:
-        return np.full(len(points), most)
+        return np.broadcast_to(np.asarray(most, float), len(points)).copy()
     squares = (points * points).sum(axis=1)
     found = np.empty(len(points))
     for first in range(0, len(points), _AT_ONCE):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import coal
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from guidefield.geometry.axes import across
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.pseudonormals import pseudonormals
-from guidefield.kernels.distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, DistanceTables
+from guidefield.kernels.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
 from guidefield.kernels.triangle_distance import SurfaceTables
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+NO_POINTS = np.empty((0, 3))
 NO_SURFACE = (np.empty((0, 3)), np.empty((0, 3), np.int64))
 
 _THIN = 1e-12
@@ -38,6 +39,7 @@ class Body:
         bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
         placement: Rotation and translation of that frame, shape (3, 4) [m].
         surface: Vertices (v, 3) and triangles (t, 3) of a solid or sheet, in its own frame.
+        points: Those of a cloud, shape (p, 3) [m], in its own frame.
     """
 
     kind: int
@@ -45,6 +47,7 @@ class Body:
     bounds: Floats
     placement: Floats
     surface: tuple[Floats, Integers] = NO_SURFACE
+    points: Floats = field(default_factory=lambda: NO_POINTS)
 
     def placed(self, rotation: Floats, translation: Floats) -> Body:
         """The body in a frame that its own is placed in.
@@ -80,6 +83,12 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
     return Body(kind, (0.0, 0.0, 0.0), bounds, _identity(), (vertices, used))
 
 
+def balls_about(points: Floats, radius: float) -> Body:
+    """The body of balls of one radius [m] about points, shape (n, 3) [m, world]."""
+    bounds = np.r_[points.min(axis=0) - radius, points.max(axis=0) + radius]
+    return Body(CLOUD, (radius, 0.0, 0.0), bounds, _identity(), points=points)
+
+
 def boxes_in_world(bodies: Sequence[Body]) -> Floats:
     """Boxes along the axes about bodies where they are placed, lower then upper corner, shape (n, 6) [m].
 
@@ -104,7 +113,7 @@ def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) ->
         owners: What each belongs to.
         nodes: The tree, shape (m, 6) [m]; empty if nobody is going to look for what is near.
     """
-    surfaces, spans = _surface_tables([body.surface for body in bodies])
+    surfaces, spans, points = _surface_tables(bodies)
     tables = DistanceTables(
         kinds=np.array([body.kind for body in bodies], np.int64),
         obstacles=np.array(owners, np.int64),
@@ -115,8 +124,9 @@ def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) ->
         spans=spans,
         nodes=nodes,
         surfaces=surfaces,
+        points=points,
     )
-    for array in (*tables[:-1], *surfaces):
+    for array in (*tables[:-2], *surfaces, points):
         array.setflags(write=False)
     return tables
 
@@ -165,19 +175,28 @@ def _identity() -> Floats:
     return np.eye(3, 4)
 
 
-def _surface_tables(surfaces: Sequence[tuple[Floats, Integers]]) -> tuple[SurfaceTables, Integers]:
-    """Tables of surfaces (vertices, triangles), and where the tree of each stands, shape (n, 4)."""
-    nodes, corners, normals = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))]
-    spans = np.zeros((len(surfaces), 4), np.int64)
-    node = triangle = 0
-    for index, (vertices, triangles) in enumerate(surfaces):
-        if not len(triangles):
+def _surface_tables(bodies: Sequence[Body]) -> tuple[SurfaceTables, Integers, Floats]:
+    """Tables of the surfaces and clouds of bodies, where the tree of each stands (n, 4), and the clouds' points."""
+    nodes, corners, normals, points = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))], [NO_POINTS]
+    spans = np.zeros((len(bodies), 4), np.int64)
+    node = triangle = point = 0
+    for index, body in enumerate(bodies):
+        vertices, triangles = body.surface
+        if len(body.points):
+            tree = box_tree(body.points, body.points)
+            spans[index] = node, tree.leaves, point, len(body.points)
+            points.append(body.points[tree.order])
+            point += len(body.points)
+        elif len(triangles):
+            a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+            tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+            spans[index] = node, tree.leaves, triangle, len(triangles)
+            corners.append(np.hstack([a, b - a, c - a])[tree.order])
+            normals.append(pseudonormals(vertices, triangles)[tree.order])
+            triangle += len(triangles)
+        else:
             continue
-        a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-        tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
-        spans[index] = node, tree.leaves, triangle, len(triangles)
         nodes.append(tree.nodes)
-        corners.append(np.hstack([a, b - a, c - a])[tree.order])
-        normals.append(pseudonormals(vertices, triangles)[tree.order])
-        node, triangle = node + len(tree.nodes), triangle + len(triangles)
-    return SurfaceTables(*(np.concatenate(rows) for rows in (nodes, corners, normals))), spans
+        node += len(tree.nodes)
+    tables = SurfaceTables(*(np.concatenate(rows) for rows in (nodes, corners, normals)))
+    return tables, spans, np.concatenate(points)

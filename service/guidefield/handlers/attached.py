@@ -14,6 +14,8 @@ from guidefield.messages.scene import HalfSpace
 from guidefield.robot.attached import Held, with_held
 from guidefield.robot.model import RobotModel
 from guidefield.scene import obstacle
+from guidefield.scene.cloud import MOST_IN_BODIES
+from guidefield.scene.mesh import bvh
 from guidefield.scene.scene import Scene
 
 
@@ -59,4 +61,12 @@ def _held(one: AttachedObject, index: int) -> Held:
     except SceneInvalid as error:
         raise SceneInvalid(f"`attached_objects[{index}]`: {error.message}", **error.details) from None
     placement = se3(one.placement.position, one.placement.quaternion_xyzw) * body.placement
-    return Held(one.obstacle.name, body.shape, placement, one.link, tuple(one.touch_links))
+    shape = body.shape
+    if body.cloud is not None:
+        if len(body.cloud.points) > MOST_IN_BODIES:
+            raise SceneInvalid(
+                f"`attached_objects[{index}]`: a cloud that is held may have {MOST_IN_BODIES} points,"
+                f" not {len(body.cloud.points)}: thin it out"
+            )
+        shape = bvh(body.vertices, body.triangles)
+    return Held(one.obstacle.name, shape, placement, one.link, tuple(one.touch_links))

@@ -2,7 +2,8 @@
 
 Every obstacle is a *body*: a shape in a frame of its own. Distances are negative inside boxes, cylinders, capsules
 (spheres among them), half-spaces and closed surfaces, and the vector leads to the nearest way out; a sheet (a polygon,
-an open mesh) has no inside. Where the vector isn't unique (at equal distances) it is one of those possible.
+an open mesh) has no inside; a cloud is balls about points. Where the vector isn't unique (at equal distances) it is one
+of those possible.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types, void
 
+from guidefield.kernels.point_distance import cloud_distance
 from guidefield.kernels.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
 from guidefield.kernels.tree_kinematics import BLOCKS, INDICES
@@ -25,7 +27,7 @@ from guidefield.kernels.triangle_distance import (
 )
 from guidefield.kernels.uncounted import counted, uncounted
 
-BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET = range(6)
+BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD = range(7)
 """Kinds of bodies."""
 
 INDICES_OUT = types.Array(types.int64, 1, "C")
@@ -44,12 +46,13 @@ class DistanceTables(NamedTuple):
         obstacles: Index of the obstacle that it belongs to, shape (n,).
         placements: Rotation and translation of its frame in the world, shape (n, 3, 4) [m].
         sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
-            (0 for a sphere). A half-space is z <= 0.
+            (0 for a sphere); radius of a cloud's balls. A half-space is z <= 0.
         bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
         boxes: A box about it along the world's axes, shape (n, 6) [m].
-        spans: Of a surface, where its tree stands: first node, leaves, first triangle, triangles; shape (n, 4).
+        spans: Of a surface or cloud, where its tree stands, see `SPAN`; shape (n, 4).
         nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
-        surfaces: Triangles of all surfaces.
+        surfaces: Triangles of all surfaces; among their trees stand those of clouds.
+        points: Points of all clouds, in the order of their trees, shape (p, 3) [m].
     """
 
     kinds: np.ndarray
@@ -61,10 +64,11 @@ class DistanceTables(NamedTuple):
     spans: np.ndarray
     nodes: Floats
     surfaces: SurfaceTables
+    points: Floats
 
 
 TABLES = types.NamedTuple(
-    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES), DistanceTables
+    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES, MATRIX), DistanceTables
 )
 
 
@@ -138,6 +142,10 @@ def body_distance(
         solid = kind == SOLID
         spans = tables.spans
         span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
+        if kind == CLOUD:
+            reach = max(cutoff, 0.0) + a
+            d, nx, ny, nz = cloud_distance(x, y, z, tables.surfaces.nodes, tables.points, span, reach)
+            return d - a, nx, ny, nz  # its frame is the world's
         reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
         d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
     return (

@@ -12,6 +12,8 @@ from __future__ import annotations
 from numba import boolean, int64, types, void
 
 from guidefield.kernels.lane_cells import left_of_cells
+from guidefield.kernels.lane_cloud import cloud_near, cloud_of, words_at
+from guidefield.kernels.lane_cloud_decision import meets_cloud
 from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
 from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements, moved
 from guidefield.kernels.lane_math import PRIMITIVE, Floats32, near_primitive
@@ -21,6 +23,7 @@ from guidefield.kernels.lane_tables import (
     BALL,
     BAND,
     BODIES,
+    CLOUD,
     HITS,
     OBSTACLES,
     SCRATCH_MEMORY,
@@ -29,6 +32,7 @@ from guidefield.kernels.lane_tables import (
     Scratch,
 )
 from guidefield.kernels.lanes import (
+    ALL_LANES,
     FLOAT_POINTER,
     LANES,
     Vector,
@@ -53,9 +57,11 @@ def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tupl
     return moved(poses, joint, balls[at], balls[at + 1], balls[at + 2])
 
 
-@lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64))
-def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
-    """Mask of the points closer to an obstacle's primitive than `reach`."""
+@lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
+def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+    """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
+    if obstacles.kinds[o] == CLOUD:
+        return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
     return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
 
 
@@ -100,7 +106,7 @@ def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
         if body < 0:
             return False
         x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
-        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND):
+        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, ALL_LANES):
             _put_first(hits, body, o, ball, k)
             return True
     return False
@@ -114,7 +120,7 @@ def _inner_meets(
     poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = ball_centre(poses, joint, inner, ball)
-        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND) & near:
+        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, near) & near:
             _put_first(scratch.hits, body, o, ball, HITS - 1)
             return True
     return False
@@ -135,7 +141,7 @@ def _near_obstacles(
             while candidates:
                 o = block * LANES + first_lane(candidates)
                 candidates &= candidates - 1
-                mask = near_obstacle(obstacles, o, x, y, z, reach)
+                mask = near_obstacle(obstacles, o, x, y, z, reach, ALL_LANES)
                 if mask == 0:
                     continue
                 for k in range(members[c], members[c + 1]):
@@ -145,12 +151,13 @@ def _near_obstacles(
                     near = mask
                     if several:
                         u, v, w = ball_centre(poses, bodies.joints[body], bounds, body)
-                        near &= near_obstacle(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND)
+                        near &= near_obstacle(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND, near)
                         if near == 0:
                             continue
                     if obstacles.whole[o] and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
                         return -1
-                    near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
+                    if obstacles.kinds[o] != CLOUD:
+                        near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
                     if near == 0:
                         continue
                     found[3 * count], found[3 * count + 1], found[3 * count + 2] = body, o, near
@@ -173,11 +180,15 @@ def _cover_meets(
     mask = 0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
         x, y, z = ball_centre(poses, joint, grouped, group)
-        if not near_obstacle(obstacles, o, x, y, z, grouped[4 * group + 3] + clearance + BAND) & near & ~mask:
+        open_lanes = near & ~mask
+        open_lanes &= near_obstacle(obstacles, o, x, y, z, grouped[4 * group + 3] + clearance + BAND, open_lanes)
+        if not open_lanes:
             continue
         for ball in range(covers[group], covers[group + 1]):
             x, y, z = ball_centre(poses, joint, cover, ball)
-            mask |= near_obstacle(obstacles, o, x, y, z, cover[4 * ball + 3] + clearance + BAND) & near
+            mask |= (
+                near_obstacle(obstacles, o, x, y, z, cover[4 * ball + 3] + clearance + BAND, open_lanes) & open_lanes
+            )
         if mask == near:
             break
     return mask
@@ -265,7 +276,10 @@ def block_touches(
     for entry in range(count):
         body, other, mask = found[3 * entry], found[3 * entry + 1], found[3 * entry + 2]
         if body >= 0:
-            if meets_obstacle(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch):
+            if obstacles.kinds[other] == CLOUD:
+                if meets_cloud(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch):
+                    return True
+            elif meets_obstacle(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch):
                 return True
         elif pair_meets(bodies, parts, other, mask, scratch):
             return True

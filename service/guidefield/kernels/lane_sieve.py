@@ -55,7 +55,7 @@ def _hit_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
         if body < 0:
             break
         x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
-        new = near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND) & ~mask
+        new = near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, ALL_LANES & ~mask) & ~mask
         if new == 0:
             continue
         mask |= new
@@ -82,7 +82,8 @@ def _hits_of(
     mask = 0
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = ball_centre(scratch.poses, bodies.joints[body], bodies.inner, ball)
-        new = near_obstacle(obstacles, o, x, y, z, bodies.inner[4 * ball + 3] + clearance - BAND) & near & ~mask
+        left = near & ~mask
+        new = left & near_obstacle(obstacles, o, x, y, z, bodies.inner[4 * ball + 3] + clearance - BAND, left)
         if new:
             mask |= new
             for i in range(3 * SIEVE - 1, 2, -1):
@@ -134,14 +135,14 @@ def certain_hits(
             while candidates:
                 o = block * LANES + first_lane(candidates)
                 candidates &= candidates - 1
-                about = near_obstacle(obstacles, o, x, y, z, reach)
+                about = near_obstacle(obstacles, o, x, y, z, reach, ALL_LANES & ~mask)
                 if obstacles.whole[o] == 0 or about & ~mask == 0:
                     continue
                 for k in range(members[c], members[c + 1]):
                     body, near = bodies.order[k], about & ~mask
                     if near and several:
                         u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
-                        near &= near_obstacle(obstacles, o, u, v, w, bodies.bounds[4 * body + 3] + clearance)
+                        near &= near_obstacle(obstacles, o, u, v, w, bodies.bounds[4 * body + 3] + clearance, near)
                     if near and obstacles.tested[body * n + o]:
                         mask |= _hits_of(bodies, body, obstacles, o, near, clearance, scratch, hits)
                 if mask == ALL_LANES:

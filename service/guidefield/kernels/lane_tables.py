@@ -29,6 +29,9 @@ HITS = 4
 GRID_PLACES, GRID_NUMBERS = 5, 7
 """Numbers of a grid of cells: whole ones, others."""
 
+CLOUD = 6
+"""The kind of an obstacle that is balls about points; its primitive says nothing."""
+
 AROUND = 6 * LANES
 """Floats of the boxes about sixteen obstacles along the world's axes: the least x, y, z of all, then the largest."""
 
@@ -101,12 +104,13 @@ class LaneObstacles(NamedTuple):
 
     Attributes:
         size: n.
-        kinds: (n,) lane_math's kind of the primitive that contains each.
+        kinds: (n,) lane_math's kind of the primitive that contains each, or `CLOUD`.
         whole: (n,) 1 where that primitive is the obstacle itself, else 0.
         roots: (n,) its root in the scene's parts.
         tested: (bodies * n,) 1 where the body must not touch it.
         primitives: (PRIMITIVE * n,) float32.
         boxes: (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones.
+        clouds: (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds.
     """
 
     size: int
@@ -116,6 +120,7 @@ class LaneObstacles(NamedTuple):
     tested: np.ndarray
     primitives: np.ndarray
     boxes: np.ndarray
+    clouds: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -153,7 +158,7 @@ class Scratch(NamedTuple):
 _VERDICTS = types.Array(types.uint8, 1, "C")
 
 LANE_BODIES = types.NamedTuple([*[types.int64] * 4, *[INDICES] * 13, *[FLOATS] * 7, _VERDICTS], LaneBodies)
-LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2], LaneObstacles)
+LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, INDICES], LaneObstacles)
 SCRATCH = types.NamedTuple(
     [*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3, INTEGERS_OUT], Scratch
 )

@@ -71,8 +71,10 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
 @uncounted
 def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
     """The links' bodies where they are in the world; only for what doesn't count references either."""
-    t = robot.links
-    return DistanceTables(t.kinds, t.obstacles, work.links, t.sizes, t.bounds, t.boxes, t.spans, t.nodes, t.surfaces)
+    t, moved = robot.links, work.links
+    return DistanceTables(
+        t.kinds, t.obstacles, moved, t.sizes, t.bounds, t.boxes, t.spans, t.nodes, t.surfaces, t.points
+    )
 
 
 @uncounted

@@ -107,8 +107,7 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: np.ndarray) -
     def distances(z: np.ndarray) -> np.ndarray:
         q = group.expand(group.from_chart(z))
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
-        found = [pin.computeDistance(world.geometry, world.geometry_data, k).min_distance for k in touching]
-        return np.where(world.signed[touching], found, np.maximum(found, 0.0))
+        return np.array([world.distance(k)[0] for k in touching])
 
     def leads_out(end: np.ndarray) -> bool:
         q = group.from_chart(end)

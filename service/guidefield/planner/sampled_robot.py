@@ -153,7 +153,7 @@ def _links(group: PlanningGroup) -> DistanceTables:
         name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "boxes", "spans")
     }
     links = shapes._replace(**of_group, placements=np.array(placements).reshape(-1, 3, 4))
-    for array in links[:-1]:
+    for array in links[:-2]:
         array.setflags(write=False)
     return links
 

@@ -75,11 +75,15 @@ def _directions(heading: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _occluders(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (t, 3, 3) of all obstacles, the largest first, and the index of each one's obstacle (t,)."""
-    if not obstacles:
+    """Triangles (t, 3, 3) of all obstacles, the largest first, and the index of each one's obstacle (t,).
+
+    Clouds, which are mostly gaps, hide nothing.
+    """
+    solid = [index for index, obstacle in enumerate(obstacles) if obstacle.cloud is None]
+    if not solid:
         return np.empty((0, 3, 3)), np.empty(0, int)
-    corners = np.concatenate([obstacle.vertices[obstacle.triangles] for obstacle in obstacles])
-    owners = np.repeat(np.arange(len(obstacles)), [len(obstacle.triangles) for obstacle in obstacles])
+    corners = np.concatenate([obstacles[index].vertices[obstacles[index].triangles] for index in solid])
+    owners = np.repeat(solid, [len(obstacles[index].triangles) for index in solid])
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     largest = np.argsort(-areas, kind="stable")[:MOST_TRIANGLES]
     return corners[largest], owners[largest]

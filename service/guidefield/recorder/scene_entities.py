@@ -41,7 +41,8 @@ def obstacles(
 ) -> Iterator[Chunk]:
     """Every obstacle as a solid body: one entity for all primitives of a kind, one for all walls, one for each other.
 
-    Also those that move, are in collision or hide something have an entity of their own, `/obstacles/single/<name>`.
+    Also those that move, are in collision or hide something have an entity of their own, `/obstacles/single/<name>`;
+    clouds are the points that they are.
 
     Args:
         all_of_them: The scene's obstacles.
@@ -60,6 +61,10 @@ def obstacles(
             if isinstance(obstacle.message, messages.Polygon):
                 walls.append((obstacle, color))
                 continue
+        if obstacle.cloud is not None:
+            points = rr.Points3D(obstacle.cloud.points, radii=[obstacle.cloud.radius], colors=[color])
+            yield still(single(obstacle.name), points)
+            continue
         drawn = surface.shaded(obstacle.vertices, obstacle.triangles)
         alpha = SEE_THROUGH_ALPHA if obstacle.name in see_through else color[3]
         yield still(single(obstacle.name), bodies.mesh(drawn, (*color[:3], alpha)))

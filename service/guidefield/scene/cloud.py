@@ -1,8 +1,9 @@
-"""Point clouds: judged as small bodies around their points, charged as the surface that they were taken from."""
+"""Point clouds: judged as balls around their points, charged as the surface that they were taken from."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,11 +11,17 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import cloud_rows, spacings
 from guidefield.scene.charges import Charges
 
-MOST_POINTS = 5_000
-"""Larger clouds are refused: thin them out."""
+MOST_IN_BODIES = 5_000
+"""A cloud of more points isn't turned into bodies with faces."""
 
 CORNERS = 12
 """Vertices of the body of each point."""
+
+_MOST_CHARGED = 3_000
+"""Of a cloud of more points, neighbours stand together as one charge: it is summed at every point of the robot."""
+
+_SPECK = 1e-9
+"""Sides of the triangles that stand for points [m, and a share of how far these are from the origin]."""
 
 _DENSEST = 0.01
 """Least spacing that a cloud's charges count with, over its radius."""
@@ -23,10 +30,37 @@ _SPHERE = math.sqrt(4.0 * math.pi)
 """Side of the square with the area of a sphere, over its radius."""
 
 
-def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Icosahedra that contain the balls around the points.
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Balls of one radius.
 
-    Their vertices stand 1.26 radii from the points: a cloud is judged that much larger, never smaller.
+    Attributes:
+        points: Their centres, shape (n, 3) [m, world]; some may be the same.
+        radius: [m].
+    """
+
+    points: np.ndarray
+    radius: float
+
+
+def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A tiny triangle at every point: where its corners are the same, Coal (3.0.3) takes the distance of spheres for 0.
+
+    Args:
+        points: Shape (n, 3) [m], in any frame.
+
+    Returns:
+        Vertices, shape (3 n, 3) [m], and triangles, shape (n, 3).
+    """
+    size, count = _SPECK * (1.0 + np.abs(points).max()), len(points)
+    vertices = (points + size * np.eye(3)[:, None]).reshape(-1, 3)
+    return vertices, np.arange(count)[:, None] + count * np.arange(3)
+
+
+def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Icosahedra that contain the balls around the points: what stands for a cloud where faces are needed.
+
+    Their vertices stand 1.26 radii from the points.
 
     Args:
         points: Shape (n, 3) [m], in any frame.
@@ -43,25 +77,33 @@ def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
     return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
 
-def cloud_balls(vertices: np.ndarray) -> tuple[np.ndarray, float]:
-    """Balls that contain the bodies of a cloud.
-
-    Args:
-        vertices: Those of `cloud_surface`, shape (12 n, 3) [m], in any frame.
-
-    Returns:
-        Centres in that frame, shape (n, 3), and the one radius of all [m].
-    """
-    bodies = vertices.reshape(-1, CORNERS, 3)
-    centres = bodies.mean(axis=1)
-    return centres, float(np.linalg.norm(bodies - centres[:, None], axis=2).max())
-
-
 def cloud_charges(points: np.ndarray, radius: float) -> Charges:
     """Every point with the area that is nearest to it on the surface, at most that of its own ball.
 
+    Of a large cloud points are put together first: those in each cube of a grid.
+
     Args:
-        points: Shape (n, 3) [m, world].
+        points: Shape (n, 3) [m, world]; those at the same place count once.
         radius: Of the balls around them [m].
     """
-    return Charges(cloud=cloud_rows(points, spacings(points, _DENSEST * radius, _SPHERE * radius)))
+    points = np.unique(points, axis=0)
+    points, counts = _put_together(points)
+    return Charges(cloud=cloud_rows(points, spacings(points, _DENSEST * radius, np.sqrt(counts) * _SPHERE * radius)))
+
+
+def _put_together(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """At most `_MOST_CHARGED` points (n, 3) in place of more, and how many each stands for (n,)."""
+    if len(points) <= _MOST_CHARGED:
+        return points, np.ones(len(points))
+    low = points.min(axis=0)
+    extent = np.sort(points.max(axis=0) - low)
+    side = max(math.sqrt(float(extent[1] * extent[2]) / _MOST_CHARGED), float(extent[2]) / _MOST_CHARGED)
+    while True:
+        cells = np.floor((points - low) / side).astype(np.int64)
+        keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
+        _, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
+        if len(counts) <= _MOST_CHARGED:
+            break
+        side *= max(1.05, (len(counts) / _MOST_CHARGED) ** 0.4)
+    sums = [np.bincount(members, points[:, axis]) for axis in range(3)]
+    return np.column_stack(sums) / counts[:, None], counts

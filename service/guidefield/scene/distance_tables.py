@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import coal
 import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import connected_pieces, volume
-from guidefield.geometry.distance_bodies import Body, body_tables, boxes_in_world, primitive, triangulated
+from guidefield.geometry.distance_bodies import Body, balls_about, body_tables, boxes_in_world, primitive, triangulated
 from guidefield.kept import kept_with
 from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field import field_at_points
-from guidefield.messages.scene import PointCloud
-from guidefield.scene.cloud import cloud_balls
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
@@ -42,20 +39,13 @@ def _bodies(obstacle: Obstacle) -> list[Body]:
     body = primitive(obstacle.shape)
     if body is not None:
         return [body.placed(rotation, translation)]
-    if isinstance(obstacle.message, PointCloud):
-        return _balls(obstacle.vertices)
+    if obstacle.cloud is not None:
+        return [balls_about(obstacle.cloud.points, obstacle.cloud.radius)]
     vertices = (obstacle.vertices - translation) @ rotation
     if not obstacle.solid:
         return [triangulated(vertices, obstacle.triangles, SHEET).placed(rotation, translation)]
     solids = _solids(vertices, obstacle.triangles)
     return [triangulated(vertices, solid, SOLID).placed(rotation, translation) for solid in solids]
-
-
-def _balls(vertices: np.ndarray) -> list[Body]:
-    centres, radius = cloud_balls(vertices)
-    ball = primitive(coal.Sphere(radius))
-    assert ball is not None
-    return [ball.placed(np.eye(3), centre) for centre in centres]
 
 
 def _solids(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:

@@ -21,7 +21,7 @@ from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
-from guidefield.scene.cloud import MOST_POINTS, cloud_charges, cloud_surface
+from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.flat import axes_across, bulges, crossing_edges, flat_polygon, flatness_fault
 from guidefield.scene.mesh import MeshSurface, bvh, crossing_warnings, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
@@ -37,7 +37,7 @@ class Obstacle:
     Attributes:
         name: Its name in the scene.
         message: Its declaration.
-        shape: Coal geometry in its own frame.
+        shape: Coal geometry in its own frame; of a cloud no more than its points, see `rounding`.
         placement: ``T_world_shape``, a pinocchio.SE3.
         solid: Whether it has an inside; else it is a thin surface.
         convex: Whether Coal judges it as one convex body: distances are signed then.
@@ -46,6 +46,7 @@ class Obstacle:
         charged: Makes its share of the field.
         warnings: What was odd about it but harmless.
         motion: How it moves; None at rest.
+        cloud: Its points and their radius, if it is a cloud.
     """
 
     name: str
@@ -59,6 +60,12 @@ class Obstacle:
     charged: Callable[[], Charges]
     warnings: tuple[str, ...] = ()
     motion: ObstacleMotion | None = None
+    cloud: Cloud | None = None
+
+    @property
+    def rounding(self) -> float:
+        """What `shape` is rounded by, all around [m]: Coal has to be asked within so much more."""
+        return 0.0 if self.cloud is None else self.cloud.radius
 
     def placement_at(self, time: float) -> Any:
         """``T_world_shape`` at a time [s], a pinocchio.SE3."""
@@ -227,12 +234,20 @@ def _polygon(message: messages.Polygon) -> Obstacle:
 
 
 def _point_cloud(message: messages.PointCloud) -> Obstacle:
-    points = np.unique(_points(message.points), axis=0)
-    if len(points) > MOST_POINTS:
-        raise _UnusableError(f"it has {len(points)} points; up to {MOST_POINTS} are served: thin it out", ".points")
-    vertices, triangles = cloud_surface(points, message.radius)
-    bodies = _surface(message, MeshSurface(vertices, triangles, True, None, ()), pin.SE3.Identity())
-    return dataclasses.replace(bodies, charged=lambda: cloud_charges(points, message.radius))
+    points = _points(message.points)
+    points.setflags(write=False)
+    return Obstacle(
+        name=message.name,
+        message=message,
+        shape=bvh(*cloud_specks(points)),
+        placement=pin.SE3.Identity(),
+        solid=True,
+        convex=False,
+        charge=message.charge,
+        surface=lambda: cloud_surface(points, message.radius),
+        charged=lambda: cloud_charges(points, message.radius),
+        cloud=Cloud(points, message.radius),
+    )
 
 
 BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {

@@ -1,0 +1,79 @@
+"""Clouds of points as tables for the lane kernels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.kept import kept_with
+from guidefield.kernels.lane_cloud import NUMBERS, LaneCloud
+from guidefield.kernels.lane_cloud_tree import fill_tree, sort_for_tree
+from guidefield.kernels.lane_tables import AROUND
+from guidefield.kernels.lanes import LANES
+from guidefield.kernels.packing import Words, packed
+from guidefield.kernels.separation import BLOCK
+from guidefield.scene.obstacle import Obstacle
+
+CELL = 0.02
+"""Sides of the grid's cells [m], where that doesn't make too many."""
+
+MOST_CELLS = 4_000_000
+"""With more, cells are larger: their places have to be whole numbers in float32."""
+
+AROUND_POINTS = 0.1
+"""How far the grid goes beyond the points [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class CloudTables:
+    """A cloud for lanes.
+
+    Attributes:
+        tables: What the kernels read.
+        words: The same packed; valid as long as the tables live.
+    """
+
+    tables: LaneCloud
+    words: Words
+
+    @property
+    def address(self) -> int:
+        """Where the words are in memory."""
+        return int(self.words.__array_interface__["data"][0])
+
+
+@kept_with
+def cloud_tables(obstacle: Obstacle) -> CloudTables:
+    """The tables of an obstacle that is a cloud, made once; what kernels find of its grid stays in them."""
+    assert obstacle.cloud is not None, "only clouds are asked for"
+    points = obstacle.cloud.points.astype(np.float32)
+    sort_for_tree(points)
+    sizes = [-(-len(points) // LANES)]
+    while len(sizes) == 1 or sizes[-1] > 1:
+        sizes.append(-(-sizes[-1] // LANES))
+    firsts = np.array([0, *np.cumsum([0, *sizes[1:-1]])], np.int64)
+    packed_points = np.empty(BLOCK * sizes[0], np.float32)
+    boxes = np.empty(AROUND * sum(sizes[1:]), np.float32)
+    fill_tree(points, firsts, packed_points, boxes)
+    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    extent = high - low + 2.0 * AROUND_POINTS
+    cell = max(CELL, math.cbrt(float(extent.prod()) / MOST_CELLS))
+    columns, rows, layers = np.ceil(extent / cell).astype(int).tolist()
+    numbers = np.empty(NUMBERS, np.float32)
+    numbers[:] = [*(low - AROUND_POINTS + 0.5 * cell), cell, 1.0 / cell, *low, *high, obstacle.cloud.radius]
+    tables = LaneCloud(
+        levels=len(firsts) - 1,
+        columns=columns,
+        rows=rows,
+        layers=layers,
+        firsts=firsts,
+        points=packed_points,
+        boxes=boxes,
+        numbers=numbers,
+        cells=np.zeros(columns * rows * layers, np.float32),
+    )
+    for array in tables[4:-1]:
+        array.setflags(write=False)
+    return CloudTables(tables, packed(tables))
