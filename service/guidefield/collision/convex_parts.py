@@ -21,7 +21,7 @@ from guidefield.robot.shapes import triangulation
 
 
 class UnservedError(Exception):
-    """What the lane kernels don't know: a kind of shape or joint."""
+    """What the lane kernels don't know: a kind of shape that neither robots nor scenes are made of."""
 
 
 class PartsTable:

@@ -128,7 +128,7 @@ def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference]
 
 def _connects(request: PlanRequest) -> bool:
     """Whether a plan certainly needs a connection by lanes."""
-    return not (isinstance(request.goal, requests.GuidePlaneGoal) or request.path_constraints)
+    return not isinstance(request.goal, requests.GuidePlaneGoal)
 
 
 def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan | None:
