@@ -6,10 +6,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64, types
+from numba import int64, types, void
 
+from guidefield.kernels.lane_buckets import (
+    BUCKETS_TYPE,
+    KNOWN,
+    STATE,
+    Buckets,
+    nearest_in_buckets,
+    put_in_bucket,
+    short_way,
+)
 from guidefield.kernels.lane_math import Floats32
-from guidefield.kernels.lane_samples import SAMPLING, Sampling
+from guidefield.kernels.lane_samples import SAMPLING, Sampling, sampling_of
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS_OUT,
@@ -18,17 +27,22 @@ from guidefield.kernels.lanes import (
     below,
     first_lane,
     lane,
+    lane_kernel,
     lane_step,
     load,
     pointed,
-    rint,
+    pointers,
     splat,
 )
-from guidefield.kernels.packing import unpacked
+from guidefield.kernels.packing import Words, unpacked
 from guidefield.kernels.signatures import VECTOR_OUT
+from guidefield.kernels.tree_kinematics import INDICES
 
 RANGE = 1.0
 """Longest extension of a tree [rad or m]."""
+
+LATE = 1024
+"""So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
 
 SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROOT, REFUSED = 0, 2, 3, 4, 6, 7, 9
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
@@ -51,6 +65,7 @@ class Search(NamedTuple):
         grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
         ends: (nv * 16,) where they end, coordinate by coordinate.
         hits: (3 * SIEVE,) what the sieve of a batch tries first.
+        buckets: Where the older nodes of large trees are.
     """
 
     nv: int
@@ -67,6 +82,7 @@ class Search(NamedTuple):
     grown: np.ndarray
     ends: np.ndarray
     hits: np.ndarray
+    buckets: Buckets
 
 
 _SEARCH = types.NamedTuple(
@@ -81,6 +97,7 @@ _SEARCH = types.NamedTuple(
         INTEGERS_OUT,
         FLOATS_OUT,
         INTEGERS_OUT,
+        BUCKETS_TYPE,
     ],
     Search,
 )
@@ -92,22 +109,28 @@ search_of = unpacked(_SEARCH)
 
 @lane_step(types.Tuple((int64, types.float64))(SEARCH, int64, FLOAT_POINTER, SAMPLING))
 def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> tuple[int, float]:
-    """The node nearest to a target, shape (nv,), and its distance squared; angles that wrap go the short way."""
-    nodes, period, frequency, capacity, nv = (
+    """The node nearest to a target, shape (nv,), and its distance squared; angles that wrap go the short way.
+
+    The nodes that came last are looked at one after the other, sixteen at a time; the others are in buckets.
+    """
+    nodes, period, frequency, capacity, nv, buckets = (
         search.nodes,
         sampling.period,
         sampling.frequency,
         search.capacity,
         search.nv,
+        search.buckets,
     )
-    start, size = tree * nv * capacity, search.counters[SIZE + tree]
-    best, winner = np.float32(np.inf), 0
-    for i in range(0, size, LANES):
+    start, size, known = tree * nv * capacity, search.counters[SIZE + tree], buckets.state[tree * STATE + KNOWN]
+    if size - known >= LATE:
+        for node in range(known, size):
+            put_in_bucket(buckets, nv, tree, node, nodes, capacity, sampling)
+        known = buckets.state[tree * STATE + KNOWN] = size
+    best, winner = np.inf, 0
+    for i in range(known, size, LANES):
         total = splat(0.0)
         for j in range(nv):
-            apart = load(nodes, start + j * capacity + i) - target[j]
-            if period[j] != 0.0:
-                apart = apart - rint(apart * frequency[j]) * period[j]
+            apart = short_way(load(nodes, start + j * capacity + i) - target[j], period[j], frequency[j])
             total = total + apart * apart
         mask = below(total, splat(best))
         if size - i < LANES:
@@ -118,7 +141,9 @@ def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> 
             square = lane(total, k)
             if square < best:
                 best, winner = square, i + k
-    return winner, float(best)
+    if known:
+        winner, best = nearest_in_buckets(buckets, nv, tree, target, sampling, winner, best)
+    return winner, best
 
 
 @lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING))
@@ -150,3 +175,11 @@ def add_reached(search: Search, tree: int, parent: int) -> int:
     search.domains[tree * capacity + at] = np.inf
     search.counters[SIZE + tree] = at + 1
     return int(at)
+
+
+@lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))
+def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray) -> None:
+    """`nearest` for callers from Python: of each of some targets, shape (n, nv), the node of a tree, shape (n,)."""
+    trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
+    for i in range(len(targets)):
+        nodes_out[i], _ = nearest(trees, tree, pointers(targets[i]), sources)

@@ -11,6 +11,7 @@ from guidefield.collision.lanes import Lanes
 from guidefield.kept import kept_with
 from guidefield.kernels import lane_nodes, lane_tree as kernel
 from guidefield.kernels.lane_branch import joined
+from guidefield.kernels.lane_buckets import buckets_for
 from guidefield.kernels.lane_samples import Sampling
 from guidefield.kernels.lane_sieve import SIEVE
 from guidefield.kernels.lanes import LANES
@@ -198,6 +199,7 @@ class _Room:
             grown=np.zeros(2 * LANES, np.int64),
             ends=np.zeros(nv * LANES, np.float32),
             hits=np.full(3 * SIEVE, -1, np.int64),
+            buckets=buckets_for(nv, capacity if capacity > lane_nodes.LATE else 0),
         )
         return cls.of(search)
 
@@ -214,6 +216,7 @@ class _Room:
         counters[:] = 0
         counters[lane_nodes.ACTIVE] = 1
         self.search.hits[:] = -1
+        self.search.buckets.state[:] = 0
         for tree, points in enumerate(roots):
             size = len(points)
             counters[lane_nodes.SIZE + tree] = size
