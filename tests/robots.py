@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import pinocchio as pin
 
-from guidefield.messages.requests import UrdfText
+from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import RobotModel
@@ -73,8 +73,8 @@ JOINTS = {
 }
 
 
-def load(reference: UrdfText) -> RobotModel:
-    """A robot written in a test."""
+def load(reference: UrdfText | UrdfFile) -> RobotModel:
+    """A robot written in a test, or in files."""
     return _CATALOG.load(reference)
 
 

@@ -13,9 +13,10 @@ from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.kernels.lane_kinematics import POSE, placements_of_configurations
 from guidefield.kernels.lane_tables import BAND
-from guidefield.messages.requests import UrdfText
+from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.messages.scene import Scene
 from guidefield.robot.group import PlanningGroup
+from guidefield.robot.meshes import CATALOG_PACKAGE, catalog_share
 from guidefield.robot.model import RobotModel
 from guidefield.robot.selection import select
 from guidefield.scene.scene import build
@@ -35,7 +36,15 @@ CHAINS = (
 BALLS = ("chain_fixed_6x300_r25", "chain_moving_3x260_r20", "chain_planar_3x260_r25")
 
 
+MESHES = "panda on wheels"
+"""Its links are meshes."""
+
+
 def of(name: str) -> RobotModel:
+    if name == MESHES:
+        package = catalog_share() / CATALOG_PACKAGE / "robots" / "panda_description"
+        urdf, srdf = str(package / "urdf" / "panda.urdf"), str(package / "srdf" / "panda.srdf")
+        return load(UrdfFile(urdf, srdf, [str(catalog_share())], "planar"))
     return robot(name) if name in BALLS else load(box_arm(name, len(name.split())))
 
 
@@ -92,7 +101,7 @@ def test_placements_are_pinocchios(name: str) -> None:
         assert_placed_alike(world.group, lanes, further)
 
 
-@settings(deadline=None, max_examples=8)
+@settings(deadline=None, max_examples=5)
 @given(chains(most=8), st.integers(0, 2**16))
 def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(urdf: UrdfText, seed: int) -> None:
     model = load(urdf)
@@ -105,7 +114,7 @@ def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(ur
         assert mine == world.in_collision(planned.from_chart(z)) or abs(narrowest(world, z)) <= BAND
 
 
-@pytest.mark.parametrize("name", [*CHAINS[1:], *BALLS])
+@pytest.mark.parametrize("name", [*CHAINS[1:], *BALLS, MESHES])
 def test_touching_is_what_coal_says(name: str) -> None:
     world, lanes = world_of(name)
     zs = draw(world.group, 600, 2)

@@ -10,10 +10,12 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
+from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.connect import connect
+from guidefield.planner.guide import cross
 from guidefield.planner.problem import Budget
 from tests.collision.test_lanes import draw
-from tests.planner.problems import densely_free, problem, scene_of
+from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest
 
 
@@ -150,3 +152,21 @@ def test_a_body_that_flies_free_goes_round_a_wall_far_from_where_it_starts() -> 
     connection = connect(made, start, goal[None], np.random.default_rng(0))
     assert connection.status is Status.SUCCESS
     assert np.abs(connection.path[:, 1:3]).max() > 1.0
+
+
+@pytest.mark.parametrize("title", ["seed_e_L_3", "seed_e_S_3", "seed_e_L_6_planar", "seed_d_passage_3"])
+def test_snakes_go_through_tubes_to_configurations(title: str) -> None:
+    made = seed_problem(title)
+    q = made.q_start
+    for index, plane in enumerate(made.guide_planes):
+        q = cross(made, q, plane, index, ATTEMPTS["projected"](made.group)).path[-1]
+    start = made.group.chart(made.q_start)
+    goal = made.group.unwrapped(made.group.chart(q), start)
+    assert not densely_free(made, np.array([start, goal]))
+    connection = connect(made, start, goal[None], np.random.default_rng(0))
+    assert connection.status is Status.SUCCESS
+    assert connection.proven
+    np.testing.assert_array_equal(connection.path[0], start)
+    reached = made.group.unwrapped(connection.path[-1], goal)
+    np.testing.assert_allclose(reached, goal, atol=1e-9)
+    assert densely_free(made, connection.path)
