@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RobotInvalid, WorkerCrashed
+from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import (
@@ -26,7 +27,6 @@ from guidefield.messages.replies import (
     PlanReply,
     RobotReply,
     RobotsReply,
-    RunReply,
     RunsReply,
     SceneReply,
     ScenesReply,
@@ -97,11 +97,11 @@ class Engine:
             requests.StoreRobot: self._store_robot,
             requests.DeleteRobot: self._delete_robot,
             requests.ReadScenes: lambda _: ScenesReply(scenes=self._scenes.names()),
-            requests.ReadScene: self._read_scene,
+            requests.ReadScene: lambda request: SceneReply(scene=self._scenes.read(request.name)),
             requests.StoreScene: self._store_scene,
             requests.DeleteScene: self._delete_scene,
             requests.ReadRuns: self._read_runs,
-            requests.ReadRun: self._read_run,
+            requests.ReadRun: lambda request: self._runs.read(request.run_id),
             requests.DeleteRun: self._delete_run,
             requests.ReadInfo: self._info,
         }
@@ -129,8 +129,10 @@ class Engine:
         try:
             decoded = codec.decode_request(request)
             if received is None:
+                if isinstance(decoded, requests.PlanRequest | requests.KinematicsRequest):
+                    compile_kernels(_log.warning)
                 if isinstance(decoded, requests.PlanRequest):
-                    from guidefield.handlers.plan import prepare_ahead  # the first time it compiles for a while
+                    from guidefield.handlers.plan import prepare_ahead
 
                     prepare_ahead(decoded, self._robot)
                 received = time.monotonic()
@@ -153,6 +155,7 @@ class Engine:
         Raises:
             RobotInvalid: if a robot is unknown or can't be used.
         """
+        compile_kernels(_log.info)
         for room in ("handlers.plan", "recorder.recorder"):
             importlib.import_module(f"guidefield.{room}")
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
@@ -232,9 +235,6 @@ class Engine:
         self._robots.delete(request.name)
         return Done(done=f"robot {request.name!r} is deleted")
 
-    def _read_scene(self, request: requests.ReadScene) -> SceneReply:
-        return SceneReply(scene=self._scenes.read(request.name))
-
     def _store_scene(self, request: requests.StoreScene) -> Done:
         self._scene(request.scene)
         self._scenes.write(request.scene)
@@ -246,9 +246,6 @@ class Engine:
 
     def _read_runs(self, request: requests.ReadRuns) -> RunsReply:
         return RunsReply(runs=[r for r in self._runs.summaries() if request.wants(r.status, r.robot, r.began)])
-
-    def _read_run(self, request: requests.ReadRun) -> RunReply:
-        return self._runs.read(request.run_id)
 
     def _delete_run(self, request: requests.DeleteRun) -> Done:
         self._runs.delete(request.run_id)

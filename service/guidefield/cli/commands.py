@@ -28,6 +28,7 @@ from guidefield.client import Client
 from guidefield.endpoint.service import DEFAULT_LISTEN, CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
+from guidefield.first_start import compile_kernels
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
@@ -84,7 +85,7 @@ def plan(
     kinematics, clearance and the potential are answered too.
     """
     asked = _read(request)
-    serving.tell_if_kernels_compile(err.print)
+    compile_kernels(err.print)
     _report(answer(asked, record_to=record), output)
 
 
@@ -170,7 +171,7 @@ def batch(
     """Answer the requests of a file; one that was interrupted goes on where it was."""
     from guidefield.cli.batch import run
 
-    serving.tell_if_kernels_compile(err.print)
+    compile_kernels(err.print)
     raise typer.Exit(run(requests, output, err, workers=workers, ray=ray, recordings=recordings))
 
 

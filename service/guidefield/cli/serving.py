@@ -92,14 +92,6 @@ def _end(child: subprocess.Popen[str]) -> None:
         raise RuntimeError(f"the service did not end within {ENDS_WITHIN:g} s; its log says where it stood") from None
 
 
-def tell_if_kernels_compile(announce: Callable[[str], None]) -> None:
-    """Say why a run takes long if kernels have no machine code yet: in the first one, and after an update."""
-    from guidefield.kernels.cache import are_compiled
-
-    if not are_compiled():
-        announce("compiling kernels, once for this version, for some minutes …")
-
-
 def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
     for line in lines:
         announce(line.strip())

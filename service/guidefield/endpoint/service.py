@@ -17,6 +17,7 @@ import zenoh
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
 from guidefield.errors import WorkerCrashed, without_source
+from guidefield.first_start import compile_kernels
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
@@ -114,7 +115,8 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, partial(_publish, session), trace)
         opened.callback(endpoint.close)
         opened.callback(pool.close, settings.grace)
-        announce(f"starting (workers: {settings.workers}); the first start on a machine compiles for some minutes")
+        announce(f"starting (workers: {settings.workers})")
+        _compile(announce, stop)
         pool.start()
         if not _await(pool, stop):
             return
@@ -154,6 +156,14 @@ def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
         raise CannotServe("traces need OpenTelemetry: pip install 'guidefield[otel]'") from None
     opened.callback(provider.shutdown)
     return opentelemetry_trace(provider)
+
+
+def _compile(announce: Callable[[str], None], stop: threading.Event) -> None:
+    """Compile the kernels before the workers load them: each would compile them all."""
+    try:
+        compile_kernels(announce, stop.is_set)
+    except RuntimeError as error:
+        raise CannotServe(str(error)) from None
 
 
 def _await(pool: Pool, stop: threading.Event) -> bool:

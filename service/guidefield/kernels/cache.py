@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numba
 from numba.core.caching import CacheImpl, UserProvidedCacheLocator
+
+from guidefield.first_start import cache_parent
 
 _PACKAGE = "guidefield.kernels"
 _KEPT = re.compile(r"^@(?:compiled|lane_kernel|lane_step)\(", re.MULTILINE)
@@ -62,22 +63,15 @@ def use_kernel_folders() -> None:
 def cache_folder() -> Path:
     """The folder of all kernels' machine code: ``<parent>/guidefield/kernels``.
 
-    Its parent is numba's configured cache folder (``NUMBA_CACHE_DIR``) if there is one, else ``XDG_CACHE_HOME``, else
-    ``~/.cache``.
+    The parent is that of all caches (`first_start`).
     """
-    if numba.config.CACHE_DIR:
-        parent = Path(numba.config.CACHE_DIR).absolute()
-    else:
-        # The specification of XDG has relative paths ignored.
-        home = os.environ.get("XDG_CACHE_HOME", "")
-        parent = Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
-    return parent / "guidefield" / "kernels"
+    return cache_parent() / "guidefield" / "kernels"
 
 
-def are_compiled() -> bool:
-    """Whether every file with kernels that numba keeps has machine code."""
-    sources = Path(__file__).parent.glob("*.py")
-    return all(any(kernel_folder(source).glob("*.nbi")) for source in sources if _KEPT.search(source.read_text()))
+def uncompiled() -> set[str]:
+    """The files with kernels that numba keeps that have no machine code, by name without a suffix."""
+    sources = [source for source in Path(__file__).parent.glob("*.py") if _KEPT.search(source.read_text())]
+    return {source.stem for source in sources if not any(kernel_folder(source).glob("*.nbi"))}
 
 
 def kernel_folder(source: Path) -> Path:
@@ -88,12 +82,12 @@ def kernel_folder(source: Path) -> Path:
 def fingerprint(source: Path) -> str:
     """Sixteen hexadecimal digits that change with numba's version, a file, and what it imports of its folder."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for name in sorted(_closure(source)):
+    for name in sorted(closure(source)):
         digest.update(b"\0" + name.encode() + b"\0" + _read(source.with_name(f"{name}.py"))[0])
     return digest.hexdigest()[:16]
 
 
-def _closure(source: Path) -> set[str]:
+def closure(source: Path) -> set[str]:
     """The file's own name and those of all files that it needs."""
     found = {source.stem}
     waiting = [source.stem]

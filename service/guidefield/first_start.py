@@ -1,0 +1,70 @@
+"""The first start of a version on a machine: its kernels are compiled once, before anybody waits for an answer.
+
+Asked without loading the compiler: the process of a service never does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+KERNELS = Path(__file__).parent / "kernels"
+
+EVERY = 2.0
+"""Progress is told at most once in so long [s]."""
+
+
+def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = lambda: False) -> None:
+    """Compile what has no machine code yet, on all processors; at once if that was done for this version before.
+
+    Args:
+        told: Told, in one sentence each, how far it is.
+        stopped: Whether to leave it at that, asked before each file; what is compiled by then is kept.
+
+    Raises:
+        RuntimeError: if a kernel can't be compiled.
+    """
+    done = cache_parent() / "guidefield" / "kernels" / f"all-{_fingerprint()}"
+    if done.exists():
+        return
+    last = -EVERY
+    with subprocess.Popen(
+        [sys.executable, "-m", "guidefield.kernels.ahead"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None, "it is piped"
+        assert child.stderr is not None, "it is piped"
+        for line in child.stdout:
+            if stopped():
+                child.terminate()
+                return
+            if time.monotonic() - last >= EVERY:
+                told(line.strip())
+                last = time.monotonic()
+        fault = child.stderr.read().strip()
+    if child.returncode != 0:
+        raise RuntimeError(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
+    done.parent.mkdir(parents=True, exist_ok=True)
+    done.touch()
+
+
+def cache_parent() -> Path:
+    """The folder that holds those of all caches: ``NUMBA_CACHE_DIR``, else ``XDG_CACHE_HOME``, else ``~/.cache``."""
+    if chosen := os.environ.get("NUMBA_CACHE_DIR", ""):
+        return Path(chosen).absolute()
+    # The specification of XDG has relative paths ignored.
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    return Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
+
+
+def _fingerprint() -> str:
+    """Sixteen hexadecimal digits that change with numba's version and with every kernel."""
+    digest = hashlib.sha256(version("numba").encode())
+    for source in sorted(KERNELS.glob("*.py")):
+        digest.update(source.name.encode() + b"\0" + hashlib.sha256(source.read_bytes()).digest())
+    return digest.hexdigest()[:16]

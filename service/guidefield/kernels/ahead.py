@@ -1,0 +1,121 @@
+"""Compile every kernel that has no machine code yet, in several processes, and tell how far that is.
+
+Run as ``python -m guidefield.kernels.ahead`` it prints a line before each file; with ``--child`` it compiles the files
+that it reads the names of, and answers each with its name. A process of its own: a program that only plans doesn't
+share its memory with the compiler.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from guidefield.kernels.cache import closure, uncompiled
+
+Told = Callable[[str], None]
+"""Told, in one sentence, how far it is."""
+
+_CHILD = "--child"
+
+
+def compile_missing(told: Told, processes: int | None = None) -> None:
+    """Compile what is missing: a file when all that it calls is compiled, those that most others wait for first.
+
+    Args:
+        told: Told before each file; not at all if nothing is missing.
+        processes: How many compile at once; None: as many as there are processors.
+
+    Raises:
+        RuntimeError: if a file can't be compiled; with the last line of why.
+    """
+    missing = uncompiled()
+    if not missing:
+        return
+    work = _Work({name: closure(_source(name)) & missing - {name} for name in missing}, told)
+    threads = [
+        threading.Thread(target=work.in_a_child, daemon=True)
+        for _ in range(min(len(missing), processes or len(os.sched_getaffinity(0))))
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    if work.fault is not None:
+        raise RuntimeError(f"a kernel can't be compiled: {work.fault}")
+
+
+class _Work:
+    """Files to compile, and which of them each needs; handed out to threads that each have a child."""
+
+    def __init__(self, needs: dict[str, set[str]], told: Told) -> None:
+        self._needs, self._told, self._count = needs, told, len(needs)
+        self._waiting, self._done = set(needs), set[str]()
+        self._changed = threading.Condition()
+        self.fault: str | None = None
+
+    def in_a_child(self) -> None:
+        """Have a child compile one file after the other until none is left."""
+        with subprocess.Popen(  # noqa: S603 - it is ourselves
+            [sys.executable, "-m", "guidefield.kernels.ahead", _CHILD],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as child:
+            assert child.stdin is not None, "it is piped"
+            assert child.stdout is not None, "it is piped"
+            assert child.stderr is not None, "it is piped"
+            while (name := self._next()) is not None:
+                child.stdin.write(f"{name}\n")
+                child.stdin.flush()
+                answered = child.stdout.readline().strip()
+                with self._changed:
+                    if answered == name:
+                        self._done.add(name)
+                    else:
+                        self.fault = (child.stderr.read().strip().splitlines() or [f"{name}: no reason told"])[-1]
+                    self._changed.notify_all()
+            child.stdin.close()
+
+    def _next(self) -> str | None:
+        """The next file whose needs are met, waiting for one if need be; None if there is nothing left to do."""
+        with self._changed:
+            while self._waiting and self.fault is None:
+                ready = [name for name in self._waiting if self._needs[name] <= self._done]
+                if ready:
+                    name = max(ready, key=lambda one: (sum(one in needs for needs in self._needs.values()), one))
+                    self._waiting.remove(name)
+                    self._told(f"compiling kernels, once for this version: {self._begun()} of {self._count} ({name})")
+                    return name
+                self._changed.wait()
+        return None
+
+    def _begun(self) -> int:
+        return self._count - len(self._waiting)
+
+
+def _source(name: str) -> Path:
+    return Path(__file__).with_name(f"{name}.py")
+
+
+def _compile_what_is_named() -> None:
+    for line in sys.stdin:
+        importlib.import_module(f"guidefield.kernels.{line.strip()}")
+        _tell(line.strip())
+
+
+def _tell(sentence: str) -> None:
+    sys.stdout.write(f"{sentence}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    if _CHILD in sys.argv[1:]:
+        _compile_what_is_named()
+    else:
+        compile_missing(_tell)

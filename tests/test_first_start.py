@@ -1,0 +1,76 @@
+"""The first start of a version: every kernel compiled once, in the order of who calls whom, and never asked again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import guidefield
+
+HERE = Path(guidefield.__file__).parent
+
+KERNEL = """
+from guidefield.kernels.signatures import compiled, SCALAR
+{imported}
+
+@compiled(SCALAR(SCALAR))
+def {name}(x):
+    return {result}
+"""
+
+START = """
+import sys
+from guidefield import first_start
+first_start.EVERY = 0.0
+try:
+    first_start.compile_kernels(print)
+except RuntimeError as error:
+    print("fault:", error)
+print("numba" in sys.modules)
+"""
+
+
+def package(folder: Path, result: str) -> Path:
+    """A copy of the package with two kernels, of which one calls the other from another file."""
+    kernels = folder / "guidefield" / "kernels"
+    kernels.mkdir(parents=True)
+    (kernels.parent / "__init__.py").touch()
+    shutil.copy(HERE / "first_start.py", kernels.parent)
+    for name in ("__init__", "ahead", "cache", "signatures"):
+        shutil.copy(HERE / "kernels" / f"{name}.py", kernels)
+    imported = "from guidefield.kernels.callee import callee"
+    (kernels / "a_caller.py").write_text(KERNEL.format(imported=imported, name="a_caller", result="callee(x) + 1.0"))
+    (kernels / "callee.py").write_text(KERNEL.format(imported="", name="callee", result=result))
+    return folder
+
+
+def start(code: Path, cache: Path) -> list[str]:
+    """What a start tells, with a cache folder of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(code), "NUMBA_CACHE_DIR": str(cache)}
+    ran = subprocess.run([sys.executable, "-c", START], env=environment, capture_output=True, text=True, check=True)
+    return ran.stdout.splitlines()
+
+
+def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) -> None:
+    code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
+    first, second, compiler = start(code, cache)
+    assert "1 of 2 (callee)" in first
+    assert "2 of 2 (a_caller)" in second
+    assert compiler == "False"
+    folders = sorted(path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir())
+    assert folders == ["a_caller", "all", "callee"]
+    assert all(any(path.glob("*.nbi")) for path in (cache / "guidefield" / "kernels").iterdir() if path.is_dir())
+    assert start(code, cache) == ["False"]
+    source = code / "guidefield" / "kernels" / "a_caller.py"
+    source.write_text(source.read_text() + "# an edit\n")
+    only, _ = start(code, cache)
+    assert "1 of 1 (a_caller)" in only
+
+
+def test_a_kernel_that_cannot_be_compiled_ends_the_start_with_its_reason(tmp_path: Path) -> None:
+    *_, fault, _ = start(package(tmp_path / "code", "x.nothing"), tmp_path / "cache")
+    assert fault.startswith("fault: ")
+    assert not any(path.name.startswith("all-") for path in (tmp_path / "cache" / "guidefield" / "kernels").iterdir())
