@@ -160,7 +160,8 @@ class PlanRequest(Message):
         max_velocity_scaling_factor: Share of the velocity limits that is used.
         max_acceleration_scaling_factor: Share of the acceleration limits that is used.
         allowed_planning_time: From the request's arrival [s].
-        optimization_iterations: Most steps of the relaxation; null leaves that to its own stopping rule.
+        optimization_iterations: Rounds in which a connection is made shorter, within half of the time that is left, and
+            most steps of the relaxation; null: no rounds, and the relaxation's own stopping rule.
         leave_start_contact: Whether a start in slight contact is left first, instead of being refused.
         sample_rate: Samples per second of the trajectory in the reply [1/s]; null: the knots of the curve.
         recording: How much is recorded.

@@ -15,6 +15,7 @@ from guidefield.collision.certificate import motion_free
 from guidefield.errors import Status
 from guidefield.planner import lane_tree
 from guidefield.planner.problem import Problem
+from guidefield.planner.shorter import Rounds, shorter
 from guidefield.planner.trace import Step, TreeGrown
 
 LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
@@ -66,6 +67,10 @@ def connect(
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
     resolution = LANE_RESOLUTION
+
+    def accepted(path: np.ndarray) -> bool:
+        return not prove or _certified(problem, path)
+
     for _ in range(LANE_ATTEMPTS):
         found = lane_tree.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.budget)
         problem.counters.iterations += found.iterations
@@ -74,10 +79,14 @@ def connect(
         if found.path is None:
             break
         path = lanes.shortened(found.path, resolution, clearance + LANE_MARGIN)
-        if not prove or _certified(problem, path):
+        if accepted(path):
+            message = f"found by a tree in {found.iterations} iterations"
+            if problem.optimization_iterations:
+                rounds = Rounds(problem.optimization_iterations, resolution, LANE_MARGIN)
+                better = shorter(problem, path, roots, rounds, rng, accepted)
+                path, message = better.path, f"{message}, {better.message}"
             for z in path[1:]:
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
-            message = f"found by a tree in {found.iterations} iterations"
             return Connection(Status.SUCCESS, message, path, prove)
         resolution *= LANE_FINER
     spent = problem.budget.spent()

@@ -8,17 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.collision.lanes import Lanes
-from guidefield.kept import kept_with
 from guidefield.kernels import lane_nodes, lane_tree as kernel
 from guidefield.kernels.lane_branch import joined
 from guidefield.kernels.lane_buckets import buckets_for
-from guidefield.kernels.lane_samples import Sampling
 from guidefield.kernels.lane_sieve import SIEVE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
+from guidefield.planner.lane_sources import Sources, sources_of
 from guidefield.planner.problem import Budget
-from guidefield.robot.chart import ANGLE, ROTATION, TRANSLATION
-from guidefield.robot.group import ROAM, PlanningGroup
 
 MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
 """Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
@@ -65,6 +62,9 @@ def grow(
     clearance: float,
     rng: np.random.Generator,
     budget: Budget,
+    *,
+    within: float = np.inf,
+    most_motions: int = MOST_MOTIONS,
 ) -> Found:
     """Grow two trees towards each other until they meet.
 
@@ -76,16 +76,20 @@ def grow(
         clearance: What to keep from obstacles [m].
         rng: Shifts the sequence of samples.
         budget: How long.
+        within: Samples come from where a path of at most this length [rad or m] may lead.
+        most_motions: After so many motions it ends.
     """
     nv: int = lanes.world.group.nv
-    sources = _sources(lanes.world.group).about(np.concatenate([starts, goals]))
+    sources = sources_of(lanes.world.group).about(np.concatenate([starts, goals]))
+    if np.isfinite(within):
+        sources = sources.between(starts, goals, within)
     room = _room(nv, max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
     room.begin((starts, goals), rng.random(nv))
     counters = room.search.counters
     lanes.forget()
     while (
         counters[lane_nodes.ITERATION] < MOST_ITERATIONS
-        and counters[lane_nodes.MOTIONS] < MOST_MOTIONS
+        and counters[lane_nodes.MOTIONS] < most_motions
         and budget.spent() is None
     ):
         ended = kernel.grow(lanes.words, sources.words, room.words, clearance, resolution, PIECE)
@@ -95,73 +99,6 @@ def grow(
             path = _joined(room, sources, starts, goals)
             return Found(path, int(counters[lane_nodes.ITERATION]), int(counters[lane_nodes.MOTIONS]), room.search)
     return Found(None, int(counters[lane_nodes.ITERATION]), int(counters[lane_nodes.MOTIONS]), room.search)
-
-
-@dataclass(frozen=True, eq=False)
-class _Sources:
-    """Where samples of a group come from.
-
-    Attributes:
-        sampling: The box that they fill.
-        words: That packed.
-        wraps: Whether any coordinate does.
-        roams: Which coordinates are lengths without limits, shape (k,).
-    """
-
-    sampling: Sampling
-    words: Words
-    wraps: bool
-    roams: np.ndarray
-
-    @classmethod
-    def of(cls, sampling: Sampling, roams: np.ndarray) -> _Sources:
-        """Sources that fill a box."""
-        for array in (*sampling[:5], sampling.rotations, roams):
-            array.setflags(write=False)
-        return cls(sampling, packed(sampling), bool(sampling.period.any()), roams)
-
-    def about(self, roots: np.ndarray) -> _Sources:
-        """Where lengths without limits are concerned, a box with `ROAM` around all of some chart points (n, nv)."""
-        if len(self.roams) == 0:
-            return self
-        lower, width = self.sampling.lower.copy(), self.sampling.width.copy()
-        least, largest = (end(roots[:, self.roams], axis=0) for end in (np.min, np.max))
-        lower[self.roams], width[self.roams] = least - ROAM, largest - least + 2.0 * ROAM
-        return _Sources.of(self.sampling._replace(lower=lower, width=width), self.roams)
-
-
-@kept_with
-def _sources(group: PlanningGroup) -> _Sources:
-    """The box that samples of a group fill."""
-    lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
-    lengths, rotations = np.zeros(group.nv, bool), []
-    for joint in group.joints:
-        if joint.kind in ANGLE:
-            period[joint.idx_v + ANGLE[joint.kind]] = 2.0 * np.pi
-        if joint.kind in TRANSLATION:
-            lengths[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION[joint.kind]] = True
-        if joint.kind in ROTATION:
-            rotations.append(joint.idx_v + ROTATION[joint.kind].start)
-    endless, origin = ~np.isfinite(upper - lower), group.chart(group.q_origin)
-    reach = np.where(lengths, ROAM, np.pi)
-    lower[endless], upper[endless] = (origin - reach)[endless], (origin + reach)[endless]
-    with np.errstate(divide="ignore"):
-        frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
-    vectors = np.array(rotations, np.int64)
-    sampling = Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(vectors), vectors)
-    return _Sources.of(sampling, np.flatnonzero(endless & lengths))
-
-
-def _steps(count: int) -> np.ndarray:
-    """Steps of the additive recurrence that fills a box of so many sides evenly (M. Roberts 2018).
-
-    They are the powers of 1 / g, where g > 1 solves g^(n + 1) = g + 1.
-    """
-    g = 2.0
-    for _ in range(64):
-        g = (1.0 + g) ** (1.0 / (count + 1.0))
-    steps: np.ndarray = g ** -np.arange(1.0, count + 1.0)
-    return steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +191,7 @@ def _room(nv: int, capacity: int) -> _Room:
     return room
 
 
-def _joined(room: _Room, sources: _Sources, starts: np.ndarray, goals: np.ndarray) -> np.ndarray:
+def _joined(room: _Room, sources: Sources, starts: np.ndarray, goals: np.ndarray) -> np.ndarray:
     """The path through where the trees met; they hold float32, so the roots are put back as they were given."""
     counters = room.search.counters
     rows = np.empty((counters[lane_nodes.SIZE] + counters[lane_nodes.SIZE + 1], room.search.nv))

@@ -92,7 +92,8 @@ class Problem:
         leave_start_contact: Whether the start may be in slight contact, which is left first.
         jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
         path_constraints: What frames have to keep all along the motion.
-        optimization_iterations: Most steps of the relaxation; None leaves that to the relaxation.
+        optimization_iterations: Rounds in which a connection is made shorter, and most steps of the relaxation; None:
+            no rounds, and what the relaxation takes.
     seed: Of all randomness.
         budget: How long it may take.
         observer: Who watches.
