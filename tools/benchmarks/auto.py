@@ -2,9 +2,10 @@
 
 Usage: tools/bench auto --problems <folder> [--every N] [--seconds S] [--side MM] [<robot> ...]
 
-The square lies across the tip's own z axis at the goal configuration; planes that lead there are derived, and every
-plan is certified. Beside those solved stands how many of them the guided planner came through alone, and how many went
-on as a connection from where it was stuck. Times are of the processor; the budget of a problem is on the clock.
+The square lies across the tip's own z axis at the goal configuration, no larger than the guided planner needs for the
+tip's body unless a side is given; planes that lead there are derived, and every plan is certified. Beside those solved
+stands how many of them the guided planner came through alone, and how many went on as a connection from where it was
+stuck. Times are of the processor; the budget of a problem is on the clock.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.guided import square_about
+from benchmarks.guided import SIDE, square_about
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.auto_planes import derive
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.problem import Budget, LastPlaneGoal, Problem
+from guidefield.planner.tip_reach import tip_radius
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.kinematics import Kinematics
 
@@ -35,7 +37,7 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--problems", type=Path, required=True, help="folder of problems and robots")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--seconds", type=float, default=10.0, help="budget of a problem")
-    parser.add_argument("--side", type=float, default=20.0, help="side of the square [mm]")
+    parser.add_argument("--side", type=float, help="side of the square [mm]")
     parser.add_argument("robots", nargs="*", default=list(ROBOTS))
     asked = parser.parse_args(arguments)
     for robot in asked.robots:
@@ -59,7 +61,8 @@ def _planned(given: Problems, declared: dict[str, Any], asked: argparse.Namespac
         goal=LastPlaneGoal(),
         budget=Budget(time.monotonic() + asked.seconds),
     )
-    last = square_about(kinematics.frame_placement(goal, group.tip_id), 5e-4 * asked.side)
+    half = SIDE * tip_radius(problem) if asked.side is None else 5e-4 * asked.side
+    last = square_about(kinematics.frame_placement(goal, group.tip_id), half)
     began = time.process_time()
     derived = derive(problem, last) or ()
     problem = dataclasses.replace(problem, guide_planes=(*derived, last), derived_planes=len(derived))
