@@ -89,6 +89,19 @@ def test_the_hand_stays_near_a_line() -> None:
     assert max(np.arccos(np.clip(-T.rotation[2, 2], -1.0, 1.0)) for T in placements(kept)) <= 0.25
 
 
+def test_of_a_poses_configurations_those_are_taken_that_keep_them() -> None:
+    here = hand_at(TURNED)
+    goal = {"type": "pose", "position": here.translation.tolist(), "quaternion_xyzw": (1, 0, 0, 0)}
+    goal["orientation_tolerance"] = (None, None, None)
+    kept = ask(goal=goal, tip=TIP, path_constraints=[CONE])  # one in a hundred orientations is within the cone
+    assert kept.status.name == "SUCCESS", kept.status.message
+    assert max(np.arccos(np.clip(-T.rotation[2, 2], -1.0, 1.0)) for T in placements(kept)) <= 0.25
+    sideways = {**goal, "quaternion_xyzw": (0.0, 0.7071067811865476, 0.0, 0.7071067811865476)}
+    sideways["orientation_tolerance"] = (0.01, 0.01, 0.01)
+    refused = ask(goal=sideways, tip=TIP, path_constraints=[CONE])
+    assert refused.status.name == "GOAL_VIOLATES_PATH_CONSTRAINTS", refused.status.message
+
+
 def test_ends_that_violate_them_are_told_apart() -> None:
     above = {"type": "plane", "frame": TIP, "point": (0, 0, 0.2), "normal": (0, 0, 1), "tolerance": 0.01}
     start = ask(goal={"type": "joints", "positions": TURNED}, path_constraints=[above])

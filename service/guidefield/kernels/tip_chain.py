@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import types
 
 from guidefield.kernels.point_lanes import load, store
 from guidefield.kernels.point_lanes_model import LANES_64
@@ -15,7 +15,7 @@ from guidefield.kernels.point_rotations import (
     quaternion_of_vector,
     vector_of_quaternion,
 )
-from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.signatures import MATRIX, VECTOR, Floats, inlined
 from guidefield.kernels.tree_kinematics import INDICES
 
 TURN, SLIDE, BALL = range(3)
@@ -194,26 +194,3 @@ def offset_rates(chain: TipChain, offset: Any, columns: Floats, rates_out: Float
             for row in range(6):
                 store(rates_out, to + row * LANES, load(rates_out, to + row * LANES) + scale * rows[row])
             at += COLUMN
-
-
-@compiled(void(CHAIN, MATRIX, MATRIX_OUT))
-def tip_offsets(chain: TipChain, points: Floats, offsets_out: Floats) -> None:
-    """Translation and rotation vector of the tip's placement at chart points.
-
-    Args:
-        chain: The chain.
-        points: Chart points, shape (n, nv) [rad or m].
-        offsets_out: Shape (n, 6) [m, rad].
-    """
-    nv, parts = points.shape[1], chain.kinds.shape[0]
-    zs, columns, row = np.zeros(nv * LANES), np.empty((3 * parts + 1) * COLUMN), np.empty(LANES)
-    for begin in range(0, points.shape[0], LANES):
-        count = min(LANES, points.shape[0] - begin)
-        for j in range(nv):
-            for k in range(count):
-                zs[j * LANES + k] = points[begin + k, j]
-        offset = tip_offset(tip_pose(chain, zs, columns))
-        for j in range(6):
-            store(row, 0, offset[j])
-            for k in range(count):
-                offsets_out[begin + k, j] = row[k]

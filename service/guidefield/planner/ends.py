@@ -76,7 +76,7 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
         result = _solved(problem, target, starts, _touch_nothing, MOST_STARTS)
     qs = [q for q in result.solutions if problem.world.enclosed(q) is None]
     if result.solutions and not qs:  # all that were chosen are inside of something: choose among the others
-        result = _solved(problem, target, starts, _are_outside, MOST_STARTS)
+        result = _solved(problem, target, starts, _are_outside)
         qs = list(result.solutions)
     qs = qs or [q for q in result.rejected if _keeps_off(problem, q)]  # lanes refuse what all but touches
     if qs:
@@ -133,16 +133,15 @@ def _keep_some_distance(problem: Problem, zs: np.ndarray) -> np.ndarray:
 
 
 def _touch_nothing(problem: Problem, zs: np.ndarray, beyond: float = 0.0) -> np.ndarray:
-    """Which chart points (n, nv) surely touch nothing and keep the clearance and something beyond it: (n,), bool."""
-    if problem.path_constraints:  # lanes aren't prepared for these
-        return np.array([_keeps_off(problem, problem.group.from_chart(z), beyond) for z in zs], bool)
-    return ~problem.lanes.touching(zs, problem.min_clearance + beyond)
+    """Which chart points (n, nv) surely touch nothing, keep the clearance and more, and the path constraints: (n,)."""
+    free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
+    if problem.path_constraints:
+        free[free] = [_violated(problem, z) is None for z in zs[free]]
+    return free
 
 
-def _keeps_off(problem: Problem, q: np.ndarray, beyond: float = 0.0) -> bool:
-    if problem.world.in_collision(q) or problem.world.enclosed(q) is not None:
-        return False
-    return _keeps_clearance(problem, q, beyond)
+def _keeps_off(problem: Problem, q: np.ndarray) -> bool:
+    return not problem.world.in_collision(q) and problem.world.enclosed(q) is None and _keeps_clearance(problem, q)
 
 
 def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
@@ -215,8 +214,8 @@ def _violated(problem: Problem, z: np.ndarray) -> tuple[str, dict[str, Any]] | N
     return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 
-def _keeps_clearance(problem: Problem, q: np.ndarray, beyond: float = 0.0) -> bool:
-    asked = problem.min_clearance + beyond
+def _keeps_clearance(problem: Problem, q: np.ndarray) -> bool:
+    asked = problem.min_clearance
     return asked <= 0.0 or problem.world.clearance(q).obstacle_distance >= asked
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.kept import kept_with
-from guidefield.kernels import tip_chain as kernels
 from guidefield.kernels.solution_choice import Measure
 from guidefield.kernels.tip_chain import BALL, SLIDE, TURN, TipChain
 from guidefield.kernels.tree_kinematics import FLOATING, PLANAR, PRISMATIC, SPHERICAL
@@ -49,20 +48,6 @@ class ChainToTip:
         first = self.table.first.reshape(3, 4)
         placed = T_world_target.actInv(pin.SE3(first[:, :3], first[:, 3]))
         return self.table._replace(first=_rows(placed))
-
-    def offsets(self, T_world_target: Any, zs: np.ndarray) -> np.ndarray:
-        """Translation and rotation vector from a target (pinocchio.SE3) to the tip.
-
-        Args:
-            T_world_target: The target.
-            zs: Chart points, shape (n, nv).
-
-        Returns:
-            In the target's frame, shape (n, 6) [m, rad].
-        """
-        offsets = np.empty((len(zs), 6))
-        kernels.tip_offsets(self.from_target(T_world_target), np.ascontiguousarray(zs, float), offsets)
-        return offsets
 
 
 @kept_with
