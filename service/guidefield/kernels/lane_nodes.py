@@ -44,10 +44,11 @@ RANGE = 1.0
 LATE = 1024
 """So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
 
-SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROOT, REFUSED = 0, 2, 3, 4, 6, 7, 9
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROOT, REFUSED, TRIED = 0, 2, 3, 4, 6, 7, 9, 10
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
-the roots that the path joins, how many samples in a row were outside of their nodes' domains."""
-COUNTERS = 10
+the roots that the path joins, how many samples in a row were outside of their nodes' domains, and the extensions of
+both trees that were judged."""
+COUNTERS = 12
 
 
 class Search(NamedTuple):

@@ -22,6 +22,7 @@ from guidefield.kernels.lane_nodes import (
     REFUSED,
     SEARCH,
     SIZE,
+    TRIED,
     Search,
     add_reached,
     nearest,
@@ -142,6 +143,7 @@ def _grown(
             if max(counters[SIZE], counters[SIZE + 1]) + 1 >= capacity:
                 return FULL
             counters[MOTIONS] += 1
+            counters[TRIED + tree] += 1
             at = tree * capacity + node
             if hit >> slot & 1 or not _extension_free(world, search, clearance, resolution, slot):
                 domains[at] = DOMAIN if domains[at] == np.inf else max(domains[at] * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)

@@ -17,6 +17,7 @@ from guidefield.planner import lane_tree
 from guidefield.planner.problem import Problem
 from guidefield.planner.shorter import Rounds, shorter
 from guidefield.planner.trace import Step, TreeGrown
+from guidefield.planner.unconnected import no_way, why_not
 
 LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
 """Samples per length [1/rad or 1/m] by which a tree judges a motion; how often the certificate may refuse what it
@@ -65,6 +66,9 @@ def connect(
         way = np.array([z_start, goal])
         if lanes.free_until(way, LANE_RESOLUTION, clearance) and (not prove or _certified(problem, way)):
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
+    blocked = no_way(lanes, z_start, near, LANE_RESOLUTION, clearance)
+    if blocked is not None:
+        return Connection(Status.PLANNING_FAILED, blocked, z_start[None])
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
     resolution = LANE_RESOLUTION
 
@@ -89,10 +93,18 @@ def connect(
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
             return Connection(Status.SUCCESS, message, path, prove)
         resolution *= LANE_FINER
+    return _unconnected(problem, z_start, found, len(goals))
+
+
+def _unconnected(problem: Problem, z_start: np.ndarray, found: lane_tree.Found, goals: int) -> Connection:
+    """A connection that was not found, and why."""
     spent = problem.budget.spent()
-    if spent is not None:
-        return Connection(spent, "no connection was found in time", z_start[None])
-    return Connection(Status.PLANNING_FAILED, "the tree search ended without a connection", z_start[None])
+    if found.path is None:
+        message = why_not(found, goals, in_time=spent is not None)
+    else:
+        message = "the certificate refused every path that the tree found"
+    status = Status.PLANNING_FAILED if spent is None or found.enclosed is not None else spent
+    return Connection(status, message, z_start[None])
 
 
 def _certified(problem: Problem, path: np.ndarray) -> bool:

@@ -14,6 +14,7 @@ from guidefield.kernels.lane_buckets import buckets_for
 from guidefield.kernels.lane_sieve import SIEVE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
+from guidefield.planner.enclosed import can_be_left
 from guidefield.planner.lane_sources import Sources, sources_of
 from guidefield.planner.problem import Budget
 
@@ -22,6 +23,9 @@ MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
 
 PIECE = 256
 """Iterations between two looks at the budget: some milliseconds."""
+
+ENCLOSED = 20_000
+"""After so many extensions of nothing but roots it is asked whether these can be left at all."""
 
 FIRST_CAPACITY = 512
 """Nodes that each tree has room for at first; doubled when it is full."""
@@ -35,13 +39,26 @@ class Found:
         path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
         iterations: Samples drawn.
         motions: Straight motions judged.
+        sizes: Configurations of both trees.
+        tried: Extensions of both trees that were judged.
         search: Its trees, until this thread begins another search.
+        enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
     """
 
     path: np.ndarray | None
     iterations: int
     motions: int
+    sizes: tuple[int, int]
+    tried: tuple[int, int]
     search: lane_nodes.Search
+    enclosed: int | None = None
+
+    @classmethod
+    def by(cls, search: lane_nodes.Search, path: np.ndarray | None, enclosed: int | None = None) -> Found:
+        """What a search says of itself; `path` as the attribute, shape (n, nv)."""
+        counted = search.counters.tolist()
+        sizes, tried = ((counted[first], counted[first + 1]) for first in (lane_nodes.SIZE, lane_nodes.TRIED))
+        return cls(path, counted[lane_nodes.ITERATION], counted[lane_nodes.MOTIONS], sizes, tried, search, enclosed)
 
     def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
@@ -87,6 +104,7 @@ def grow(
     room.begin((starts, goals), rng.random(nv))
     counters = room.search.counters
     lanes.forget()
+    suspected = [0, 1]
     while (
         counters[lane_nodes.ITERATION] < MOST_ITERATIONS
         and counters[lane_nodes.MOTIONS] < most_motions
@@ -96,9 +114,14 @@ def grow(
         if ended == kernel.FULL:
             room = room.roomier()
         if ended == kernel.MET:
-            path = _joined(room, sources, starts, goals)
-            return Found(path, int(counters[lane_nodes.ITERATION]), int(counters[lane_nodes.MOTIONS]), room.search)
-    return Found(None, int(counters[lane_nodes.ITERATION]), int(counters[lane_nodes.MOTIONS]), room.search)
+            return Found.by(room.search, _joined(room, sources, starts, goals))
+        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= ENCLOSED), None)
+        if tried is not None:
+            suspected.remove(tried)
+            roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
+            if size == len(roots) and not can_be_left(lanes, roots, clearance, resolution, rng):
+                return Found.by(room.search, None, tried)
+    return Found.by(room.search, None)
 
 
 @dataclass(frozen=True, eq=False)
