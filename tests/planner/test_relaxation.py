@@ -11,7 +11,7 @@ import pytest
 
 from guidefield.collision.certificate import certify
 from guidefield.messages import scene as messages
-from guidefield.planner.connect import connect, shortcut
+from guidefield.planner.connect import connect
 from guidefield.planner.guide import cross
 from guidefield.planner.path_samples import RANGE
 from guidefield.planner.plane_crossing import ON_PLANE
@@ -35,7 +35,7 @@ def over_the_wall() -> tuple[Problem, np.ndarray]:
     start[0], goal[0] = 0.9, -0.9
     start[1] = goal[1] = 0.3
     rng = np.random.default_rng(1)
-    path = shortcut(made, connect(made, start, goal[None], rng).path, rng)
+    path = connect(made, start, goal[None], rng).path
     path.setflags(write=False)
     return made, path
 

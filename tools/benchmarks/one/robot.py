@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certificate import motion_free
-from guidefield.collision.preparation import needs_preparation, prepare
+from guidefield.collision.preparation import prepare
 from guidefield.collision.world import World
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, InvalidGroup, RobotInvalid
@@ -73,9 +73,8 @@ def measured(name: str, planning: float | None, memory: float) -> dict[str, Any]
         return {**line, "status": error.code.name, "message": error.message}
     line["planned"] = group.nv
     began = time.process_time()
-    if needs_preparation(group):
-        prepare(robot)
-        line["preparing"] = time.process_time() - began
+    prepare(robot)
+    line["preparing"] = time.process_time() - began
     if planning is None:
         return line
     walk = free_walk(group)
