@@ -11,7 +11,7 @@ import pytest
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import GOAL_SOLUTIONS, check_start, goal_points
-from guidefield.planner.problem import ConfigurationGoal, TipGoal
+from guidefield.planner.problem import Budget, ConfigurationGoal, TipGoal
 from guidefield.planner.stages import StageFailed
 from guidefield.robot.pose_target import PoseTarget
 from tests.planner.problems import problem, scene_of
@@ -61,6 +61,11 @@ def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
     assert failure.details["counts"][0] == failure.details["looked_at"]
     assert "most often panda_" in failure.message
     assert failure.details["solutions"] >= failure.details["looked_at"]
+
+
+def test_a_search_that_is_stopped_says_so() -> None:
+    made = problem("panda", scene_of(ball(0.1, *DOWN.translation)), pose(), budget=Budget(cancelled=lambda: True))
+    assert refused(made).status is Status.PREEMPTED
 
 
 def test_a_pose_that_is_too_close_says_how_close() -> None:

@@ -270,6 +270,19 @@ def test_solutions_that_are_not_accepted_are_counted():
     assert one.reason == "1 distinct solution from 128 starts, 1 more is too close"
 
 
+def test_it_stops_when_it_is_told_to():
+    planned = group("panda")
+    goal = exact(tip(planned, rest(planned)))
+    rounds = []
+
+    def none(zs):
+        return np.zeros(len(zs), bool)
+
+    result = found(planned, goal, accept=none, stopped=lambda: bool(rounds.append(0)) or len(rounds) > 2)
+    assert result.reason.endswith("from 128 starts, all in collision")
+    assert found(planned, goal, [rest(planned)], stopped=lambda: True).solutions  # what the starts lead to
+
+
 def test_solutions_lie_far_apart():
     planned = group("panda")
     chain = chain_to_tip(planned)

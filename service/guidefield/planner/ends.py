@@ -14,6 +14,7 @@ from guidefield.planner.problem import ConfigurationGoal, LastPlaneGoal, Problem
 from guidefield.planner.stages import StageFailed
 from guidefield.robot.inverse_kinematics import MOST_REJECTED, IkResult, solve
 from guidefield.robot.pose_target import PoseTarget
+from guidefield.robot.unreachable import OUT_OF_REACH
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""
@@ -51,7 +52,7 @@ def goal_points(problem: Problem) -> np.ndarray | None:
     """Chart points (m, nv) that would reach the goal and are free; None where the last guide plane is the goal.
 
     Raises:
-        StageFailed: GOAL_IN_COLLISION, NO_IK_SOLUTION or CLEARANCE_BELOW_MINIMUM.
+        StageFailed: GOAL_IN_COLLISION, NO_IK_SOLUTION or CLEARANCE_BELOW_MINIMUM; TIMED_OUT or PREEMPTED.
     """
     if isinstance(problem.goal, ConfigurationGoal):
         return _kept_goals(problem, _free_goals(problem, problem.goal))
@@ -69,7 +70,8 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
         starts: Configurations (nq,) that are looked from before the problem's start and random ones.
 
     Raises:
-        StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way.
+        StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
+            TIMED_OUT or PREEMPTED.
     """
     result = _solved(problem, target, starts, _keep_some_distance)
     if not result.solutions and result.rejected:
@@ -81,6 +83,8 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     qs = qs or [q for q in result.rejected if _keeps_off(problem, q)]  # lanes refuse what all but touches
     if qs:
         return np.array([problem.group.chart(q) for q in qs])
+    if (spent := problem.budget.spent()) is not None and result.details["cause"] != OUT_OF_REACH:
+        raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
     met = met_pairs(problem.world, result.rejected, problem.min_clearance)
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
@@ -108,6 +112,7 @@ def _solved(
         accept=lambda zs: free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
         most=most,
+        stopped=lambda: problem.budget.spent() is not None,
     )
 
 

@@ -60,6 +60,7 @@ def solve(
     accept: Accept | None = None,
     fault: str = "in collision",
     most: int = MOST_REJECTED,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> IkResult:
     """Distinct configurations of a group that bring its tip to a pose.
 
@@ -77,6 +78,7 @@ def solve(
         accept: Which configurations may be a solution; None: all may.
         fault: What is wrong with those that may not, for the reason.
         most: Random starts after which a pose counts as reachable only by what isn't accepted.
+        stopped: Whether to look no further; asked between rounds.
 
     Returns:
         The solutions, and a reason where there are fewer than `count`.
@@ -90,7 +92,7 @@ def solve(
     found.add(search.descend(given))
     from_starts = len(found.accepted)
     drawn = 0
-    while not _enough(found, count, drawn, most):
+    while not (_enough(found, count, drawn, most) or stopped()):
         size = FIRST_ROUND if count == 1 and drawn < ROUND else LARGE_ROUND if drawn >= LARGE_ROUND else ROUND
         found.add(search.near_base(search.descend(search.drawn(size, rng))))
         drawn += size

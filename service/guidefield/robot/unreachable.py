@@ -18,6 +18,9 @@ STARTS = 64
 HALVINGS = 8
 """How often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees."""
 
+OUT_OF_REACH = "out of reach"
+"""The one cause that is certain."""
+
 Reason = tuple[str, dict[str, Any]]
 """A sentence, and the values that it speaks about."""
 
@@ -37,7 +40,7 @@ def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Reason | None:
     sentence = (
         f"out of reach: at least {int(1000.0 * short)} mm short, as the chain to the tip is {chain.reach:.3g} m long"
     )
-    return sentence, {"cause": "out of reach", "short_by": short, "reach": chain.reach}
+    return sentence, {"cause": OUT_OF_REACH, "short_by": short, "reach": chain.reach}
 
 
 def why_unreached(
