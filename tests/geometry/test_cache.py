@@ -186,8 +186,9 @@ def test_what_was_unused_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> No
     assert sum(path.stat().st_size for path in entries()) <= 20_000
 
 
-def test_drafts_left_behind_are_removed_in_time() -> None:
+def test_drafts_left_behind_are_removed_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     remembered("cover", INPUTS, Counted())
+    monkeypatch.setattr(cache, "LOOK_SHARE", 0.0)
     old, new = folder() / ".old", folder() / ".new"
     for path in (old, new):
         path.write_bytes(b"half of")

@@ -16,7 +16,7 @@ from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.separation import PART, POLYTOPE, TRIANGLE, Parts
+from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, TRIANGLE, Parts
 from guidefield.robot.shapes import triangulation
 
 
@@ -88,24 +88,35 @@ class PartsTable:
 
     def _mesh(self, mesh: MeshTree, placement: Any) -> int:
         """Add a mesh that stands at a pinocchio.SE3 in its body; the root of its tree."""
+        alone, root = _mesh_alone(mesh, placement), self._n_nodes
+        links, shapes = alone.links.reshape(-1, 3), alone.shapes.reshape(-1, 3)
+        self._balls.append(alone.balls)
+        self._links.append((links + np.where(links >= 0, [root, root, self._n_parts], 0)).ravel())
+        self._shapes.append((shapes + np.array([0, self._n_blocks, 0])).ravel())
+        self._numbers.append(alone.numbers)
+        self._vertices.append(alone.vertices)
+        self._pieces[root] = root + mesh.pieces
+        self._n_nodes += len(links)
+        self._n_parts += len(shapes)
+        self._n_blocks += len(alone.vertices) // BLOCK
+        return root
+
+    def add_moved(self, mesh: MeshTree, placement: Any) -> None:
+        """Add a mesh that stands at a pinocchio.SE3 to a table that is empty: its root is 0."""
         count = len(mesh.corners)
         numbers = np.zeros((count, PART))
         numbers[:, :9] = _moved(placement, mesh.corners.reshape(-1, 3)).reshape(-1, 9)
         self._numbers.append(numbers.ravel())
         self._shapes.append(np.tile([TRIANGLE, 0, 0], count))
-        links = mesh.links + np.where(mesh.links >= 0, [self._n_nodes, self._n_nodes, self._n_parts], 0)
-        root = self._n_nodes
-        self._n_parts += count
-        self._n_nodes += len(mesh.balls)
+        links = mesh.links.copy()
+        self._n_parts, self._n_nodes = count, len(mesh.balls)
         for nodes, members in mesh.clusters:
             corners = corners_of_clusters(mesh.corners, members)
             links[nodes, 2] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
         for node, hull in mesh.hulls.items():
             links[node, 2] = self._add_hull(_moved(placement, hull))
-        self._pieces[root] = root + mesh.pieces
         self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
-        return root
 
     def _add_clusters(self, vertices: np.ndarray, count: int) -> np.ndarray:
         """Add so many hulls of as many vertices each, a multiple of sixteen; which parts they are."""
@@ -132,7 +143,7 @@ class PartsTable:
         """Add vertices in blocks; how many blocks."""
         blocks = -(-len(vertices) // LANES)
         padded = np.concatenate([vertices, np.repeat(vertices[:1], blocks * LANES - len(vertices), axis=0)])
-        self._vertices.append(padded.reshape(blocks, LANES, 3).transpose(0, 2, 1).ravel())
+        self._vertices.append(padded.reshape(blocks, LANES, 3).transpose(0, 2, 1).ravel().astype(np.float32))
         return blocks
 
     def tables(self) -> Parts:
@@ -142,7 +153,7 @@ class PartsTable:
             np.concatenate([np.empty(0, np.int64), *self._links]),
             np.concatenate([np.empty(0, np.int64), *self._shapes]),
             np.concatenate([np.empty(0), *self._numbers]),
-            np.concatenate([np.empty(0), *self._vertices]).astype(np.float32),
+            np.concatenate([np.empty(0, np.float32), *self._vertices]),
         )
         for array in arrays:
             array.setflags(write=False)
@@ -165,6 +176,28 @@ class PartsTable:
         self._n_nodes += 1
         return self._n_nodes - 1
 
+
+def _mesh_alone(mesh: MeshTree, placement: Any) -> Parts:
+    """The tables of a mesh that stands at a pinocchio.SE3, as if there were no other; the last ones are kept."""
+    key = (id(mesh), placement.homogeneous.tobytes())
+    known = _ALONE.pop(key, None)
+    if known is None:
+        table = PartsTable()
+        table.add_moved(mesh, placement)
+        known = mesh, table.tables()
+    _ALONE[key] = known
+    size = sum(array.nbytes for _, parts in _ALONE.values() for array in parts)
+    while size > MOST_ALONE:
+        size -= sum(array.nbytes for array in _ALONE.pop(next(iter(_ALONE)))[1])
+    return known[1]
+
+
+MOST_ALONE = 2**27
+"""Size of the tables of meshes that are kept [bytes]: a robot that holds something new, or stands elsewhere, has most
+of its links where they were in the frames of their joints."""
+
+_ALONE: dict[tuple[int, bytes], tuple[MeshTree, Parts]] = {}
+"""By mesh, which is held as well so that no other gets its number, and placement."""
 
 _KNOWN: dict[tuple[bytes, int], MeshTree] = {}
 _MOST_KNOWN = 128

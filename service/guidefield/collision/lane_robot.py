@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -149,12 +150,21 @@ def _surface_points(shape: Any) -> np.ndarray:
     An obstacle that contains one touches the mesh; the radius takes back what the kernels take off for rounding.
     """
     vertices, faces = triangulation(shape)
+    return _spread_points(vertices.tobytes(), faces.tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _spread_points(vertices_bytes: bytes, faces_bytes: bytes) -> np.ndarray:
+    vertices = np.frombuffer(vertices_bytes).reshape(-1, 3)
+    faces = np.frombuffer(faces_bytes, np.int64).reshape(-1, 3)
     candidates = np.concatenate([vertices[np.unique(faces)], vertices[faces].mean(axis=1)])
     chosen, away = [], np.linalg.norm(candidates - candidates.mean(axis=0), axis=1)
     for _ in range(min(SURFACE_POINTS, len(candidates))):
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(candidates - candidates[chosen[-1]], axis=1))
-    return np.column_stack([candidates[chosen], np.full(len(chosen), 1.5 * BAND)])
+    points = np.column_stack([candidates[chosen], np.full(len(chosen), 1.5 * BAND)])
+    points.setflags(write=False)
+    return points
 
 
 def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -32,6 +32,9 @@ MOST_BYTES = 2**30
 KEPT_SHARE = 0.75
 """What of that is kept then."""
 
+LOOK_SHARE = 0.01
+"""A process looks at how much there is at its first entry, and when it has written this share of what is allowed."""
+
 STALE = 3600.0
 """A draft of that age was left by a process that was killed [s]."""
 
@@ -173,9 +176,16 @@ def _write(path: Path, arrays: Arrays) -> None:
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_whole(path, hashlib.sha256(payload).digest() + payload, durable=False)
-        _make_room(path.parent)
+        _written[path.parent] = _written.get(path.parent, np.inf) + len(payload)
+        if _written[path.parent] >= LOOK_SHARE * MOST_BYTES:
+            _make_room(path.parent)
+            _written[path.parent] = 0.0
     except OSError as error:
         _log.warning("cannot keep %s: %s", path, error)
+
+
+_written: dict[Path, float] = {}
+"""What this process wrote to a folder since it last looked at how much there is: that takes long for thousands."""
 
 
 def _make_room(entries: Path) -> None:

@@ -105,7 +105,10 @@ def _source(name: str) -> Path:
 
 def _compile_what_is_named() -> None:
     for line in sys.stdin:
-        importlib.import_module(f"guidefield.kernels.{line.strip()}")
+        try:
+            importlib.import_module(f"guidefield.kernels.{line.strip()}")
+        except Exception as error:
+            sys.exit(f"{line.strip()}: {type(error).__name__}: {' '.join(str(error).split())}")
         _tell(line.strip())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import coal
@@ -48,12 +49,31 @@ def settle(model: Any, geometry: Any) -> tuple[GeometryChoice, ...]:
 
 
 def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull."""
+    """Vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull, read-only.
+
+    Coal hands out one triangle at a time, a microsecond each; the last `MOST_KNOWN` meshes with the same vertices, as
+    many triangles, and the same first, middle and last one are not read again.
+    """
     if isinstance(shape, coal.BVHModelBase):
-        vertices, faces = np.array(shape.vertices()), (shape.tri_indices(i) for i in range(shape.num_tris))
+        vertices, face, count = np.array(shape.vertices()), shape.tri_indices, shape.num_tris
     else:
-        vertices, faces = np.array(shape.points()), (shape.polygons(i) for i in range(shape.num_polygons))
-    return vertices, np.array([(face[0], face[1], face[2]) for face in faces])
+        vertices, face, count = np.array(shape.points()), shape.polygons, shape.num_polygons
+    some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
+    key = (type(shape), hashlib.sha256(vertices.tobytes()).digest(), count, some)
+    triangles = _KNOWN.pop(key, None)
+    if triangles is None:
+        triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
+    _KNOWN[key] = triangles
+    while len(_KNOWN) > MOST_KNOWN:
+        del _KNOWN[next(iter(_KNOWN))]
+    for array in (vertices, triangles):
+        array.setflags(write=False)
+    return vertices, triangles
+
+
+MOST_KNOWN = 256
+
+_KNOWN: dict[tuple[Any, ...], np.ndarray] = {}
 
 
 def hull(mesh: Any) -> Any | None:
