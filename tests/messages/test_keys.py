@@ -80,7 +80,7 @@ def test_an_impossible_planning_time_is_brought_within_bounds(given_: float, all
         (_query("scenes/shelf", b'{"name": "other"}'), "named 'other', but it is sent to be stored as 'shelf'"),
         (_query("kinematics", b'{"type": "info"}'), "Invalid value 'info'"),
         (_query("plan", b'{"type": "info"}'), "unknown field `type`"),
-        (_query("plan"), "truncated"),
+        (_query("plan"), "it is empty"),
     ],
 )
 def test_what_does_not_fit_is_said(query: keys.Query, says: str) -> None:

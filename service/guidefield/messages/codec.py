@@ -9,12 +9,15 @@ from typing import Any
 import msgspec
 
 from guidefield.errors import MalformedRequest, RequestTooLarge
-from guidefield.messages import replies, requests
+from guidefield.messages import faults, replies, requests
 from guidefield.messages.scene import Scene
 from guidefield.messages.values import Reply
 
 MAX_REQUEST_BYTES = 64 * 2**20
 """Largest payload that is looked at."""
+
+EXPLAINED_BYTES = 2**20
+"""Largest payload whose fault is looked at again, to tell what would have been right."""
 
 
 class Encoding(enum.StrEnum):
@@ -71,7 +74,7 @@ def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
     try:
         return _decoder(kind, encoding).decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise _malformed(error, encoding) from None
+        raise _malformed(error, data, kind, encoding) from None
 
 
 def decode_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
@@ -89,7 +92,7 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
         try:
             converted: requests.Request = msgspec.convert(request, kind)
         except msgspec.ValidationError as error:
-            raise _malformed(error, None) from None
+            raise _refused(error, request, kind) from None
         return converted
     if not isinstance(request, bytes | bytearray | memoryview | str):
         raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
@@ -120,12 +123,26 @@ def json_schemas() -> dict[str, Any]:
     }
 
 
-def _malformed(error: Exception, encoding: Encoding | None) -> MalformedRequest:
-    text = str(error)
-    message, _, path = text.rpartition(" - at `")
-    path = path.rstrip("`")
-    if not message:
-        message, path = text, "$"
-    if isinstance(error, msgspec.ValidationError) or encoding is None:
-        return MalformedRequest(f"{message} (at {path})", path=path)
+def _malformed(error: Exception, data: bytes, kind: Any, encoding: Encoding) -> MalformedRequest:
+    if isinstance(error, msgspec.ValidationError):
+        return _refused(error, _plain(data, encoding), kind)
+    text = faults.place_in_text(str(error), data) if encoding is Encoding.JSON else str(error)
     return MalformedRequest(f"the payload is not {encoding.value}: {text}", path="$")
+
+
+def _plain(data: bytes, encoding: Encoding) -> Any:
+    """A payload as plain data; None where it is too much to be looked at again, or broken behind its first fault."""
+    try:
+        return _decoder(Any, encoding).decode(data) if len(data) <= EXPLAINED_BYTES else None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def _refused(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
+    """What is wrong with plain data; without advice where there is none to look at again."""
+    if data is None:
+        message, path = faults.split(str(error))
+        return MalformedRequest(f"{message} (at {path})", path=path)
+    check = functools.partial(msgspec.convert, type=kind)
+    message, path, choices = faults.explained(str(error), data, kind, check)
+    return MalformedRequest(f"{message} (at {path})", path=path, **({"available": choices} if choices else {}))

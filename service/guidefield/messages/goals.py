@@ -12,6 +12,7 @@ from guidefield.messages.values import (
     QuaternionXYZW,
     Vector3,
     require_finite,
+    require_finite_number,
     require_unit_quaternion,
 )
 
@@ -30,7 +31,10 @@ Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
 def require_finite_positions(field: str, positions: Positions) -> None:
     """Raise ValueError if a joint value is NaN or infinite; `field` is what it is called."""
     for joint, value in positions.items():
-        require_finite(f"{field}.{joint}", value if isinstance(value, list) else (value,))
+        if isinstance(value, list):
+            require_finite(f"{field}.{joint}", value)
+        else:
+            require_finite_number(f"{field}.{joint}", value)
 
 
 class JointsGoal(Message, tag_field="type", tag="joints"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -49,7 +48,16 @@ from guidefield.messages.store_requests import (
     StoreRobot as StoreRobot,
     StoreScene as StoreScene,
 )
-from guidefield.messages.values import Message, Name, NonNegative, Placement, Positive, RunId, Vector3, require_finite
+from guidefield.messages.values import (
+    Message,
+    Name,
+    NonNegative,
+    Placement,
+    Positive,
+    RunId,
+    Vector3,
+    require_finite_number,
+)
 
 
 class AttachedObject(Message):
@@ -133,7 +141,9 @@ class JointLimits(Message):
     jerk: Positive | None = None
 
     def __post_init__(self) -> None:
-        require_finite("limits", (x for x in (self.velocity, self.acceleration, self.jerk) if x is not None))
+        for field in ("velocity", "acceleration", "jerk"):
+            if (limit := getattr(self, field)) is not None:
+                require_finite_number(field, limit)
 
 
 class PlanRequest(Message):
@@ -196,8 +206,7 @@ class PlanRequest(Message):
 
     def __post_init__(self) -> None:
         require_finite_positions("start", self.start)
-        if not math.isfinite(self.min_clearance):
-            raise ValueError(f"`min_clearance` must be a finite number, got {self.min_clearance}")
+        require_finite_number("min_clearance", self.min_clearance)
 
 
 TaggedRequest = KinematicsRequest | StoreRequest

@@ -19,6 +19,7 @@ from guidefield.messages.values import (
     QuaternionXYZW,
     Vector3,
     require_finite,
+    require_finite_number,
     require_unit_quaternion,
 )
 
@@ -51,7 +52,7 @@ class _Obstacle(Message, tag_field="type"):
     trajectory: ObstacleTrajectory | None = None
 
     def __post_init__(self) -> None:
-        require_finite("charge", (self.charge,))
+        require_finite_number("charge", self.charge)
 
 
 class _Placed(_Obstacle, kw_only=True):
@@ -85,7 +86,7 @@ class Sphere(_Obstacle, tag="sphere", kw_only=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_finite("position", self.position)
-        require_finite("radius", (self.radius,))
+        require_finite_number("radius", self.radius)
 
 
 class Cylinder(_Placed, tag="cylinder", kw_only=True):
@@ -96,7 +97,8 @@ class Cylinder(_Placed, tag="cylinder", kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_finite("radius, length", (self.radius, self.length))
+        require_finite_number("radius", self.radius)
+        require_finite_number("length", self.length)
 
 
 class Capsule(_Placed, tag="capsule", kw_only=True):
@@ -107,7 +109,8 @@ class Capsule(_Placed, tag="capsule", kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_finite("radius, length", (self.radius, self.length))
+        require_finite_number("radius", self.radius)
+        require_finite_number("length", self.length)
 
 
 class Mesh(_Placed, tag="mesh", kw_only=True):
@@ -148,7 +151,7 @@ class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_finite("normal", self.normal)
-        require_finite("offset", (self.offset,))
+        require_finite_number("offset", self.offset)
         if sum(x * x for x in self.normal) < 1e-12:
             raise ValueError("`normal` must not be zero")
 
@@ -162,7 +165,7 @@ class PointCloud(_Obstacle, tag="point_cloud", kw_only=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_points("points", self.points)
-        require_finite("radius", (self.radius,))
+        require_finite_number("radius", self.radius)
 
 
 Obstacle = Box | Sphere | Cylinder | Capsule | Mesh | Polygon | HalfSpace | PointCloud

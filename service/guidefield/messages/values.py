@@ -66,8 +66,14 @@ def require_finite(field: str, values: Iterable[float]) -> None:
     """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`."""
     for index, value in enumerate(values):
         if not abs(value) <= LARGEST:
-            wanted = f"within {LARGEST:g}" if math.isfinite(value) else "a finite number"
-            raise ValueError(f"`{field}[{index}]` must be {wanted}, got {value}")
+            require_finite_number(f"{field}[{index}]", value)
+
+
+def require_finite_number(field: str, value: float) -> None:
+    """Raise ValueError if a number is NaN, infinite or beyond `LARGEST`."""
+    if not abs(value) <= LARGEST:
+        wanted = f"within {LARGEST:g}" if math.isfinite(value) else "a finite number"
+        raise ValueError(f"`{field}` must be {wanted}, got {value}")
 
 
 def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
