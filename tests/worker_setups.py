@@ -7,6 +7,7 @@ import os
 import time
 from pathlib import Path
 
+from guidefield.errors import RobotInvalid
 from guidefield.pool.process import Call, Work
 
 
@@ -18,6 +19,11 @@ def obedient() -> Work:
 def broken() -> Work:
     """A worker that cannot be prepared."""
     raise ValueError("this worker cannot be prepared")
+
+
+def refusing() -> Work:
+    """A worker that cannot be prepared for a reason that a person can act on."""
+    raise RobotInvalid("there is no robot 'r2d2'")
 
 
 def _obey(job: tuple[str, str], call: Call) -> tuple[bool, bytes]:

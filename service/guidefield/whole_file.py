@@ -23,7 +23,7 @@ def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
         durable: Whether it must survive a power cut; what can be made again need not, and is written faster.
 
     Raises:
-        OSError: if it can't be written.
+        OSError: if it can't be written; names `path`.
     """
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
     try:
@@ -33,6 +33,8 @@ def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
                 file.flush()
                 os.fsync(file.fileno())
         draft.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         draft.unlink(missing_ok=True)
     if durable:

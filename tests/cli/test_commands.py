@@ -79,16 +79,33 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 def test_a_place_that_cannot_be_written_is_said(request_file: Path, tmp_path: Path) -> None:
-    done = guidefield("plan", str(request_file), "-o", str(tmp_path / "nowhere" / "reply.json"))
+    for option in ("--output", "--record"):
+        done = guidefield("plan", str(request_file), option, str(tmp_path / "nowhere" / "file"))
+        assert done.returncode == 2
+        assert "there is no folder" in done.stderr
+        assert "Traceback" not in done.stderr
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_file_that_is_no_request_is_named_with_the_line(tmp_path: Path) -> None:
+    file = tmp_path / "broken.json"
+    file.write_text('{"robot": "panda",\n "scene": }')
+    done = guidefield("plan", str(file))
     assert done.returncode == 2
-    assert done.stderr.startswith("FileNotFoundError")
-    assert "Traceback" not in done.stderr
+    assert f"{file}: the payload is not application/json" in done.stderr
+    assert "line 2, column 11" in done.stderr
 
 
 def test_nobody_to_query_is_said(request_file: Path) -> None:
     done = guidefield("query", str(request_file), "--connect", f"tcp/127.0.0.1:{free_port()}")
     assert done.returncode == 2
     assert done.stderr.startswith("COMMUNICATION_FAILURE: nobody listens")
+    for options, says in (("--connect", "nonsense"), "got nonsense"), (("--config", "none.json5"), "none.json5"):
+        done = guidefield("query", str(request_file), *options)
+        assert done.returncode == 2
+        assert says in done.stderr
+        assert "Traceback" not in done.stderr
+        assert ".rs:" not in done.stderr
 
 
 def test_a_service_is_queried(request_file: Path, tmp_path: Path) -> None:
@@ -137,6 +154,7 @@ def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path) -> Non
         assert done.returncode == 2
         assert says in done.stderr
         assert "Traceback" not in done.stderr
+        assert ".rs:" not in done.stderr
 
 
 @pytest.mark.parametrize(("status", "code"), [(Status.SUCCESS, 0), (Status.STUCK_IN_MINIMUM, 1), (Status.TIMED_OUT, 1)])

@@ -66,6 +66,14 @@ def test_a_reply_has_everything_the_wire_promises() -> None:
     assert codec.encode(reply)
 
 
+def test_a_refusal_counts_no_time_twice() -> None:
+    reply = ask(start=READY, goal=joints(panda_joint1=9.0))
+    assert reply.status.name == "GOAL_STATE_INVALID"
+    spent = msgspec.to_builtins(reply.timing)
+    total = spent.pop("total")
+    assert 0.0 < spent["certify"] < sum(spent.values()) <= total
+
+
 def test_a_sample_rate_gives_even_samples() -> None:
     reply = ask(start=READY, goal=joints(panda_joint1=0.6), sample_rate=50.0)
     assert reply.trajectory is not None

@@ -138,7 +138,9 @@ def test_a_plane_that_joint_limits_keep_out_of_reach_is_unreachable() -> None:
 
 def test_the_budget_ends_it() -> None:
     made = problem("panda", "bookshelf", budget=Budget(time.monotonic() - 1.0))
-    assert cross(made, made.q_start, made.guide_planes[0], 0).status is Status.TIMED_OUT
+    late = cross(made, made.q_start, made.guide_planes[0], 0)
+    assert late.status is Status.TIMED_OUT
+    assert late.message.startswith(f"time was up {1000 * late.details['distance']:.0f} mm before guide plane 'GP1'")
     made = problem("panda", "bookshelf", budget=Budget(cancelled=lambda: True))
     assert cross(made, made.q_start, made.guide_planes[0], 0).status is Status.PREEMPTED
 

@@ -273,6 +273,17 @@ def test_time_up_returns_what_there_is() -> None:
     assert result.verdict.free
 
 
+def test_a_motion_that_had_no_time_to_be_relaxed_says_so() -> None:
+    goal = ConfigurationGoal((np.array([0.6, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]),))
+    hurried, whole = (
+        plan(problem("panda", "table", goal, planes=(), budget=Budget(deadline)))
+        for deadline in (time.monotonic(), float("inf"))
+    )
+    assert hurried.status is whole.status is Status.SUCCESS
+    assert "time was up while the motion was relaxed" in hurried.warnings[0]
+    assert whole.warnings == ()
+
+
 def test_the_observer_hears_every_stage_enter_and_leave() -> None:
     made = problem("panda", "wall_with_window")
     plan(made)

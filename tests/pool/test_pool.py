@@ -154,6 +154,15 @@ def test_two_workers_work_at_once() -> None:
         pool.close(PATIENCE)
 
 
+def test_why_a_worker_cannot_be_prepared_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+    pool = Pool(worker_setups.refusing, workers=1)
+    pool.start()
+    with pytest.raises(RuntimeError, match="could not be prepared: there is no robot 'r2d2'"):
+        pool.ready(PATIENCE)
+    pool.close(0.0)
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_a_worker_that_cannot_be_prepared_is_said_at_the_start() -> None:
     pool = Pool(worker_setups.broken, workers=1)
     pool.start()

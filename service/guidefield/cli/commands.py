@@ -18,6 +18,7 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
+from guidefield.cli.files import WRITTEN
 from guidefield.cli.found_run import Data, RunName, Service, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
@@ -46,7 +47,9 @@ out = Console()
 err = Console(stderr=True)
 
 RequestFile = Annotated[Path, typer.Argument(help="JSON file with a request; - reads standard input.", allow_dash=True)]
-ReplyFile = Annotated[Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.")]
+ReplyFile = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=WRITTEN)
+]
 
 
 def main() -> None:
@@ -77,12 +80,16 @@ def options(
 def plan(
     request: RequestFile,
     output: ReplyFile = None,
-    record: Annotated[Path | None, typer.Option(help="Write a recording of the run here (.rrd).")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=WRITTEN)
+    ] = None,
 ) -> None:
     """Plan in this process, without a service.
 
     A request is such as {"robot": "panda", "scene": "bookshelf", "goal": {"type": "guide_plane"}}; those for
     kinematics, clearance and the potential are answered too.
+
+    Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
     asked = _read(request)
     compile_kernels(err.print)
@@ -98,11 +105,16 @@ def query(
     name: Annotated[str | None, typer.Option(help="Name of the service; else the freest is asked.")] = None,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")] = None,
     output: ReplyFile = None,
-    record: Annotated[Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=WRITTEN)
+    ] = None,
 ) -> None:
-    """Ask a service for a plan or for kinematics."""
+    """Ask a service for a plan or for kinematics.
+
+    Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
+    """
     asked = _read(request)
-    with Client.connect(*(connect or ()), instance=name, config=config) as client:
+    with _connected(connect, name, config) as client:
         if isinstance(asked, requests.PlanRequest):
             reply: Reply = client.plan(asked)
         elif isinstance(asked, requests.KinematicsRequest):
@@ -229,13 +241,23 @@ app.add_typer(runs_app, name="runs")
 app.command()(replay)
 
 
-def _read(path: Path) -> requests.Request:
-    if str(path) == "-":
-        return codec.decode_request(sys.stdin.buffer.read())
+def _connected(endpoints: list[str] | None, name: str | None, config: Path | None) -> Client:
     try:
-        return codec.decode_request(path.read_bytes())
+        return Client.connect(*(endpoints or ()), instance=name, config=config)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="'--config'" if not endpoints else "'--connect'") from None
+
+
+def _read(path: Path) -> requests.Request:
+    try:
+        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
     except OSError as error:
         raise MalformedRequest(f"the request can't be read: {path}: {error.strerror}", path=str(path)) from None
+    try:
+        return codec.decode_request(content)
+    except MalformedRequest as error:
+        where = "standard input" if str(path) == "-" else path
+        raise MalformedRequest(f"{where}: {error.message}", **error.details) from None
 
 
 def _report(reply: Reply, output: Path | None) -> NoReturn:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
+from guidefield.cli.files import WRITTEN
 from guidefield.cli.found_run import Data, RunName, Service, find_run, recording_file, run_store
 from guidefield.engine import Engine
 from guidefield.messages.replies import RunsReply
@@ -34,7 +35,10 @@ def list_runs(
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """List the runs that are kept, newest first."""
-    wanted = ReadRuns(status=status, robot=robot, since=None if since is None else since.timestamp())
+    try:
+        wanted = ReadRuns(status=status, robot=robot, since=None if since is None else since.timestamp())
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="'--status'") from None
     found = Engine(name, runs=run_store(data, name)).answer(wanted)
     assert isinstance(found, RunsReply), "runs were asked for"
     if json:
@@ -56,7 +60,9 @@ def compare(first: RunName, second: RunName, data: Data = None, name: Service = 
 @runs_app.command()
 def export(
     run: RunName,
-    file: Annotated[Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.")],
+    file: Annotated[
+        Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.", callback=WRITTEN)
+    ],
     data: Data = None,
     name: Service = "local",
 ) -> None:

@@ -47,7 +47,7 @@ def _configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config
     try:
         settings = zenoh.Config() if config is None else zenoh.Config.from_file(str(config))
     except zenoh.ZError as error:
-        raise ValueError(f"the Zenoh configuration is wrong: {error}") from None
+        raise ValueError(f"the Zenoh configuration {str(config)!r} is wrong: {without_source(error)}") from None
     if endpoints:
         try:
             settings.insert_json5("connect/endpoints", json.dumps(endpoints))

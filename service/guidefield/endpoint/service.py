@@ -136,15 +136,23 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
     try:
         config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))
         if settings.listen is not None:
-            config.insert_json5("listen/endpoints", json.dumps(list(settings.listen)))
+            _listen(config, settings.listen)
         elif config.get_json("listen/endpoints") == zenoh.Config().get_json("listen/endpoints"):
             config.insert_json5("listen/endpoints", json.dumps([DEFAULT_LISTEN]))
         for key, value in UNLESS_TOLD.items():
             if config.get_json(key) == zenoh.Config().get_json(key):
                 config.insert_json5(key, value)
     except zenoh.ZError as error:
-        raise CannotServe(f"the Zenoh configuration is wrong: {error}") from None
+        file = "" if settings.config is None else f" {str(settings.config)!r}"
+        raise CannotServe(f"the Zenoh configuration{file} is wrong: {without_source(error)}") from None
     return config
+
+
+def _listen(config: zenoh.Config, endpoints: tuple[str, ...]) -> None:
+    try:
+        config.insert_json5("listen/endpoints", json.dumps(list(endpoints)))
+    except zenoh.ZError:
+        raise CannotServe(f"endpoints are written like {DEFAULT_LISTEN}, got {', '.join(endpoints)}") from None
 
 
 def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
@@ -181,7 +189,8 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise CannotServe(f"Zenoh can't be opened: {without_source(error)}") from None
+        where = config.get_json("listen/endpoints")
+        raise CannotServe(f"Zenoh can't be opened at {where}: {without_source(error)}") from None
 
 
 def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:

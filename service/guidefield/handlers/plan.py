@@ -78,7 +78,7 @@ def answer_plan(
     problem, warnings = problem_of(request, robot, scene, budget)
     attempts = ATTEMPTS[request.minimizer](problem.group)
     refusal = _refusal(problem) or _unprepared(request, problem, preparing)
-    load_seconds = time.monotonic() - began
+    load_seconds = time.monotonic() - began - (sum(refusal.seconds.values()) if refusal else 0.0)
     derivation = Derivation()
     if refusal is None:
         problem, derivation = with_derived_planes(problem, request)

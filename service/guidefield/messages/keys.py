@@ -151,7 +151,10 @@ def _runs(query: Query) -> requests.Request:
         began_after = None if since is None else float(since)
     except ValueError:
         raise MalformedRequest(f"`since` must be seconds since 1970, got {since!r}", parameter="since") from None
-    return requests.ReadRuns(query.parameters.get("status"), query.parameters.get("robot"), began_after)
+    try:
+        return requests.ReadRuns(query.parameters.get("status"), query.parameters.get("robot"), began_after)
+    except ValueError as error:
+        raise MalformedRequest(str(error), parameter="status") from None
 
 
 def _run(query: Query) -> requests.Request:

@@ -6,9 +6,13 @@ from typing import Annotated
 
 import msgspec
 
+from guidefield.errors import Status
 from guidefield.messages.references import RobotReference
 from guidefield.messages.scene import Scene
 from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfCharacters
+
+RUNNING = "RUNNING"
+"""The status of a run that has not ended."""
 
 
 class ReadRobots(Message, tag_field="type", tag="robots"):
@@ -78,11 +82,19 @@ class ReadInfo(Message, tag_field="type", tag="info"):
 
 
 class ReadRuns(Message, tag_field="type", tag="runs"):
-    """List the runs that are kept, newest first: those of a status or robot, or begun after a time [s since 1970]."""
+    """List the runs that are kept, newest first: those of a status or robot, or begun after a time [s since 1970].
+
+    A status is the name of one, or RUNNING.
+    """
 
     status: str | None = None
     robot: str | None = None
     since: float | None = None
+
+    def __post_init__(self) -> None:
+        names = (*Status.__members__, RUNNING)
+        if self.status is not None and self.status not in names:
+            raise ValueError(f"`status` must be one of {', '.join(names)}, got {self.status[:64]!r}")
 
     def wants(self, status: str, robot: str, began: float) -> bool:
         """Whether a run with these is to be listed."""

@@ -18,7 +18,7 @@ from guidefield.collision.constraint_certificate import certify_constraints
 from guidefield.planner.constrained import Keeper
 from guidefield.planner.jerk import parameterize_gently
 from guidefield.planner.problem import Problem
-from guidefield.planner.relaxation import SEGMENT, Relaxed, relax
+from guidefield.planner.relaxation import SEGMENT, Outcome, Relaxed, relax
 from guidefield.planner.spline import CubicSpline, interpolate
 from guidefield.planner.stages import Stages
 from guidefield.planner.timing import parameterize
@@ -32,6 +32,9 @@ FINER = 0.5
 
 LAST_JUDGEMENT = 0.1
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
+
+HURRIED = "time was up while the motion was relaxed: with a longer `allowed_planning_time` it keeps further away"
+"""Warning about a motion that is certified, but nearer to obstacles than it had to be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,8 @@ def finish(
         relaxed = relax(problem, path, crossings)
         stage.outcome = relaxed.outcome
     finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
+    if relaxed.outcome is Outcome.OUT_OF_TIME:
+        finished = replace(finished, warnings=(HURRIED,))
     if not (finished.verdict.free or problem.budget.spent()):
         finished = _repaired(problem, relaxed, stages) or finished
     if finished.verdict.free or not proven:

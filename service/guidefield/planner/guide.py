@@ -18,6 +18,7 @@ from guidefield.errors import Status
 from guidefield.planner.aim import Aim
 from guidefield.planner.problem import Problem
 from guidefield.planner.projected import Blocks, Projected
+from guidefield.planner.refusal import stopped_before
 from guidefield.planner.rounds import FIRST_STEP, Attempt, Round, rounds
 from guidefield.planner.steps import MARGIN, Walker
 from guidefield.planner.tip_reach import inset_of, unreachable_at_once
@@ -95,7 +96,7 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
     creeping = 0
     while True:
         if (spent := problem.budget.spent()) is not None:
-            return _given_up(spent, "planning was stopped", walker, aim, index)
+            return _given_up(spent, stopped_before(spent, plane.name, aim.distance(walker.tip)), walker, aim, index)
         for made in rounds(walker, aim, attempt):
             if made.ended is Round.BLOCKED:
                 return _blocked(walker, aim, index)

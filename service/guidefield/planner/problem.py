@@ -94,7 +94,7 @@ class Problem:
         path_constraints: What frames have to keep all along the motion.
         optimization_iterations: Rounds in which a connection is made shorter, and most steps of the relaxation; None:
             no rounds, and what the relaxation takes.
-    seed: Of all randomness.
+        seed: Of all randomness.
         budget: How long it may take.
         observer: Who watches.
         counters: What is counted on the way.

@@ -12,6 +12,20 @@ SLACK = 1e-3
 """A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
 
 
+def stopped_before(status: Status, plane: str, distance: float) -> str:
+    """What is told of a plan that was stopped on its way to a guide plane.
+
+    Args:
+        status: TIMED_OUT or PREEMPTED.
+        plane: Name of the plane.
+        distance: Of the tip to it [m].
+    """
+    where = f"{1000 * distance:.0f} mm before guide plane {plane!r}"
+    if status is Status.PREEMPTED:
+        return f"the run was cancelled {where}"
+    return f"time was up {where}; a longer `allowed_planning_time` lets it go on"
+
+
 def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, Any]]:
     """Why a motion is not certified: status, message, and the place."""
     status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
@@ -24,7 +38,8 @@ def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, 
     group = problem.group
     details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
     if verdict.reason == "stopped":
-        return status, "time was up before the motion was certified", details
+        why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
+        return status, f"{why} before the motion was certified", details
     distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
         status = Status.CLEARANCE_BELOW_MINIMUM

@@ -19,6 +19,7 @@ from guidefield.errors import Status
 from guidefield.planner.aim import ANYWHERE, Aim
 from guidefield.planner.guide import margin_at
 from guidefield.planner.problem import Problem
+from guidefield.planner.refusal import stopped_before
 from guidefield.planner.rounds import ON_PLANE, Attempt, Round, approach
 from guidefield.planner.stages import StageFailed, Stages
 from guidefield.planner.steps import Walker
@@ -87,7 +88,8 @@ def _cross(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Se
     waited = 0.0
     while True:
         if (spent := problem.budget.spent()) is not None:
-            raise StageFailed(spent, "planning was stopped", **_details(problem, path, aim, index))
+            message = stopped_before(spent, aim.plane.name, aim.distance(_tip(problem, path)))
+            raise StageFailed(spent, message, **_details(problem, path, aim, index))
         ended = _round(problem, path, aim, index, attempts)
         if ended is Round.ARRIVED:
             return waited

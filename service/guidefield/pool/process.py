@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import resource
@@ -13,10 +14,14 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any
 
+from guidefield.errors import GuidefieldError
 from guidefield.pool.waiting import Answer
 
 DATA_ROOM = 2
 """How many times its memory limit a worker may ask the system for: one huge allocation fails at once."""
+
+LONGEST_REASON = 4096
+"""Longest reason that is told of a worker that can't be prepared [characters]."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +69,16 @@ _line: Line | None = None
 
 
 def prepare(setup: Setup, line: Line, memory: int) -> None:
-    """Make this process a worker that may have some memory [bytes]."""
+    """Make this process a worker that may have some memory [bytes]; where that is refused, tell why and end."""
     global _answers, _line
     threading.Thread(target=_end_with_parent, name="guidefield-parent", daemon=True).start()
     line.told.setblocking(False)
-    _answers, _line = setup(), line
+    try:
+        _answers, _line = setup(), line
+    except GuidefieldError as error:
+        line.told.send(error.message[:LONGEST_REASON].encode())
+        logging.disable()  # the reason is told: pebble would log where in our source it was found
+        raise
     resource.setrlimit(resource.RLIMIT_DATA, (DATA_ROOM * memory, resource.RLIM_INFINITY))
 
 

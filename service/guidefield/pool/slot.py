@@ -57,6 +57,7 @@ class Slot:
         self._watch: Watch | None = None
         self._current: tuple[Task, int] | None = None
         self._tried = threading.Event()
+        self._reason = ""
         self._thread = threading.Thread(target=self._run, name="guidefield-slot", daemon=True)
         self.replaced = 0
 
@@ -84,7 +85,7 @@ class Slot:
         if not self._tried.wait(timeout):
             return False
         if self._watch is None:
-            raise RuntimeError("a worker process could not be prepared; its log says why")
+            raise RuntimeError(f"a worker process could not be prepared{self._reason or '; its log says why'}")
         return True
 
     def join(self, timeout: float) -> None:
@@ -191,10 +192,12 @@ class Slot:
             if pid.done():
                 self._watch, self._pool = Watch(pid.result()), pool
                 return
-            if not self._waiting.closed:
-                _log.error("a worker process ended before it was ready")
         except (ProcessExpired, BrokenProcessPool, RuntimeError, OSError):
-            _log.error("a worker process could not be prepared")
+            pass  # as where it ends by itself
+        with contextlib.suppress(BlockingIOError):
+            self._reason = f": {self._heard.recv(LONGEST_TELLING).decode()}"
+        if not self._waiting.closed:
+            _log.error("a worker process could not be prepared%s", self._reason)
         _end(pool)
 
     def _stop_worker(self) -> None:

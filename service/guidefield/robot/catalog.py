@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from guidefield.errors import RobotInvalid
+from guidefield.messages.faults import nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot import card as cards
@@ -73,6 +74,8 @@ class Catalog:
         if entry is None:
             variants = [e.name for e in entries().values() if e.family == name]
             hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
+            if not variants and (near := nearest(name, self.names())):
+                hint = f"did you mean {' or '.join(near)}? {hint}"
             raise RobotInvalid(
                 f"there is no robot {name[:64]!r}; {hint}",
                 robot=name[:64],

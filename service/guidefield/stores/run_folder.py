@@ -7,12 +7,10 @@ from pathlib import Path
 import msgspec
 
 from guidefield.messages.replies import RunSummary
+from guidefield.messages.store_requests import RUNNING
 from guidefield.stores.files import read_if_any
 
 REQUEST, REPLY, ERROR, RECORDING = "request.json", "reply.json", "error.json", "recording.rrd"
-
-RUNNING = "RUNNING"
-"""Status of a run that has neither a reply nor an error yet."""
 
 
 class _SceneHead(msgspec.Struct):

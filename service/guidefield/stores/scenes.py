@@ -8,6 +8,7 @@ import msgspec
 
 from guidefield.errors import RequestTooLarge, SceneInvalid
 from guidefield.messages import codec
+from guidefield.messages.faults import MOST_NAMED, nearest
 from guidefield.messages.scene import Scene
 from guidefield.scene import library
 from guidefield.stores.files import checked_name, read_if_any
@@ -121,6 +122,11 @@ Scenes = PackagedScenes | SceneStore
 
 
 def _unknown(name: str, names: list[str]) -> SceneInvalid:
+    near = nearest(name, names)
+    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return SceneInvalid(
-        f"there is no scene {name[:64]!r}; there are {', '.join(names)}", scene=name[:64], available=names
+        f"there is no scene {name[:64]!r}; {meant}there are {', '.join(names[:MOST_NAMED])}{more}",
+        scene=name[:64],
+        available=names,
     )

@@ -1,0 +1,24 @@
+"""Files that a command writes: refused before the work begins where they can't be written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import typer
+
+
+def _writable(file: Path | None) -> Path | None:
+    if file is None:
+        return None
+    if file.is_dir():
+        raise typer.BadParameter(f"{str(file)!r} is a folder")
+    if not file.parent.is_dir():
+        raise typer.BadParameter(f"there is no folder {str(file.parent)!r}")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise typer.BadParameter(f"{str(file)!r} can't be written")
+    return file
+
+
+WRITTEN = _writable
+"""Callback of an option or argument that names a file to be written."""
