@@ -93,7 +93,13 @@ class PlanningGroup:
 
     def part_of(self, q_whole: np.ndarray) -> np.ndarray:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
-        return reference_of(self.space, self.robot, q_whole)
+        part: np.ndarray = q_whole[self._places]
+        return part
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Where the planned joints' values stand in a configuration of the whole robot, shape (nq,)."""
+        return reference_of(self.space, self.robot, np.arange(self.robot.model.nq)).astype(int)
 
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
