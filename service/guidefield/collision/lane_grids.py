@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
-from guidefield.kernels.lane_tables import BAND, GRID_NUMBERS, GRID_PLACES
+from guidefield.kernels.lane_tables import BAND, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
 
-SIDES = {0: 1, 1: 4096, 2: 256}
-"""Cells along each side of a grid over so many coordinates."""
+MOST_CELLS = (1, 1 << 12, 1 << 18, 1 << 20)
+"""Cells of a grid over so many coordinates."""
 
 SLACK = 1.001
 """By how much the motion within a cell is taken to be larger: places on the grid are rounded to float32."""
@@ -44,7 +45,7 @@ class _Side(NamedTuple):
 def lane_grids(
     joints: LaneJoints, meetings: np.ndarray, carrying: np.ndarray, covers: Sequence[np.ndarray], ranges: np.ndarray
 ) -> Grids:
-    """Lay grids over the coordinates of meetings that hang on two at most.
+    """Lay grids over the coordinates of meetings that hang on three at most.
 
     Args:
         joints: The robot's joints.
@@ -59,23 +60,30 @@ def lane_grids(
         way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
         sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
         if sides is None:
-            places.append([0, 0, 0, 0, 0])
+            places.append([0] * GRID_PLACES)
             values.append([0.0] * GRID_NUMBERS)
             continue
-        count, row, moved = SIDES[len(sides)], [], 0.0
-        for side in sides:
+        place, row, moved, counts = [], [], 0.0, _counts(sides)
+        for side, count in zip(sides, counts, strict=True):
+            place += [side.driver, count]
             row += [side.lower, count / side.width, 0.5 / np.pi if side.wraps else 0.0]
             moved += side.lever * 0.5 * side.width / count
-        row += [0.0, 0.0, 0.0] * (2 - len(sides))
-        drivers = [(side.driver, count) for side in sides] + [(0, 1)] * (2 - len(sides))
-        places.append([*drivers[0], *drivers[1], cells])
-        values.append([*row, SLACK * moved + BAND])
-        cells += drivers[0][1] * drivers[1][1]
+        unused = GRID_SIDES - len(sides)
+        places.append([*place, *[0, 1] * unused, cells])
+        values.append([*row, *[0.0] * 3 * unused, SLACK * moved + BAND])
+        cells += math.prod(counts)
     return Grids(
         np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
         np.array(values, np.float32).reshape(-1, GRID_NUMBERS).ravel(),
         np.zeros(cells, np.uint8),
     )
+
+
+def _counts(sides: list[_Side]) -> list[int]:
+    """How many cells lie along each coordinate: a step along any moves bodies about as far."""
+    ways = np.array([side.lever * side.width for side in sides])
+    share = (MOST_CELLS[len(sides)] / ways.prod()) ** (1.0 / max(len(sides), 1))
+    return [max(1, int(count)) for count in ways * share]
 
 
 def _way(parents: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]]:
@@ -97,7 +105,7 @@ def _sides(
     covers: tuple[np.ndarray, np.ndarray],
     ranges: np.ndarray,
 ) -> list[_Side] | None:
-    """The coordinates that a meeting hangs on; None if they are more than two, or one has no end."""
+    """The coordinates that a meeting hangs on; None if they are more than three, or one has no end."""
     if (joints.kinds[ways[0] + ways[1]] > SLIDING).any():
         return None
     levers: dict[int, float] = {}
@@ -123,4 +131,4 @@ def _sides(
         low, high = (-np.pi, np.pi) if wraps[driver] else ranges[driver]
         sides.append(_Side(driver, float(low), float(high - low), wraps[driver], levers[driver]))
     bounded = all(np.isfinite([side.lower, side.width, side.lever]).all() and side.width > 0.0 for side in sides)
-    return sides if len(sides) <= max(SIDES) and bounded else None
+    return sides if len(sides) <= GRID_SIDES and bounded else None

@@ -1,60 +1,101 @@
-"""Pairs of joints whose bodies' distance hangs on one or two coordinates: the cells of those that keep them apart.
+"""Pairs of joints whose bodies' distance hangs on few coordinates: the cells of those that keep them apart.
 
 Bodies that follow each other closely in a chain are near each other at most configurations, but how they stand to each
-other hangs on few coordinates. Once a cell of these is known to keep them apart, wherever in it a configuration is,
-nothing more need be asked there. A cell is judged when one of its configurations is met first: at its middle the bodies
-must keep apart by more than any motion within the cell moves them. The verdict hangs on nothing else, so that no answer
-depends on what was asked before.
+other hangs on up to three coordinates. Once a cell of these is known to keep them apart, or to have them touch,
+wherever in it a configuration is, nothing more need be asked there. A cell is judged when one of its configurations is
+met first: at its middle the bodies must keep apart by more than any motion within the cell moves them, or balls inside
+them lie deeper in each other. The verdict hangs on nothing else, so that no answer depends on what was asked before.
 """
 
 from __future__ import annotations
 
-import numpy as np
 from numba import boolean, int64, types
 
 from guidefield.kernels.lane_axes import one_pose
 from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
+    BAND,
     BODIES,
     GRID_NUMBERS,
     GRID_PLACES,
+    GRID_SIDES,
     SCRATCH_MEMORY,
     LaneBodies,
     Scratch,
 )
 from guidefield.kernels.lanes import (
+    DOUBLE_POINTER,
     FLOAT_POINTER,
     LANES,
-    Vector,
+    below,
     first_lane,
     lane_part,
     lane_step,
+    largest_of,
     load,
     rint,
+    smallest_of,
     splat,
     store,
 )
 from guidefield.kernels.separation import AXIS, POINTED_PARTS, Parts, parts_apart
 from guidefield.kernels.signatures import Floats
 
-UNJUDGED, APART, UNKNOWN = range(3)
-"""What is known of a cell; it is `UNKNOWN` whether bodies touch somewhere in a cell that isn't `APART`."""
+UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
+"""What is known of a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known."""
 
 _TURN = 6.283185307179586
 
 
 @lane_part
-def _balls_apart(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
+def _balls_apart(
+    balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats, margin: float
+) -> bool:
     """Whether two balls of bodies that are placed so (12) are farther apart than a margin."""
     square = 0.0
     for r in range(3):
         apart = pose_a[4 * r + 3] - pose_b[4 * r + 3]
         for k in range(3):
-            apart += pose_a[4 * r + k] * balls[4 * a + k] - pose_b[4 * r + k] * balls[4 * b + k]
+            apart += pose_a[4 * r + k] * balls[4 * a + k] - pose_b[4 * r + k] * others[4 * b + k]
         square += apart * apart
-    reach = balls[4 * a + 3] + balls[4 * b + 3] + margin
+    reach = balls[4 * a + 3] + others[4 * b + 3] + margin
     return bool(square > reach * reach)
+
+
+@lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
+def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
+    """Whether a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
+    first, last = bodies.covers[bodies.groups[b]], bodies.covers[bodies.groups[b + 1]]
+    for ball in range(bodies.inners[a], bodies.inners[a + 1]):
+        outside = True
+        for other in range(first, last):
+            reach = margin - bodies.inner[4 * ball + 3]
+            if not _balls_apart(bodies.inner, ball, pose_a, bodies.cover, other, pose_b, reach):
+                outside = False
+                break
+        if outside:
+            return True
+    return False
+
+
+@lane_step(boolean(BODIES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _inner_meet(bodies: LaneBodies, first: int, second: int, depth: float, scratch: Scratch) -> bool:
+    """Whether a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
+
+    Neither body may be inside the other: a mesh that swallows another doesn't touch it.
+    """
+    pose_a, pose_b, inner = scratch.pose_a, scratch.pose_b, bodies.inner
+    if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, -depth):
+        return False
+    for a in range(bodies.inners[first], bodies.inners[first + 1]):
+        for b in range(bodies.inners[second], bodies.inners[second + 1]):
+            if inner[4 * a + 3] + inner[4 * b + 3] <= depth:
+                continue
+            if not _balls_apart(inner, a, pose_a, inner, b, pose_b, -depth):
+                out = _reaches_out(bodies, first, pose_a, second, pose_b, depth)
+                return bool(out and _reaches_out(bodies, second, pose_b, first, pose_a, depth))
+    return False
 
 
 @lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, types.float64, SCRATCH_MEMORY))
@@ -62,11 +103,15 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     """Whether two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them."""
     work, pose_a, pose_b = scratch.work, scratch.pose_a, scratch.pose_b
     pieces, roots = bodies.pieces, bodies.piece_roots
-    if _balls_apart(bodies.bounds, first, pose_a, second, pose_b, margin):
+    if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
+        return True
+    hull_a, hull_b = parts.links[3 * bodies.roots[first] + 2], parts.links[3 * bodies.roots[second] + 2]
+    work[AXIS] = work[AXIS + 1] = work[AXIS + 2] = 0.0
+    if hull_a >= 0 and hull_b >= 0 and parts_apart(parts, hull_a, pose_a, parts, hull_b, pose_b, margin, work):
         return True
     for a in range(pieces[first], pieces[first + 1]):
         for b in range(pieces[second], pieces[second + 1]):
-            if _balls_apart(bodies.piece_bounds, a, pose_a, b, pose_b, margin):
+            if _balls_apart(bodies.piece_bounds, a, pose_a, bodies.piece_bounds, b, pose_b, margin):
                 continue
             part_a, part_b = parts.links[3 * roots[a] + 2], parts.links[3 * roots[b] + 2]
             work[AXIS] = work[AXIS + 1] = work[AXIS + 2] = 0.0
@@ -75,36 +120,27 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     return True
 
 
-@lane_part
-def _write_coordinate(grids: np.ndarray, numbers: Floats32, at: int, place: int, cell: float, block: Floats32) -> None:
-    """Write the middle of a cell as one of its coordinates, in all lanes."""
-    if numbers[at + 1] > 0.0:
-        store(block, grids[place] * LANES, splat(numbers[at] + (cell + 0.5) / numbers[at + 1]))
-
-
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, types.float64, types.float64, SCRATCH_MEMORY))
-def _judged(
-    joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, i: float, k: float, scratch: Scratch
-) -> int:
-    """Whether the bodies of a meeting keep apart wherever in a cell the coordinates are."""
+@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, SCRATCH_MEMORY))
+def _judged(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, cell: int, scratch: Scratch) -> int:
+    """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are."""
     grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
-    _write_coordinate(grids, numbers, at, place, i, scratch.middle)
-    _write_coordinate(grids, numbers, at + 3, place + 2, k, scratch.middle)
+    for side in range(GRID_SIDES - 1, -1, -1):
+        driver, count, n = grids[place + 2 * side], grids[place + 2 * side + 1], at + 3 * side
+        if numbers[n + 1] > 0.0:
+            store(scratch.middle, driver * LANES, splat(numbers[n] + (cell % count + 0.5) / numbers[n + 1]))
+        cell //= count
     lane_placements(joints, scratch.middle, scratch.middle_poses)
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting]], 0, scratch.pose_a)
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting + 1]], 0, scratch.pose_b)
+    verdict, moved = APART, numbers[at + 3 * GRID_SIDES]
     for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
         first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
-        if not _pair_apart(bodies, parts, first, second, numbers[at + 6], scratch):
-            return UNKNOWN
-    return APART
-
-
-@lane_part
-def _place(coordinates: Floats32, driver: int, numbers: Floats32, at: int) -> Vector:
-    """Where on a grid's side sixteen values of a coordinate are, in cells."""
-    value = load(coordinates, driver * LANES)
-    return (value - rint(value * numbers[at + 2]) * _TURN - numbers[at]) * numbers[at + 1]
+        if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
+            continue
+        if _inner_meet(bodies, first, second, moved + 2.0 * BAND, scratch):
+            return TOUCHING
+        verdict = UNKNOWN
+    return verdict
 
 
 @lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, FLOAT_POINTER, SCRATCH_MEMORY))
@@ -117,25 +153,31 @@ def left_of_cells(
     coordinates: Floats32,
     scratch: Scratch,
 ) -> int:
-    """The lanes of a mask whose cells are not known to keep a meeting's bodies apart; shapes as in `block_touches`."""
-    grids, numbers, places, verdicts = bodies.grids, bodies.grid_numbers, scratch.places, bodies.verdicts
-    place, at, left = GRID_PLACES * meeting, GRID_NUMBERS * meeting, 0
-    count_u, count_v, start = grids[place + 1], grids[place + 3], grids[place + 4]
-    if count_u == 0:
+    """The lanes of a mask where nothing is known of a meeting's bodies by their cells, -1 if they touch in any.
+
+    Shapes as in `block_touches`.
+    """
+    grids, numbers, verdicts = bodies.grids, bodies.grid_numbers, bodies.verdicts
+    place, at, cells, inside = GRID_PLACES * meeting, GRID_NUMBERS * meeting, splat(0.0), mask
+    if grids[place + 1] == 0:
         return mask
-    store(places, 0, _place(coordinates, grids[place], numbers, at))
-    store(places, LANES, _place(coordinates, grids[place + 2], numbers, at + 3))
+    for side in range(GRID_SIDES):
+        count, n = float(grids[place + 2 * side + 1]), at + 3 * side
+        value = load(coordinates, grids[place + 2 * side] * LANES)
+        along = (value - rint(value * numbers[n + 2]) * _TURN - numbers[n]) * numbers[n + 1]
+        inside &= below(along, splat(count)) & ~below(along, splat(0.0))
+        cells = cells * count + smallest_of(largest_of(rint(along - 0.5), splat(0.0)), splat(count - 1.0))
+    store(scratch.places, 0, cells)
+    left, start, mask = mask & ~inside, grids[place + 2 * GRID_SIDES], inside
     while mask:
         chosen = first_lane(mask)
         mask &= mask - 1
-        u, v = places[chosen], places[LANES + chosen]
-        if not (u >= 0.0 and v >= 0.0 and u < count_u and v < count_v):
-            left |= 1 << chosen
-            continue
-        i, k = int(u), int(v)
-        cell = start + i * count_v + k
-        if verdicts[cell] == UNJUDGED:
-            verdicts[cell] = _judged(joints, bodies, parts, meeting, float(i), float(k), scratch)
-        if verdicts[cell] != APART:
+        cell = int(scratch.places[chosen])
+        if verdicts[start + cell] == UNJUDGED:
+            verdicts[start + cell] = _judged(joints, bodies, parts, meeting, cell, scratch)
+        verdict = verdicts[start + cell]
+        if verdict == TOUCHING:
+            return -1
+        if verdict != APART:
             left |= 1 << chosen
     return left

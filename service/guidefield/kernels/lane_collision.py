@@ -58,11 +58,18 @@ def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tupl
 
 
 @lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
+def _near_cloud(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+    """`near_obstacle` of a cloud: a call of its own, as the others are but a few instructions in their place."""
+    return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
+
+
+@lane_part
 def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
     """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
-    if obstacles.kinds[o] == CLOUD:
-        return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
-    return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
+    kind = obstacles.kinds[o]
+    if kind == CLOUD:
+        return int(_near_cloud(obstacles, o, x, y, z, reach, lanes))
+    return int(near_primitive(kind, obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
 
 
 @lane_step(void(BODIES, SCRATCH_MEMORY))
@@ -97,7 +104,7 @@ def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
     hits[0], hits[1], hits[2] = body, o, ball
 
 
-@lane_step(boolean(BODIES, OBSTACLES, types.float64, SCRATCH_MEMORY))
+@lane_part
 def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, scratch: Scratch) -> bool:
     """Whether one of the inner balls that met an obstacle lately meets the same again."""
     poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
@@ -126,7 +133,7 @@ def _inner_meets(
     return False
 
 
-@lane_step(int64(BODIES, POINTED_PARTS, OBSTACLES, types.float64, SCRATCH_MEMORY))
+@lane_part
 def _near_obstacles(
     bodies: LaneBodies, parts: Parts, obstacles: LaneObstacles, clearance: float, scratch: Scratch
 ) -> int:
@@ -194,7 +201,7 @@ def _cover_meets(
     return mask
 
 
-@lane_step(int64(BODIES, OBSTACLES, types.float64, int64, SCRATCH_MEMORY))
+@lane_part
 def _undecided_obstacles(
     bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, count: int, scratch: Scratch
 ) -> int:
@@ -209,11 +216,14 @@ def _undecided_obstacles(
     return kept
 
 
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, FLOAT_POINTER, SCRATCH_MEMORY))
+@lane_part
 def _near_pairs(
     joints: LaneJoints, bodies: LaneBodies, parts: Parts, count: int, coordinates: Floats32, scratch: Scratch
 ) -> int:
-    """Add the pairs of the robot's bodies that come near each other to what was found; how many that is now."""
+    """Add the pairs of the robot's bodies that come near each other to what was found; how many that is now.
+
+    -1 if any touch by their cells.
+    """
     poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
     for meeting in range(bodies.n_meetings):
         a, b = bodies.meetings[4 * meeting], bodies.meetings[4 * meeting + 1]
@@ -224,6 +234,8 @@ def _near_pairs(
         near = below(x * x + y * y + z * z, splat(reach * reach))
         if near:
             near = left_of_cells(joints, bodies, parts, meeting, near, coordinates, scratch)
+            if near < 0:
+                return -1
         if near == 0:
             continue
         for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
@@ -275,12 +287,12 @@ def block_touches(
     count = _near_pairs(joints, bodies, parts, count, coordinates, scratch)
     for entry in range(count):
         body, other, mask = found[3 * entry], found[3 * entry + 1], found[3 * entry + 2]
-        if body >= 0:
-            if obstacles.kinds[other] == CLOUD:
-                if meets_cloud(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch):
-                    return True
-            elif meets_obstacle(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch):
-                return True
-        elif pair_meets(bodies, parts, other, mask, scratch):
+        if body < 0:
+            touches = pair_meets(bodies, parts, other, mask, scratch)
+        elif obstacles.kinds[other] == CLOUD:
+            touches = meets_cloud(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch)
+        else:
+            touches = meets_obstacle(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch)
+        if touches:
             return True
-    return False
+    return bool(count < 0)

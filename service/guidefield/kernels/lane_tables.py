@@ -26,7 +26,10 @@ AXIS_AND_REACH = 4
 HITS = 4
 """How many of the balls that met an obstacle last are tried first."""
 
-GRID_PLACES, GRID_NUMBERS = 5, 7
+GRID_SIDES = 3
+"""Coordinates that a grid of cells has at most."""
+
+GRID_PLACES, GRID_NUMBERS = 2 * GRID_SIDES + 1, 3 * GRID_SIDES + 1
 """Numbers of a grid of cells: whole ones, others."""
 
 CLOUD = 6
@@ -58,8 +61,8 @@ class LaneBodies(NamedTuple):
         pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
         piece_roots: (pieces,) the root of each in the robot's parts.
         meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
-        grids: (GRID_PLACES * n_meetings,) for each two coordinates with how many cells their sides have, and where its
-            verdicts begin; no cells where bodies' distance hangs on more.
+        grids: (GRID_PLACES * n_meetings,) for each three coordinates with how many cells their sides have, and
+            where its verdicts begin; no cells where bodies' distance hangs on more.
         pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
         around: (4 * m,) a ball about each carrier's bodies.
         bounds: (4 * n,) a ball about each body.
