@@ -278,5 +278,5 @@ def test_tables_are_read_only_and_made_once() -> None:
     scene = scene_of(CONVEX["box"], CONVEX["half-space"])
     tables = distance_tables(scene)
     assert distance_tables(scene) is tables
-    assert not any(array.flags.writeable for array in (*tables[:-2], *tables.surfaces, tables.points))
+    assert not any(array.flags.writeable for array in (*tables[:-2], *tables.surfaces, tables.clouds))
     np.testing.assert_array_equal(tables.obstacles, [1, 0])

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from guidefield.collision.lane_clouds import CloudTables, cloud_tables
 from guidefield.kernels import lanes
-from guidefield.kernels.lane_cloud import cloud_near, cloud_of, nearest_distance, next_block
+from guidefield.kernels.lane_cloud import cloud_near
 from guidefield.kernels.lane_tables import AROUND
+from guidefield.kernels.point_tree import cloud_of, nearest_distance, next_block
 from guidefield.messages import scene as messages
+from guidefield.scene.cloud_tables import CloudTables, cloud_tables
 from guidefield.scene.obstacle import build
 
 RADIUS = 0.01

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from array import array
 
 import pytest
 
@@ -10,7 +11,8 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.requests import TaggedRequest
-from guidefield.messages.values import LARGEST
+from guidefield.messages.scene import PointCloud
+from guidefield.messages.values import LARGEST, Float32Array
 
 TRIANGLE = {"type": "mesh", "name": "m", "triangles": [[0, 1, 2]]}
 
@@ -38,3 +40,14 @@ def test_packed_vertices_are_bounded_too() -> None:
                 codec.decode(data, TaggedRequest, Encoding.MSGPACK)
         else:
             codec.decode(data, TaggedRequest, Encoding.MSGPACK)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 2 * LARGEST, -2 * LARGEST])
+def test_one_point_of_many_that_is_no_place_is_seen(value: float) -> None:
+    for near in (LARGEST, -0.9 * LARGEST, 1e-40, -0.0):
+        PointCloud(name="c", points=Float32Array(array("f", [0.0] * 30 + [near, 1.0, 2.0]).tobytes()), radius=0.1)
+        PointCloud(name="c", points=[(0.0, 0.0, 0.0)] * 10 + [(1.0, near, near)], radius=0.1)
+    with pytest.raises(ValueError, match="finite"):
+        PointCloud(name="c", points=Float32Array(array("f", [0.0] * 30 + [value, 1.0, 2.0]).tobytes()), radius=0.1)
+    with pytest.raises(ValueError, match=r"points\[10\]\[1\]"):
+        PointCloud(name="c", points=[(0.0, 0.0, 0.0)] * 10 + [(1.0, value, 0.0)], radius=0.1)

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.collision.lane_clouds import cloud_tables
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.errors import Status
@@ -28,6 +27,7 @@ from guidefield.planner.plan import Planner, plan
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.kinematics import Kinematics
+from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
 

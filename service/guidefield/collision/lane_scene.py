@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.lane_clouds import cloud_tables
 from guidefield.kept import kept_with
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
 from guidefield.kernels.lane_primitives import primitive_tables
@@ -17,6 +16,7 @@ from guidefield.kernels.lane_tables import CLOUD, LaneObstacles
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.separation import BLOCK, PART, Parts
 from guidefield.scene.cloud import Cloud
+from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import coal
@@ -19,7 +19,6 @@ from guidefield.kernels.triangle_distance import SurfaceTables
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-NO_POINTS = np.empty((0, 3))
 NO_SURFACE = (np.empty((0, 3)), np.empty((0, 3), np.int64))
 
 _THIN = 1e-12
@@ -39,7 +38,7 @@ class Body:
         bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
         placement: Rotation and translation of that frame, shape (3, 4) [m].
         surface: Vertices (v, 3) and triangles (t, 3) of a solid or sheet, in its own frame.
-        points: Those of a cloud, shape (p, 3) [m], in its own frame.
+        cloud: Where the words of its `LaneCloud` are, if it is a cloud; its frame is the world's.
     """
 
     kind: int
@@ -47,7 +46,7 @@ class Body:
     bounds: Floats
     placement: Floats
     surface: tuple[Floats, Integers] = NO_SURFACE
-    points: Floats = field(default_factory=lambda: NO_POINTS)
+    cloud: int = 0
 
     def placed(self, rotation: Floats, translation: Floats) -> Body:
         """The body in a frame that its own is placed in.
@@ -83,10 +82,16 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
     return Body(kind, (0.0, 0.0, 0.0), bounds, _identity(), (vertices, used))
 
 
-def balls_about(points: Floats, radius: float) -> Body:
-    """The body of balls of one radius [m] about points, shape (n, 3) [m, world]."""
+def balls_about(points: Floats, radius: float, cloud: int) -> Body:
+    """The body of balls about points.
+
+    Args:
+        points: Shape (n, 3) [m, world].
+        radius: Of the balls [m].
+        cloud: Where the words of their `LaneCloud` are; they have to stay there.
+    """
     bounds = np.r_[points.min(axis=0) - radius, points.max(axis=0) + radius]
-    return Body(CLOUD, (radius, 0.0, 0.0), bounds, _identity(), points=points)
+    return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _identity(), cloud=cloud)
 
 
 def boxes_in_world(bodies: Sequence[Body]) -> Floats:
@@ -113,7 +118,7 @@ def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) ->
         owners: What each belongs to.
         nodes: The tree, shape (m, 6) [m]; empty if nobody is going to look for what is near.
     """
-    surfaces, spans, points = _surface_tables(bodies)
+    surfaces, spans = _surface_tables([body.surface for body in bodies])
     tables = DistanceTables(
         kinds=np.array([body.kind for body in bodies], np.int64),
         obstacles=np.array(owners, np.int64),
@@ -124,9 +129,9 @@ def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) ->
         spans=spans,
         nodes=nodes,
         surfaces=surfaces,
-        points=points,
+        clouds=np.array([body.cloud for body in bodies], np.int64),
     )
-    for array in (*tables[:-2], *surfaces, points):
+    for array in (*tables[:-2], *surfaces, tables.clouds):
         array.setflags(write=False)
     return tables
 
@@ -175,28 +180,19 @@ def _identity() -> Floats:
     return np.eye(3, 4)
 
 
-def _surface_tables(bodies: Sequence[Body]) -> tuple[SurfaceTables, Integers, Floats]:
-    """Tables of the surfaces and clouds of bodies, where the tree of each stands (n, 4), and the clouds' points."""
-    nodes, corners, normals, points = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))], [NO_POINTS]
-    spans = np.zeros((len(bodies), 4), np.int64)
-    node = triangle = point = 0
-    for index, body in enumerate(bodies):
-        vertices, triangles = body.surface
-        if len(body.points):
-            tree = box_tree(body.points, body.points)
-            spans[index] = node, tree.leaves, point, len(body.points)
-            points.append(body.points[tree.order])
-            point += len(body.points)
-        elif len(triangles):
-            a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-            tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
-            spans[index] = node, tree.leaves, triangle, len(triangles)
-            corners.append(np.hstack([a, b - a, c - a])[tree.order])
-            normals.append(pseudonormals(vertices, triangles)[tree.order])
-            triangle += len(triangles)
-        else:
+def _surface_tables(surfaces: Sequence[tuple[Floats, Integers]]) -> tuple[SurfaceTables, Integers]:
+    """Tables of surfaces (vertices, triangles), and where the tree of each stands, shape (n, 4)."""
+    nodes, corners, normals = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))]
+    spans = np.zeros((len(surfaces), 4), np.int64)
+    node = triangle = 0
+    for index, (vertices, triangles) in enumerate(surfaces):
+        if not len(triangles):
             continue
+        a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+        tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+        spans[index] = node, tree.leaves, triangle, len(triangles)
         nodes.append(tree.nodes)
-        node += len(tree.nodes)
-    tables = SurfaceTables(*(np.concatenate(rows) for rows in (nodes, corners, normals)))
-    return tables, spans, np.concatenate(points)
+        corners.append(np.hstack([a, b - a, c - a])[tree.order])
+        normals.append(pseudonormals(vertices, triangles)[tree.order])
+        node, triangle = node + len(tree.nodes), triangle + len(triangles)
+    return SurfaceTables(*(np.concatenate(rows) for rows in (nodes, corners, normals))), spans

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.point_distance import cloud_distance
+from guidefield.kernels.cloud_distance import cloud_beyond, cloud_distance
 from guidefield.kernels.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
 from guidefield.kernels.tree_kinematics import BLOCKS, INDICES
@@ -46,13 +46,13 @@ class DistanceTables(NamedTuple):
         obstacles: Index of the obstacle that it belongs to, shape (n,).
         placements: Rotation and translation of its frame in the world, shape (n, 3, 4) [m].
         sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
-            (0 for a sphere); radius of a cloud's balls. A half-space is z <= 0.
+            (0 for a sphere). A half-space is z <= 0.
         bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
         boxes: A box about it along the world's axes, shape (n, 6) [m].
-        spans: Of a surface or cloud, where its tree stands, see `SPAN`; shape (n, 4).
+        spans: Of a surface, where its tree stands, see `SPAN`; shape (n, 4).
         nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
-        surfaces: Triangles of all surfaces; among their trees stand those of clouds.
-        points: Points of all clouds, in the order of their trees, shape (p, 3) [m].
+        surfaces: Triangles of all surfaces.
+        clouds: Where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,).
     """
 
     kinds: np.ndarray
@@ -64,11 +64,11 @@ class DistanceTables(NamedTuple):
     spans: np.ndarray
     nodes: Floats
     surfaces: SurfaceTables
-    points: Floats
+    clouds: np.ndarray
 
 
 TABLES = types.NamedTuple(
-    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES, MATRIX), DistanceTables
+    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES, INDICES), DistanceTables
 )
 
 
@@ -129,6 +129,9 @@ def body_distance(
     if gap > 0.0 and (cutoff <= 0.0 or gap >= cutoff * cutoff):
         return math.inf, 0.0, 0.0, 0.0
     kind = tables.kinds[body]
+    if kind == CLOUD:
+        found: Signed = cloud_distance(tables.clouds[body], x, y, z, cutoff)
+        return found
     a, b, c = tables.sizes[body, 0], tables.sizes[body, 1], tables.sizes[body, 2]
     if kind == BOX:
         d, nx, ny, nz = box_distance(p, (a, b, c))
@@ -142,10 +145,6 @@ def body_distance(
         solid = kind == SOLID
         spans = tables.spans
         span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
-        if kind == CLOUD:
-            reach = max(cutoff, 0.0) + a
-            d, nx, ny, nz = cloud_distance(x, y, z, tables.surfaces.nodes, tables.points, span, reach)
-            return d - a, nx, ny, nz  # its frame is the world's
         reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
         d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
     return (
@@ -181,6 +180,8 @@ def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, 
     """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
         return False
+    if tables.kinds[body] == CLOUD:
+        return not cloud_beyond(tables.clouds[body], x, y, z, reach)
     return bounds_near(x, y, z, body, tables, reach)
 
 

@@ -7,7 +7,6 @@ import math
 from numba import boolean, float64, int64, types
 
 from guidefield.kernels.lane_axes import one_pose, write_turned_back
-from guidefield.kernels.lane_cloud import CLOUD_TABLES, RADIUS, LaneCloud, cloud_of, next_block, point_gaps, words_at
 from guidefield.kernels.lane_tables import (
     AXIS_AND_REACH,
     BAND,
@@ -20,6 +19,7 @@ from guidefield.kernels.lane_tables import (
     Scratch,
 )
 from guidefield.kernels.lanes import DOUBLE_POINTER, below, first_lane, lane_part, lane_step, load, splat
+from guidefield.kernels.point_tree import CLOUD_TABLES, RADIUS, LaneCloud, cloud_of, next_block, point_gaps, words_at
 from guidefield.kernels.separation import AXIS, BLOCK, POINTED_PARTS, Parts, bodies_apart, reach_along
 from guidefield.kernels.signatures import Floats
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from numba import boolean, int64, types, void
 
 from guidefield.kernels.lane_cells import left_of_cells
-from guidefield.kernels.lane_cloud import cloud_near, cloud_of, words_at
+from guidefield.kernels.lane_cloud import cloud_near
 from guidefield.kernels.lane_cloud_decision import meets_cloud
 from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
 from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements, moved
@@ -47,6 +47,7 @@ from guidefield.kernels.lanes import (
     splat,
     store,
 )
+from guidefield.kernels.point_tree import cloud_of, words_at
 from guidefield.kernels.separation import POINTED_PARTS, Parts
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
@@ -197,16 +199,23 @@ class Scene(Message):
         _require_distinct("guide_planes", [plane.name for plane in self.guide_planes])
 
 
+_SMALL = bytes(sign | exponent for sign in (0, 0x80) for exponent in range(0x4E))
+"""Highest bytes (sign and most of the exponent) of the float32 below 2^29 in magnitude, which is within `LARGEST`."""
+
+
 def _check_points(field: str, points: Points) -> int:
     """Number of points; ValueError where there are too many, none, or one isn't finite."""
     if isinstance(points, Float32Array):
         count = len(points.float32) // 12
-        if not all(abs(x) <= LARGEST for x in memoryview(points.float32).cast("f")):
+        if points.float32[3::4].translate(None, _SMALL) and not all(
+            abs(x) <= LARGEST for x in memoryview(points.float32).cast("f")
+        ):
             raise ValueError(f"`{field}` must be finite numbers")
     else:
         count = len(points)
-        for index, point in enumerate(points):
-            require_finite(f"{field}[{index}]", point)
+        if not math.hypot(*chain.from_iterable(points)) <= LARGEST:  # the norm of all is more than that of each
+            for index, point in enumerate(points):
+                require_finite(f"{field}[{index}]", point)
     if not 1 <= count <= MAX_VERTICES:
         raise ValueError(f"`{field}` must have 1 to {MAX_VERTICES} points, got {count}")
     return count

@@ -35,7 +35,7 @@ class Cloud:
     """Balls of one radius.
 
     Attributes:
-        points: Their centres, shape (n, 3) [m, world]; some may be the same.
+        points: Their centres, shape (n, 3) [m, world], in the order of `sort_for_tree`; some may be the same.
         radius: [m].
     """
 
@@ -53,8 +53,8 @@ def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         Vertices, shape (3 n, 3) [m], and triangles, shape (n, 3).
     """
     size, count = _SPECK * (1.0 + np.abs(points).max()), len(points)
-    vertices = (points + size * np.eye(3)[:, None]).reshape(-1, 3)
-    return vertices, np.arange(count)[:, None] + count * np.arange(3)
+    vertices = (points[:, None] + size * np.eye(3)).reshape(-1, 3)
+    return vertices, np.arange(3 * count).reshape(-1, 3)
 
 
 def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:

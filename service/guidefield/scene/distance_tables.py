@@ -11,6 +11,7 @@ from guidefield.geometry.distance_bodies import Body, balls_about, body_tables, 
 from guidefield.kept import kept_with
 from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field import field_at_points
+from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
@@ -40,7 +41,7 @@ def _bodies(obstacle: Obstacle) -> list[Body]:
     if body is not None:
         return [body.placed(rotation, translation)]
     if obstacle.cloud is not None:
-        return [balls_about(obstacle.cloud.points, obstacle.cloud.radius)]
+        return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, cloud_tables(obstacle).address)]
     vertices = (obstacle.vertices - translation) @ rotation
     if not obstacle.solid:
         return [triangulated(vertices, obstacle.triangles, SHEET).placed(rotation, translation)]

@@ -18,6 +18,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
 from guidefield.geometry.placements import se3
+from guidefield.kernels.point_tree_build import sort_for_tree
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
@@ -235,19 +236,12 @@ def _polygon(message: messages.Polygon) -> Obstacle:
 
 def _point_cloud(message: messages.PointCloud) -> Obstacle:
     points = _points(message.points)
+    sort_for_tree(points)
     points.setflags(write=False)
-    return Obstacle(
-        name=message.name,
-        message=message,
-        shape=bvh(*cloud_specks(points)),
-        placement=pin.SE3.Identity(),
-        solid=True,
-        convex=False,
-        charge=message.charge,
-        surface=lambda: cloud_surface(points, message.radius),
-        charged=lambda: cloud_charges(points, message.radius),
-        cloud=Cloud(points, message.radius),
-    )
+    cloud, shape = Cloud(points, message.radius), bvh(*cloud_specks(points))
+    surface, charged = (lambda: cloud_surface(points, cloud.radius)), (lambda: cloud_charges(points, cloud.radius))
+    made = _convex(message, shape, pin.SE3.Identity(), surface, charged)
+    return dataclasses.replace(made, convex=False, cloud=cloud)
 
 
 BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {

@@ -1,4 +1,4 @@
-"""Clouds of points as tables for the lane kernels."""
+"""Clouds of points as tables for the kernels."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.kept import kept_with
-from guidefield.kernels.lane_cloud import NUMBERS, LaneCloud
-from guidefield.kernels.lane_cloud_tree import fill_tree, sort_for_tree
 from guidefield.kernels.lane_tables import AROUND
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
+from guidefield.kernels.point_tree import NUMBERS, LaneCloud
+from guidefield.kernels.point_tree_build import fill_tree
 from guidefield.kernels.separation import BLOCK
 from guidefield.scene.obstacle import Obstacle
 
@@ -28,7 +28,7 @@ AROUND_POINTS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class CloudTables:
-    """A cloud for lanes.
+    """A cloud for kernels.
 
     Attributes:
         tables: What the kernels read.
@@ -48,8 +48,7 @@ class CloudTables:
 def cloud_tables(obstacle: Obstacle) -> CloudTables:
     """The tables of an obstacle that is a cloud, made once; what kernels find of its grid stays in them."""
     assert obstacle.cloud is not None, "only clouds are asked for"
-    points = obstacle.cloud.points.astype(np.float32)
-    sort_for_tree(points)
+    points = obstacle.cloud.points
     sizes = [-(-len(points) // LANES)]
     while len(sizes) == 1 or sizes[-1] > 1:
         sizes.append(-(-sizes[-1] // LANES))
@@ -57,7 +56,7 @@ def cloud_tables(obstacle: Obstacle) -> CloudTables:
     packed_points = np.empty(BLOCK * sizes[0], np.float32)
     boxes = np.empty(AROUND * sum(sizes[1:]), np.float32)
     fill_tree(points, firsts, packed_points, boxes)
-    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    low, high = (end.astype(np.float32).astype(float) for end in (points.min(axis=0), points.max(axis=0)))
     extent = high - low + 2.0 * AROUND_POINTS
     cell = max(CELL, math.cbrt(float(extent.prod()) / MOST_CELLS))
     columns, rows, layers = np.ceil(extent / cell).astype(int).tolist()

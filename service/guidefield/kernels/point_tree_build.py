@@ -1,4 +1,4 @@
-"""The tree of a cloud for lanes: points halved again and again, then boxes about sixteen of them, and of those."""
+"""The tree of a cloud: points halved again and again, then boxes about sixteen of them, and of those."""
 
 from __future__ import annotations
 
@@ -7,26 +7,25 @@ import math
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.lane_cloud import NOWHERE
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import AROUND
 from guidefield.kernels.lanes import FLOATS_OUT, LANES
+from guidefield.kernels.point_tree import NOWHERE
 from guidefield.kernels.separation import BLOCK
-from guidefield.kernels.signatures import compiled, inlined
+from guidefield.kernels.signatures import MATRIX, MATRIX_OUT, Floats, compiled, inlined
 from guidefield.kernels.tree_kinematics import INDICES
 
-_ROWS = types.Array(types.float32, 2, "C")
 _STACK = 64
 
 
 @inlined
-def _swap(points: Floats32, a: int, b: int) -> None:
+def _swap(points: Floats, a: int, b: int) -> None:
     for k in range(3):
         points[a, k], points[b, k] = points[b, k], points[a, k]
 
 
-@compiled(void(_ROWS, types.int64, types.int64, types.int64, types.int64))
-def _divide(points: Floats32, begin: int, end: int, at: int, axis: int) -> None:
+@compiled(void(MATRIX_OUT, types.int64, types.int64, types.int64, types.int64))
+def _divide(points: Floats, begin: int, end: int, at: int, axis: int) -> None:
     """Order rows so that none before `at` is greater along an axis than any from there on (Hoare's selection)."""
     low, high = begin, end - 1
     while low < high:
@@ -51,8 +50,8 @@ def _divide(points: Floats32, begin: int, end: int, at: int, axis: int) -> None:
             return
 
 
-@compiled(void(_ROWS))
-def sort_for_tree(points: Floats32) -> None:
+@compiled(void(MATRIX_OUT))
+def sort_for_tree(points: Floats) -> None:
     """Order points so that neighbours are together: each sixteen, each sixteen of those, and so on.
 
     Args:
@@ -83,12 +82,12 @@ def sort_for_tree(points: Floats32) -> None:
         top += 2
 
 
-@compiled(void(_ROWS, INDICES, FLOATS_OUT, FLOATS_OUT))
-def fill_tree(points: Floats32, firsts: np.ndarray, points_out: Floats32, boxes_out: Floats32) -> None:
+@compiled(void(MATRIX, INDICES, FLOATS_OUT, FLOATS_OUT))
+def fill_tree(points: Floats, firsts: np.ndarray, points_out: Floats32, boxes_out: Floats32) -> None:
     """Write the tables of sorted points.
 
     Args:
-        points: Shape (n, 3) [m].
+        points: In that order, shape (n, 3) [m].
         firsts: As `LaneCloud` has them.
         points_out: Sixteen together, shape (BLOCK * blocks,).
         boxes_out: Boxes, shape (AROUND * blocks of all levels,).
@@ -106,7 +105,7 @@ def fill_tree(points: Floats32, firsts: np.ndarray, points_out: Floats32, boxes_
         for level in range(1, firsts.shape[0]):
             at = (firsts[level] + block // LANES) * AROUND + block % LANES
             for k in range(3):
-                low, high = at + LANES * k, at + LANES * (3 + k)
-                boxes_out[low] = min(boxes_out[low], points[i, k])
-                boxes_out[high] = max(boxes_out[high], points[i, k])
+                low, high, here = at + LANES * k, at + LANES * (3 + k), np.float32(points[i, k])
+                boxes_out[low] = min(boxes_out[low], here)
+                boxes_out[high] = max(boxes_out[high], here)
             block //= LANES
