@@ -12,6 +12,7 @@ from guidefield.collision.world import World
 from guidefield.kernels.lane_cells import APART, TOUCHING, UNJUDGED
 from guidefield.kernels.lane_tables import GRID_NUMBERS, GRID_PLACES, GRID_SIDES
 from guidefield.messages import scene as messages
+from guidefield.messages.requests import UrdfText
 from guidefield.robot.group import PlanningGroup
 from guidefield.scene.scene import build
 from tests.collision.test_lanes import draw
@@ -77,3 +78,13 @@ def test_answers_do_not_depend_on_what_was_asked_before(robot: str) -> None:
     np.testing.assert_array_equal(lanes.touching(zs[::-1]), first[::-1])
     np.testing.assert_array_equal(lanes.tables.bodies.verdicts, judged)
     assert (judged == APART).any()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_follower_that_nothing_moves_has_an_end() -> None:
+    text = box_arm("continuous slide y", 3).text.replace(
+        '<joint name="j2" type="prismatic">', '<joint name="j2" type="prismatic"><mimic joint="j1" multiplier="0"/>'
+    )
+    world, lanes = alone(grouped(UrdfText(text=text)))
+    zs = draw(world.group, 200, 3)
+    np.testing.assert_array_equal(lanes.touching(zs), [world.in_collision(world.group.from_chart(z)) for z in zs])

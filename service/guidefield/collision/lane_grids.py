@@ -124,7 +124,8 @@ def _sides(
             # what the joint above turns is as far from it at most
             beyond += float(np.linalg.norm(numbers[joint, [3, 7, 11]]))
             if not turning:
-                beyond += float(np.abs(ranges[driver] * numbers[joint, 12] + numbers[joint, 13]).max())
+                ends = ranges[driver] * numbers[joint, 12] if factor > 0.0 else np.zeros(2)
+                beyond += float(np.abs(ends + numbers[joint, 13]).max())
             reach = beyond
     sides = []
     for driver in sorted(levers):
