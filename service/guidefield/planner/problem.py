@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +16,15 @@ from guidefield.collision.timed_certificate import TimedWorld
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.trace import Event, Observer, Silent
-from guidefield.potential import RobotField
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.path_constraints import ConstrainedFrames, PathConstraint
 from guidefield.robot.pose_target import PoseTarget
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
+
+if TYPE_CHECKING:  # its kernels take a sixth of the time until a first plan that doesn't use them
+    from guidefield.potential import RobotField
 
 
 @dataclass(frozen=True, eq=False)
