@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import random
 import re
 
 import numpy as np
@@ -16,6 +17,7 @@ from guidefield.robot.inverse_kinematics import solve
 from guidefield.robot.pose_target import EXACT, PoseTarget
 from guidefield.robot.selection import select
 from guidefield.robot.tip_chain import DISTINCT_ANGLE, chain_to_tip
+from tests.robot.random_chains import chain
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot
 
 ZERO, FREE = np.zeros(3), np.full(3, np.inf)
@@ -338,6 +340,19 @@ def test_joints_of_several_degrees_of_freedom(arm):
             z = planned.chart(q)
             assert (planned.lower - ROUNDING <= z).all()
             assert (z <= planned.upper + ROUNDING).all()
+
+
+@pytest.mark.parametrize("seed", range(1, 13))
+def test_random_chains_reach_the_poses_that_they_have(seed):
+    planned = grouped(chain(random.Random(seed), seed))
+    target = exact(tip(planned, random_configuration(planned, seed)))
+    result = found(planned, target, [rest(planned)], count=3, seed=seed)
+    assert result.solutions
+    for q in result.solutions:
+        assert target.is_reached(tip(planned, q))
+        z = planned.chart(q)
+        assert (planned.lower - 1e-9 <= z).all()
+        assert (z <= planned.upper + 1e-9).all()
 
 
 def test_a_target_from_the_wire():
