@@ -9,17 +9,16 @@ never a contact passes for free, nor the other way round farther than it.
 
 from __future__ import annotations
 
-from numba import boolean, int64, types, void
+from numba import boolean, int64, types
 
 from guidefield.kernels.lane_cells import left_of_cells
-from guidefield.kernels.lane_cloud import cloud_near
 from guidefield.kernels.lane_cloud_decision import meets_cloud
 from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
-from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements, moved
-from guidefield.kernels.lane_math import PRIMITIVE, Floats32, near_primitive
+from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements
+from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lane_near import ball_centre, boxes_near, near_obstacle, place_carriers
 from guidefield.kernels.lane_pairs import pair_meets
 from guidefield.kernels.lane_tables import (
-    AROUND,
     BALL,
     BAND,
     BODIES,
@@ -35,66 +34,14 @@ from guidefield.kernels.lanes import (
     ALL_LANES,
     FLOAT_POINTER,
     LANES,
-    Vector,
     below,
-    f32x16,
     first_lane,
     lane_part,
     lane_step,
-    largest_lane,
     load,
-    smallest_lane,
     splat,
-    store,
 )
-from guidefield.kernels.point_tree import cloud_of, words_at
 from guidefield.kernels.separation import POINTED_PARTS, Parts
-
-
-@lane_part
-def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
-    """Centre of a ball that a joint carries: of `poses`, shape (joints * POSE,), and `balls`, shape (4 * n,)."""
-    at = 4 * ball
-    return moved(poses, joint, balls[at], balls[at + 1], balls[at + 2])
-
-
-@lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
-def _near_cloud(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
-    """`near_obstacle` of a cloud: a call of its own, as the others are but a few instructions in their place."""
-    return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
-
-
-@lane_part
-def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
-    """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
-    kind = obstacles.kinds[o]
-    if kind == CLOUD:
-        return int(_near_cloud(obstacles, o, x, y, z, reach, lanes))
-    return int(near_primitive(kind, obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
-
-
-@lane_step(void(BODIES, SCRATCH_MEMORY))
-def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
-    """Write the centres of the balls about carriers."""
-    poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
-    for c in range(bodies.carriers):
-        x, y, z = ball_centre(poses, carrying[c], around, c)
-        store(centres, c * BALL, x)
-        store(centres, c * BALL + LANES, y)
-        store(centres, c * BALL + 2 * LANES, z)
-
-
-@lane_part
-def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
-    """Mask of the sixteen obstacles whose boxes, shape (AROUND * blocks,), come near the box about all lanes' balls."""
-    at = block * AROUND
-    near = below(load(boxes, at), splat(largest_lane(x) + reach))
-    near &= below(load(boxes, at + 16), splat(largest_lane(y) + reach))
-    near &= below(load(boxes, at + 32), splat(largest_lane(z) + reach))
-    near &= below(splat(smallest_lane(x) - reach), load(boxes, at + 48))
-    near &= below(splat(smallest_lane(y) - reach), load(boxes, at + 64))
-    near &= below(splat(smallest_lane(z) - reach), load(boxes, at + 80))
-    return int(near)
 
 
 @lane_part
@@ -136,7 +83,7 @@ def _inner_meets(
 
 @lane_part
 def _near_obstacles(
-    bodies: LaneBodies, parts: Parts, obstacles: LaneObstacles, clearance: float, scratch: Scratch
+    bodies: LaneBodies, parts: Parts, obstacles: LaneObstacles, clearance: float, scratch: Scratch, likely: bool
 ) -> int:
     """Find bodies near obstacles by the balls about them; how many, or -1 if an inner ball is in an obstacle."""
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
@@ -162,7 +109,8 @@ def _near_obstacles(
                         near &= near_obstacle(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND, near)
                         if near == 0:
                             continue
-                    if obstacles.whole[o] and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
+                    looked_for = likely and obstacles.whole[o]
+                    if looked_for and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
                         return -1
                     if obstacles.kinds[o] != CLOUD:
                         near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
@@ -252,7 +200,9 @@ def _near_pairs(
 
 
 @lane_step(
-    boolean(JOINTS, BODIES, POINTED_PARTS, OBSTACLES, POINTED_PARTS, types.float64, FLOAT_POINTER, SCRATCH_MEMORY)
+    boolean(
+        JOINTS, BODIES, POINTED_PARTS, OBSTACLES, POINTED_PARTS, types.float64, FLOAT_POINTER, SCRATCH_MEMORY, boolean
+    )
 )
 def block_touches(
     joints: LaneJoints,
@@ -263,6 +213,7 @@ def block_touches(
     clearance: float,
     coordinates: Floats32,
     scratch: Scratch,
+    likely: bool,
 ) -> bool:
     """Whether the robot touches an obstacle or itself at any of sixteen configurations.
 
@@ -275,13 +226,14 @@ def block_touches(
         clearance: What it has to keep from obstacles [m], >= 0.
         coordinates: Sixteen values of each chart coordinate, flat, (nv * 16).
         scratch: Memory.
+        likely: Whether a contact is likely: else it is not looked for with what finds one sooner.
     """
     found = scratch.found
     lane_placements(joints, coordinates, scratch.poses)
-    if _met_again(bodies, obstacles, clearance, scratch):
+    if likely and _met_again(bodies, obstacles, clearance, scratch):
         return True
     place_carriers(bodies, scratch)
-    count = _near_obstacles(bodies, parts, obstacles, clearance, scratch)
+    count = _near_obstacles(bodies, parts, obstacles, clearance, scratch, likely)
     if count < 0:
         return True
     count = _undecided_obstacles(bodies, obstacles, clearance, count, scratch)

@@ -75,7 +75,7 @@ FRACTIONS.setflags(write=False)
 
 
 @lane_part
-def _touches(world: LaneWorld, clearance: float) -> bool:
+def _touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
     """Whether the robot touches anything at any configuration of the block."""
     return bool(
         block_touches(
@@ -87,6 +87,7 @@ def _touches(world: LaneWorld, clearance: float) -> bool:
             clearance,
             world.block,
             world.scratch,
+            likely,
         )
     )
 
@@ -114,7 +115,7 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
         for j in range(nv):
             origin, end = z0[j], z1[j]
             store(block, j * LANES, place * (end - origin) + origin)
-        if _touches(world, clearance):
+        if _touches(world, clearance, k == 0):
             return False
     return True
 
@@ -135,7 +136,7 @@ def touching_configurations(
     for i in range(configurations.shape[0]):
         for j in range(configurations.shape[1]):
             store(world.block, j * LANES, splat(configurations[i, j]))
-        touching_out[i] = _touches(world, clearance)
+        touching_out[i] = _touches(world, clearance, True)
 
 
 @lane_kernel(int64(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.float64))

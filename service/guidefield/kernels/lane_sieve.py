@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from numba import int64, types
 
-from guidefield.kernels.lane_collision import ball_centre, boxes_near, near_obstacle, place_carriers
 from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_motion import world_of
+from guidefield.kernels.lane_near import ball_centre, boxes_near, near_obstacle, place_carriers
 from guidefield.kernels.lane_tables import (
     BALL,
     BAND,
