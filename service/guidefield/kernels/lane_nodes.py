@@ -60,6 +60,7 @@ class Search(NamedTuple):
         nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
         parents: (2 * capacity,) -1 for roots.
         domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
+        failed: (2 * capacity,) how many of each node's extensions were not free.
         places: (nv,) where in the box the last sample was, as shares of its sides.
         counters: (COUNTERS,).
         sample, target, origin, reached: (nv,) memory.
@@ -74,6 +75,7 @@ class Search(NamedTuple):
     nodes: np.ndarray
     parents: np.ndarray
     domains: np.ndarray
+    failed: np.ndarray
     places: np.ndarray
     counters: np.ndarray
     sample: np.ndarray
@@ -92,6 +94,7 @@ _SEARCH = types.NamedTuple(
         FLOATS_OUT,
         INTEGERS_OUT,
         FLOATS_OUT,
+        INTEGERS_OUT,
         VECTOR_OUT,
         INTEGERS_OUT,
         *[FLOATS_OUT] * 4,
@@ -147,9 +150,9 @@ def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> 
     return winner, best
 
 
-@lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING))
-def step_towards(search: Search, tree: int, node: int, target: Floats32, sampling: Sampling) -> float:
-    """Write a node's point and the one at most `RANGE` towards a target, shape (nv,); the distance to the target."""
+@lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING, types.float64))
+def step_towards(search: Search, tree: int, node: int, target: Floats32, sampling: Sampling, longest: float) -> float:
+    """Write a node's point and the one so far towards a target, shape (nv,), at most; the distance to the target."""
     origin, reached, nodes, square = search.origin, search.reached, search.nodes, 0.0
     nv, capacity = search.nv, search.capacity
     for j in range(nv):
@@ -160,7 +163,7 @@ def step_towards(search: Search, tree: int, node: int, target: Floats32, samplin
         reached[j] = way
         square += way * way
     distance = math.sqrt(square)
-    share = np.float32(min(1.0, RANGE / max(distance, 1e-12)))
+    share = np.float32(min(1.0, longest / max(distance, 1e-12)))
     for j in range(nv):
         reached[j] = origin[j] + share * reached[j]
     return distance
@@ -174,6 +177,7 @@ def add_reached(search: Search, tree: int, parent: int) -> int:
         search.nodes[(tree * nv + j) * capacity + at] = search.reached[j]
     search.parents[tree * capacity + at] = parent
     search.domains[tree * capacity + at] = np.inf
+    search.failed[tree * capacity + at] = 0
     search.counters[SIZE + tree] = at + 1
     return int(at)
 

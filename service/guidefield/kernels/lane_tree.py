@@ -48,6 +48,10 @@ PATIENCE = 2
 BALANCE = 1.1
 """A tree that is so many times smaller than the other grows again; else they take turns."""
 
+STUBBORN, SHORTEST = 2000, 4
+"""After every so many extensions of a node that failed the next ones are half as long, up to so many times: what holds
+nearly everything of a length back lets something shorter pass. Sooner, or more gently, costs more than it gains."""
+
 ALONE = 64
 """So many motions are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""
 
@@ -68,7 +72,7 @@ def _connected(
     counters = search.counters
     node, _ = nearest(search, tree, search.target, sampling)
     while counters[SIZE + tree] < search.capacity:
-        distance = step_towards(search, tree, node, search.target, sampling)
+        distance = step_towards(search, tree, node, search.target, sampling, RANGE)
         counters[MOTIONS] += 1
         if not motion_free(world, clearance, search.origin, search.reached, resolution):
             return False
@@ -99,7 +103,8 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
             counters[REFUSED] += 1
             continue
         counters[REFUSED] = 0
-        step_towards(search, tree, node, sample, sampling)
+        halved = min(search.failed[tree * search.capacity + node] // STUBBORN, SHORTEST)
+        step_towards(search, tree, node, sample, sampling, RANGE / (1 << halved))
         grown[2 * chosen], grown[2 * chosen + 1] = tree, node
         for j in range(search.nv):
             ends[j * LANES + chosen] = search.reached[j]
@@ -146,6 +151,7 @@ def _grown(
             counters[TRIED + tree] += 1
             at = tree * capacity + node
             if hit >> slot & 1 or not _extension_free(world, search, clearance, resolution, slot):
+                search.failed[at] += 1
                 domains[at] = DOMAIN if domains[at] == np.inf else max(domains[at] * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)
                 continue
             if domains[at] != np.inf:

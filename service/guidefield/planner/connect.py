@@ -70,7 +70,7 @@ def connect(
     if blocked is not None:
         return Connection(Status.PLANNING_FAILED, blocked, z_start[None])
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
-    resolution = LANE_RESOLUTION
+    resolution, refused = LANE_RESOLUTION, 0
 
     def accepted(path: np.ndarray) -> bool:
         return not prove or _certified(problem, path)
@@ -92,15 +92,17 @@ def connect(
             for z in path[1:]:
                 problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
             return Connection(Status.SUCCESS, message, path, prove)
-        resolution *= LANE_FINER
-    return _unconnected(problem, z_start, found, len(goals))
+        resolution, refused = resolution * LANE_FINER, refused + 1
+    return _unconnected(problem, z_start, found, len(goals), refused)
 
 
-def _unconnected(problem: Problem, z_start: np.ndarray, found: lane_tree.Found, goals: int) -> Connection:
-    """A connection that was not found, and why."""
+def _unconnected(problem: Problem, z_start: np.ndarray, found: lane_tree.Found, goals: int, refused: int) -> Connection:
+    """A connection that was not found, and why; how many paths the certificate refused before."""
     spent = problem.budget.spent()
     if found.path is None:
         message = why_not(found, goals, in_time=spent is not None)
+        if refused:
+            message += f"; the certificate refused {refused} that looked free"
     else:
         message = "the certificate refused every path that the tree found"
     status = Status.PLANNING_FAILED if spent is None or found.enclosed is not None else spent

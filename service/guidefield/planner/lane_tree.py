@@ -150,6 +150,7 @@ class _Room:
             nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
             parents=np.full(2 * capacity, -1, np.int64),
             domains=np.full(2 * capacity, np.inf, np.float32),
+            failed=np.zeros(2 * capacity, np.int64),
             places=np.zeros(nv),
             counters=np.zeros(lane_nodes.COUNTERS, np.int64),
             sample=np.zeros(nv, np.float32),
@@ -183,6 +184,7 @@ class _Room:
             self.nodes[tree, :, :size] = points.T
             self.parents[tree, :size] = -1
             self.domains[tree, :size] = np.inf
+            self.search.failed.reshape(2, -1)[tree, :size] = 0
 
     def roomier(self) -> _Room:
         """The same trees with room for twice as many nodes."""
@@ -191,6 +193,7 @@ class _Room:
         larger.nodes[:, :, :capacity] = self.nodes
         larger.parents[:, :capacity] = self.parents
         larger.domains[:, :capacity] = self.domains
+        larger.search.failed.reshape(2, -1)[:, :capacity] = self.search.failed.reshape(2, -1)
         return _Room.of(larger.search._replace(places=self.search.places, counters=self.search.counters))
 
 
