@@ -197,7 +197,7 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> list[tuple[int, bool, i
 
 def _cloud(cloud: Cloud, table: PartsTable) -> tuple[int, bool, int, np.ndarray]:
     """One ball at the origin stands for all; the numbers are those of the box about them."""
-    low, high = cloud.points.min(axis=0) - cloud.radius, cloud.points.max(axis=0) + cloud.radius
+    low, high = cloud.box[0] - cloud.radius, cloud.box[1] + cloud.radius
     root = table.add_shape(coal.Sphere(cloud.radius), pin.SE3.Identity())
     return CLOUD, True, root, _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))
 

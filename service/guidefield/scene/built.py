@@ -7,11 +7,12 @@ from collections import OrderedDict
 
 from guidefield.messages import codec, scene as messages
 from guidefield.scene import scene as scenes
+from guidefield.scene.mesh import MOST_FACES, faces
 from guidefield.scene.scene import Scene
 
 
 class BuiltScenes:
-    """The scenes that were built last.
+    """The scenes that were built last, fewer where they have very many triangles or points.
 
     Args:
         most: How many are kept.
@@ -24,8 +25,18 @@ class BuiltScenes:
     def of(self, message: messages.Scene) -> Scene:
         """The scene that a message describes; raises as `build`."""
         content = hashlib.sha256(codec.encode(message, codec.Encoding.MSGPACK)).digest()
-        built = self._scenes.pop(content, None) or scenes.build(message)
+        built = self._scenes.pop(content, None)
+        if built is None:
+            built = scenes.build(message)
+            while self._scenes and (len(self._scenes) >= self._most or self._faces() + _faces(built) > MOST_FACES):
+                self._scenes.popitem(last=False)
         self._scenes[content] = built
-        if len(self._scenes) > self._most:
-            self._scenes.popitem(last=False)
         return built
+
+    def _faces(self) -> int:
+        """Of all of them, as if none shared an obstacle."""
+        return sum(map(_faces, self._scenes.values()))
+
+
+def _faces(scene: Scene) -> int:
+    return sum(faces(one.shape) for one in scene.obstacles)

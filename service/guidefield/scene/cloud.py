@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,6 +42,12 @@ class Cloud:
 
     points: np.ndarray
     radius: float
+
+    @cached_property
+    def box(self) -> np.ndarray:
+        """Corners of the box about the points, without their radius, shape (2, 3) [m, world]."""
+        columns = [self.points[:, axis] for axis in range(3)]  # one after another, which NumPy does in a fifth
+        return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
 
 def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -56,7 +56,7 @@ def cloud_tables(obstacle: Obstacle) -> CloudTables:
     packed_points = np.empty(BLOCK * sizes[0], np.float32)
     boxes = np.empty(AROUND * sum(sizes[1:]), np.float32)
     fill_tree(points, firsts, packed_points, boxes)
-    low, high = (end.astype(np.float32).astype(float) for end in (points.min(axis=0), points.max(axis=0)))
+    low, high = obstacle.cloud.box.astype(np.float32).astype(float)
     extent = high - low + 2.0 * AROUND_POINTS
     cell = max(CELL, math.cbrt(float(extent.prod()) / MOST_CELLS))
     columns, rows, layers = np.ceil(extent / cell).astype(int).tolist()

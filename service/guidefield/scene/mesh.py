@@ -16,6 +16,9 @@ from guidefield.geometry.crossings import crossings
 _FLAT = 1e-9
 """A closed mesh with less volume than this fraction of its size cubed has no inside."""
 
+MOST_FACES = 1_000_000
+"""Triangles, and points of clouds, that are kept together in memory: a million take half a gigabyte."""
+
 _CONVEX = 1e-7
 """How far a mesh may dent in and still be judged by its hull, as a fraction of its size."""
 
@@ -92,6 +95,11 @@ def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     tree.endModel()
     tree.computeLocalAABB()
     return tree
+
+
+def faces(shape: Any) -> int:
+    """How many triangles a Coal shape has, and so much memory does it take; 0 of a primitive or hull."""
+    return int(getattr(shape, "num_tris", 0))
 
 
 def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

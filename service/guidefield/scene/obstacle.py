@@ -24,7 +24,7 @@ from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.flat import axes_across, bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MeshSurface, bvh, crossing_warnings, mesh_surface
+from guidefield.scene.mesh import MOST_FACES, MeshSurface, bvh, crossing_warnings, faces, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
 
 HALF_SPACE_PATCH = 4.0
@@ -129,7 +129,8 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
         ) from None
     if motion is not None:
         obstacle = dataclasses.replace(obstacle, motion=motion)
-    while len(_KNOWN) >= _MOST_KNOWN:
+    many = faces(obstacle.shape)
+    while len(_KNOWN) >= _MOST_KNOWN or (many and _KNOWN and many + _faces_known() > MOST_FACES):
         _KNOWN.pop(next(iter(_KNOWN)), None)
     _KNOWN[key] = obstacle
     return obstacle
@@ -139,6 +140,10 @@ _KNOWN: dict[bytes, Obstacle] = {}
 """Obstacles by what was declared: one that is in the next scene again is not built again."""
 
 _MOST_KNOWN = 512
+
+
+def _faces_known() -> int:
+    return sum(faces(one.shape) for one in _KNOWN.values())
 
 
 class _UnusableError(Exception):

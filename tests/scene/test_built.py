@@ -1,0 +1,40 @@
+"""Scenes that are kept: by content, some of them, and fewer where they take much memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Float32Array
+from guidefield.scene import built, obstacle
+from guidefield.scene.built import BuiltScenes
+
+
+def scan(name: str, count: int) -> messages.Scene:
+    points = Float32Array(np.random.default_rng(count).uniform(size=(count, 3)).astype("<f4").tobytes())
+    return messages.Scene(name=name, obstacles=[messages.PointCloud(name=name, points=points, radius=0.01)])
+
+
+def test_the_last_scenes_are_kept_by_content() -> None:
+    kept = BuiltScenes(2)
+    first = kept.of(messages.Scene(name="a"))
+    assert kept.of(messages.Scene(name="a")) is first
+    kept.of(messages.Scene(name="b"))
+    kept.of(messages.Scene(name="a"))
+    kept.of(messages.Scene(name="c"))
+    assert kept.of(messages.Scene(name="a")) is first
+
+
+def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+    for room in (built, obstacle):
+        monkeypatch.setattr(room, "MOST_FACES", 1000)
+    monkeypatch.setattr(obstacle, "_KNOWN", {})
+    kept = BuiltScenes(16)
+    small, large = kept.of(scan("small", 300)), kept.of(scan("large", 600))
+    assert kept.of(scan("small", 300)) is small
+    assert kept.of(scan("larger", 650)) is not None  # no room for the one that was asked for least
+    assert kept.of(scan("small", 300)) is small
+    assert kept.of(scan("large", 600)) is not large
+    assert sum(one.shape.num_tris for one in obstacle._KNOWN.values()) <= 1000
+    assert kept.of(scan("huge", 5000)) is kept.of(scan("huge", 5000))  # one at least
