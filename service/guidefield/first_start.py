@@ -5,6 +5,7 @@ Asked without loading the compiler: the process of a service never does.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import subprocess
@@ -62,6 +63,7 @@ def cache_parent() -> Path:
     return Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
 
 
+@functools.cache
 def _fingerprint() -> str:
     """Sixteen hexadecimal digits that change with numba's version and with every kernel."""
     digest = hashlib.sha256(version("numba").encode())
