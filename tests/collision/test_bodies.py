@@ -1,12 +1,14 @@
 """Balls contain bodies, and the lower bounds of distances are below them."""
 
+from types import SimpleNamespace
+
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.bodies import bounding_ball, joint_placements
+from guidefield.collision.bodies import bounding_ball, joint_placements, parts_of
 from guidefield.scene.mesh import bvh
 from tests.collision.scenery import panda_in, scattered, world_of
 from tests.collision.test_world import SCENES, pair_distances
@@ -16,7 +18,7 @@ from tests.scene.solids import l_prism
 
 def centres(world, q):
     pin.forwardKinematics(world.model, world.data, world.group.expand(q))
-    return world.bodies.centres_in_world(joint_placements(world.data))
+    return world.bodies.centres_in_world(world.joint_placements)
 
 
 @settings(deadline=None, max_examples=40)
@@ -29,6 +31,43 @@ def test_separations_are_lower_bounds_of_signed_distances(name, seed):
     distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
     assert (bounds <= distances + 2e-6).all()
     assert np.isfinite(bounds).mean() > 0.7
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sampled_from((*SCENES, "strewn")), st.integers(0, 10**6))
+def test_separations_of_parts_are_lower_bounds_and_many_are_closer(name, seed):
+    world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
+    pairs, own = world.pairs, np.arange(len(world.pairs)) < world.n_self
+    qs = [random_configuration(world.group, seed + k) for k in range(2)]
+    by_balls, placements = [], []
+    for q in qs:
+        by_balls.append(world.bodies.separations(centres(world, q), pairs, world.n_self))
+        placements.append(world.joint_placements.copy())
+    which = np.repeat([0, 1], len(pairs))
+    bounds = world.bodies.closer_separations(np.array(placements), which, np.tile(pairs, (2, 1)), np.tile(~own, 2))
+    for k, q in enumerate(qs):
+        distances = pair_distances(world, q)
+        distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
+        assert (bounds[which == k] <= distances + 2e-6).all()
+        assert (bounds[which == k] > np.maximum(by_balls[k], 0.0) + 5e-3).mean() > 0.1
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
+def test_placements_are_read_where_pinocchio_keeps_them(name):
+    arm = group(name)
+    data = arm.model.createData()
+    read = joint_placements(data)
+    for seed in range(3):
+        pin.forwardKinematics(arm.model, data, arm.expand(random_configuration(arm, seed)))
+        assert read == pytest.approx(np.array([placement.homogeneous[:3] for placement in data.oMi]), abs=0)
+    with pytest.raises(ValueError, match="read-only"):
+        read[0] = 0.0
+
+
+def test_placements_that_lie_elsewhere_are_refused():
+    apart = [pin.SE3.Random() for _ in range(4)]
+    with pytest.raises(RuntimeError, match="one behind the other"):
+        joint_placements(SimpleNamespace(oMi=[apart[0], apart[2], apart[1], apart[3]]))
 
 
 def test_centres_move_with_the_bodies():
@@ -67,3 +106,16 @@ def test_nothing_of_a_shape_is_outside_its_ball(name):
         beyond = coal.Halfspace(-n, -(n @ centre + radius) - 1e-9)
         here = coal.Transform3s.Identity()
         assert not coal.collide(beyond, here, shape, here, coal.CollisionRequest(), coal.CollisionResult())
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_nothing_of_a_shape_is_outside_the_balls_about_its_parts(name):
+    shape = SHAPES[name]
+    centres_of, radius = parts_of(shape)
+    rng = np.random.default_rng(1)
+    extent = np.abs(centres_of).max() + radius
+    probe, request = coal.Sphere(1e-6), coal.CollisionRequest()
+    for point in rng.uniform(-extent, extent, (2000, 3)):
+        if np.linalg.norm(centres_of - point, axis=1).min() > radius + 1e-5:
+            there = coal.Transform3s(np.eye(3), point)
+            assert not coal.collide(probe, there, shape, coal.Transform3s.Identity(), request, coal.CollisionResult())

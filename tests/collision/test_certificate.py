@@ -281,7 +281,7 @@ def test_questions_before_do_not_change_an_answer():
 
 def test_a_judgement_that_is_stopped_certifies_what_comes_before():
     arm = group("panda")
-    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.3, 0, 0.75))])
+    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.292, 0, 0.75))])
     points = np.tile(rest(arm), (201, 1))
     points[:, 0] = np.linspace(-1.2, -0.4, 201)
     pieces = np.stack([points[:-1], points[1:]], axis=1)

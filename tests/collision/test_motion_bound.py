@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.bodies import joint_placements
 from tests.collision.scenery import box, scattered, world_of
 from tests.collision.test_world import pair_distances
 from tests.robots import box_arm, group, grouped
@@ -35,8 +34,8 @@ def bounds_at(place, middle, half_widths):
     planned = place.group
     q = planned.expand(planned.from_chart(middle))
     jacobian = pin.computeJointJacobians(place.model, place.data, q)
-    centres = place.bodies.centres_in_world(joint_placements(place.data))
-    return place.motion_bound.at(jacobian[None], centres[None], half_widths[None])[0]
+    centres = place.bodies.centres_in_world(place.joint_placements)
+    return place.motion_bound.at(jacobian.reshape(1, 6, -1), centres[None], half_widths[None])[0]
 
 
 def corners(shape) -> np.ndarray:

@@ -2,31 +2,33 @@
 
 A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points. If Coal says
 that at the box's middle a pair keeps more than it can lose within the box (`MotionBound`), it is free all along the
-curve; else the curve is halved, for the pairs that are left, down to a floor.
+curve; else the curve is divided, for the pairs that are left, down to a floor. Balls and boxes about bodies tell most
+pairs apart before Coal is asked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import joint_placements
+from guidefield.collision.stretches import Stretch, stretches
 from guidefield.collision.world import PairNames, World
 
 COAL_ACCURACY = 1e-6
 """Added to every margin: how far off Coal's answers may be [m]."""
 
-WIDEST = 0.3
-"""Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
-
-TOGETHER = 0.1
-"""Consecutive pieces are tested together as long as they span no more than this in any coordinate [rad or m]."""
-
 MESH_FROM = 0.01
 """A mesh is asked, where its hull does not tell, once its pair's possible motion is down to this [m]."""
+
+LEAST_SHARE = 1.0 / 8.0
+"""What can't be told is divided into at most as many parts at once as this goes into one."""
+
+MOST_PAIRS = 30_000
+"""The pairs of so many stretches are compared at once that they are not more than this, or of a single one."""
 
 BATCH = 64
 """At most so many stretches have their bounds computed together."""
@@ -58,39 +60,6 @@ class Verdict:
     evaluations: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    """A part of a piece, or several pieces, not judged yet.
-
-    Attributes:
-        piece: Index of the piece, or of the first of them.
-        controls: Control points, shape (m, k, nv).
-        start, end: Parameters on a single piece; 0 and 1 for several.
-        pairs: Pairs left; None: all.
-    """
-
-    piece: int
-    controls: np.ndarray
-    start: float
-    end: float
-    pairs: list[int] | None
-
-    def halves(self, pairs: list[int] | None) -> tuple[_Stretch, _Stretch]:
-        """The two halves, for some pairs."""
-        count = len(self.controls) // 2
-        if count:
-            return (
-                _Stretch(self.piece, self.controls[:count], 0.0, 1.0, pairs),
-                _Stretch(self.piece + count, self.controls[count:], 0.0, 1.0, pairs),
-            )
-        first, second = halved(self.controls)
-        middle = 0.5 * (self.start + self.end)
-        return (
-            _Stretch(self.piece, first[None], self.start, middle, pairs),
-            _Stretch(self.piece, second[None], middle, self.end, pairs),
-        )
-
-
 def certify(
     world: World,
     pieces: np.ndarray,
@@ -113,14 +82,14 @@ def certify(
     """
     judge = _Judge(world, min_clearance, floor)
     refusal = None
-    level = list(_stretches(np.asarray(pieces, float)))
+    level = stretches(np.asarray(pieces, float))
     while level:
-        finer: list[_Stretch] = []
+        finer: list[Stretch] = []
         for first in range(0, len(level), BATCH):
             if stopped():
                 return _unfinished(world, min([*finer, level[first]], key=_place), judge.evaluations)
-            halves, found = judge.halved(level[first : first + BATCH])
-            finer += halves
+            parts, found = judge.divided(level[first : first + BATCH])
+            finer += parts
             if found is not None:
                 refusal = found
                 break
@@ -137,57 +106,16 @@ def motion_free(
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
 
 
-def _stretches(pieces: np.ndarray) -> Iterator[_Stretch]:
-    """The pieces in order: short ones together, long ones halved until no coordinate spans more than `WIDEST`."""
-    lows, highs = pieces.min(axis=1), pieces.max(axis=1)
-    first = 0
-    while first < len(pieces):
-        low, high, last = lows[first], highs[first], first + 1
-        while last < len(pieces):
-            low, high = np.minimum(low, lows[last]), np.maximum(high, highs[last])
-            if (high - low).max() > TOGETHER:
-                break
-            last += 1
-        parts = pieces[first:last]
-        if last > first + 1:
-            yield _Stretch(first, parts, 0.0, 1.0, None)
-        else:
-            while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
-                parts = halved(parts)
-            for number, part in enumerate(parts):
-                yield _Stretch(first, part[None], number / len(parts), (number + 1) / len(parts), None)
-        first = last
-
-
-def _place(stretch: _Stretch) -> tuple[int, float]:
+def _place(stretch: Stretch) -> tuple[int, float]:
     """Where a stretch begins along the motion."""
     return stretch.piece, stretch.start
 
 
-def _unfinished(world: World, first: _Stretch, evaluations: int) -> Verdict:
+def _unfinished(world: World, first: Stretch, evaluations: int) -> Verdict:
     """The verdict of a judgement that was stopped, the first stretch that is left in it."""
     pair = world.pair_names(first.pairs[0]) if first.pairs else None
     at = first.start
     return Verdict(False, "stopped", first.piece, at, at, pair, first.controls[0, 0], evaluations)
-
-
-def halved(controls: np.ndarray) -> np.ndarray:
-    """Both halves of each Bezier curve, in order, by de Casteljau's scheme.
-
-    Args:
-        controls: Control points, shape (n, k, nv).
-
-    Returns:
-        Shape (2 n, k, nv).
-    """
-    order = controls.shape[1]
-    halves = np.empty((2 * len(controls), *controls.shape[1:]))
-    row = controls
-    for step in range(order):
-        halves[0::2, step] = row[:, 0]
-        halves[1::2, order - 1 - step] = row[:, -1]
-        row = 0.5 * (row[:, :-1] + row[:, 1:])
-    return halves
 
 
 class _Judge:
@@ -199,43 +127,75 @@ class _Judge:
         self.evaluations = 0
         self._kept = np.where(world.is_obstacle_pair, min_clearance, 0.0)
         self._hulled = world.hulled.tolist()
+        self._together = max(1, MOST_PAIRS // max(1, len(world.pairs)))
 
-    def halved(self, stretches: Sequence[_Stretch]) -> tuple[list[_Stretch], Verdict | None]:
+    def divided(self, level: Sequence[Stretch]) -> tuple[list[Stretch], Verdict | None]:
         """Judge some stretches in order, up to the first that is refused.
 
         Returns:
-            The halves of those that can't be told yet; why the last one that was looked at is refused, or None.
+            The parts of those that can't be told yet; why the last one that was looked at is refused, or None.
         """
-        qs, centres, bounds = self._measure(stretches)
-        finer: list[_Stretch] = []
-        for stretch, *at_middle in zip(stretches, qs, centres, bounds, strict=True):
-            left = self._left(stretch, *at_middle)
+        qs, bounds, near = self._measured(level)
+        finer: list[Stretch] = []
+        for stretch, q, bound, pairs in zip(level, qs, bounds, near, strict=True):
+            left = self._left(q, bound, pairs) if pairs else []
             if not left:
                 continue
-            halves = stretch.halves(left if 2 * len(left) < len(self._kept) else None)
-            refusal = self._refusal_at(halves[1], stretch.start, left, at_middle[-1])
-            if refusal is not None:
-                return finer, refusal
-            finer += halves
+            share = self._decided_share(left, bound)
+            parts = stretch.parts(math.ceil(1.0 / share), left if 2 * len(left) < len(self._kept) else None)
+            if share == LEAST_SHARE or bound[left].min() <= MESH_FROM:
+                refusal = self._refusal_at(parts[len(parts) // 2], stretch.start, left, bound)
+                if refusal is not None:
+                    return finer, refusal
+            finer += parts
         return finer, None
 
-    def _measure(self, stretches: Sequence[_Stretch]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-        """At each stretch's middle: configuration, centres (s, r, 3) of balls, bounds (s, n) within the box."""
+    def _decided_share(self, left: list[int], bounds: np.ndarray) -> float:
+        """Of how large a share of a stretch the pairs left would likely be told apart, by Coal's last answers."""
+        share, keep = 0.5, self._kept + self.world.roundings
+        for pair in left:
+            result = self.world.hull_margin_data.collisionResults[pair]
+            apart = result.getContact(0).penetration_depth - keep[pair]
+            share = min(share, apart / bounds[pair]) if bounds[pair] > 0.0 else share
+        return max(share, LEAST_SHARE)
+
+    def _measured(self, level: Sequence[Stretch]) -> tuple[list[np.ndarray], np.ndarray, list[list[int]]]:
+        """At each stretch's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
         world, group = self.world, self.world.group
-        low = np.array([stretch.controls.min(axis=(0, 1)) for stretch in stretches])
-        high = np.array([stretch.controls.max(axis=(0, 1)) for stretch in stretches])
+        low, high = np.array([stretch.low for stretch in level]), np.array([stretch.high for stretch in level])
         qs = [group.expand(group.from_chart(middle)) for middle in 0.5 * (low + high)]
         jacobians = np.empty((len(qs), 6, world.model.nv))
-        placements = np.empty((len(qs), world.model.njoints, 4, 4))
+        placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
         for row, q in enumerate(qs):
             jacobian = pin.computeJointJacobians(world.model, world.data, q)
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
-            placements[row] = joint_placements(world.data)
+            placements[row] = there
         centres = world.bodies.centres_in_world(placements)
-        return qs, centres, world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
+        bounds = world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
+        asked = [[] if stretch.pairs is None else stretch.pairs for stretch in level]
+        fresh = np.flatnonzero([stretch.pairs is None for stretch in level])
+        for first in range(0, len(fresh), self._together):
+            rows = fresh[first : first + self._together]
+            near = self._near(placements[rows], centres[rows], bounds[rows])
+            for row, pairs in zip(rows.tolist(), near, strict=True):
+                asked[row] = pairs
+        return qs, bounds, asked
 
-    def _left(self, stretch: _Stretch, q: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[int]:
-        """Pairs of a stretch that are within their bounds, and what they have to keep, at the middle of its box.
+    def _near(self, placements: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[list[int]]:
+        """The pairs at each of s configurations that balls and boxes about them can't tell apart."""
+        world = self.world
+        margins = bounds + self._kept + COAL_ACCURACY
+        near = world.bodies.separations(centres, world.pairs, world.n_self) <= margins
+        rows, pairs = np.nonzero(near)
+        apart = world.bodies.closer_separations(placements, rows, world.pairs[pairs], world.is_obstacle_pair[pairs])
+        close = apart <= margins[rows, pairs]
+        found: list[list[int]] = [[] for _ in bounds]
+        for row, pair in zip(rows[close].tolist(), pairs[close].tolist(), strict=True):
+            found[row].append(pair)
+        return found
+
+    def _left(self, q: np.ndarray, bounds: np.ndarray, pairs: list[int]) -> list[int]:
+        """Those of some pairs that are within their bounds (n,), and what they have to keep, at a configuration.
 
         Hulls are asked first, the meshes in them only where that does not tell.
         """
@@ -243,14 +203,7 @@ class _Judge:
         self.evaluations += 1
         margins = bounds + self._kept + COAL_ACCURACY
         world.set_margins(world.hulls, world.hull_margin_data, margins)
-        if stretch.pairs is None:
-            if not pin.computeCollisions(world.model, world.data, world.hull_broad_phase, q, True):
-                return []
-            apart = world.bodies.separations(centres, world.pairs, world.n_self)
-            pairs = np.flatnonzero(apart <= margins).tolist()
-        else:
-            pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
-            pairs = stretch.pairs
+        pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
         left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]
         asked = [pair for pair in left if self._hulled[pair] and bounds[pair] <= MESH_FROM]
         if not asked:
@@ -260,7 +213,7 @@ class _Judge:
         free = {pair for pair in asked if not pin.computeCollision(world.geometry, world.margin_data, pair)}
         return [pair for pair in left if pair not in free]
 
-    def _refusal_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
+    def _refusal_at(self, rest: Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
         """Why the curve is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         z = rest.controls[0, 0]
         found = self._touching(z, left)

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import joint_placements
-
 if TYPE_CHECKING:
     from guidefield.collision.world import World
 
@@ -51,7 +49,7 @@ def clearance(world: World, q: np.ndarray) -> ClearanceAt:
     pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
     if world.hulls is not world.geometry:
         pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data)
-    centres = world.bodies.centres_in_world(joint_placements(world.data))
+    centres = world.bodies.centres_in_world(world.joint_placements)
     bounds = world.bodies.separations(centres, world.pairs, world.n_self)
     own = _closest(world, bounds[: world.n_self], 0)
     obstacle = _closest(world, bounds[world.n_self :], world.n_self)

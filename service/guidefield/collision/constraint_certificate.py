@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from guidefield.collision.certificate import Verdict, halved
+from guidefield.collision.certificate import Verdict
+from guidefield.collision.stretches import halved
 from guidefield.robot.path_constraints import ConstrainedFrames
 
 FLOOR = 1e-5

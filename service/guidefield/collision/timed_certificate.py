@@ -14,7 +14,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import joint_placements
 from guidefield.collision.certificate import COAL_ACCURACY, Verdict, certify
 from guidefield.collision.world import World
 from guidefield.scene.obstacle import Obstacle
@@ -173,9 +172,8 @@ class _Judge:
         group = world.group
         self.evaluations += 1
         jacobian = pin.computeJointJacobians(world.model, world.data, group.expand(group.from_chart(middle)))
-        placements = joint_placements(world.data)[None]
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data)
-        centres = world.bodies.centres_in_world(placements)
+        centres = world.bodies.centres_in_world(world.joint_placements[None])
         bounds = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
         return np.array(bounds[0][self.worlds.pairs])
 

@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import Bodies, bodies
+from guidefield.collision.bodies import Bodies, bodies, joint_placements
 from guidefield.collision.broad_phase import broad_phase, thickened
 from guidefield.collision.clearance import ClearanceAt, clearance
 from guidefield.collision.contact import Contact, contacts
@@ -132,6 +132,11 @@ class World:
         return self.group.model.createData()
 
     @cached_property
+    def joint_placements(self) -> np.ndarray:
+        """Placements of the joints in `data`, shape (njoints, 3, 4) [m]: where they stand now, so copy what is kept."""
+        return joint_placements(self.data)
+
+    @cached_property
     def geometry_data(self) -> Any:
         """Scratch of `geometry`, for contact itself."""
         scratch = scratch_space(self.geometry)
@@ -153,11 +158,6 @@ class World:
     def broad_phase(self) -> Any:
         """What finds bodies that touch."""
         return broad_phase(self.model, self.geometry, self.geometry_data)
-
-    @cached_property
-    def hull_broad_phase(self) -> Any:
-        """What finds hulls within margins."""
-        return broad_phase(self.model, self.hulls, self.hull_margin_data)
 
     @cached_property
     def bodies(self) -> Bodies:

@@ -1,0 +1,101 @@
+"""Parts of a motion that are judged together: Bezier curves in a box of the chart, and how they are divided."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+WIDEST = 0.3
+"""Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
+
+TOGETHER = 0.07
+"""Consecutive pieces are tested together as long as they span about this in some coordinate, not more [rad or m]."""
+
+
+class Stretch(NamedTuple):
+    """A part of a piece, or several pieces, not judged yet.
+
+    Attributes:
+        piece: Index of the piece, or of the first of them.
+        controls: Control points, shape (m, k, nv).
+        low, high: The box of all control points, each of shape (nv,).
+        start, end: Parameters on a single piece; 0 and 1 for several.
+        pairs: Pairs left; None: all.
+    """
+
+    piece: int
+    controls: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    start: float
+    end: float
+    pairs: list[int] | None
+
+    @classmethod
+    def of(cls, piece: int, controls: np.ndarray, start: float, end: float, pairs: list[int] | None) -> Stretch:
+        """The stretch of some control points, shape (m, k, nv)."""
+        points = controls.reshape(-1, controls.shape[-1])
+        return cls(piece, controls, points.min(axis=0), points.max(axis=0), start, end, pairs)
+
+    def parts(self, count: int, pairs: list[int] | None) -> list[Stretch]:
+        """About so many parts of it in order, two at least, for some pairs."""
+        pieces = len(self.controls)
+        if pieces > 1:
+            cuts = [pieces * k // min(count, pieces) for k in range(min(count, pieces) + 1)]
+            return [Stretch.of(self.piece + a, self.controls[a:b], 0.0, 1.0, pairs) for a, b in pairwise(cuts)]
+        curves = halved(self.controls)
+        while len(curves) < count:
+            curves = halved(curves)
+        share = (self.end - self.start) / len(curves)
+        starts = [self.start + k * share for k in range(len(curves))]
+        return [
+            Stretch.of(self.piece, curve[None], start, end, pairs)
+            for curve, start, end in zip(curves, starts, [*starts[1:], self.end], strict=True)
+        ]
+
+
+def stretches(pieces: np.ndarray) -> list[Stretch]:
+    """Pieces in order: short ones together, long ones halved until no coordinate spans more than `WIDEST`.
+
+    Args:
+        pieces: Control points, shape (m, k, nv).
+    """
+    if not len(pieces):
+        return []
+    lows, highs = pieces.min(axis=1), pieces.max(axis=1)
+    spans = (highs - lows).max(axis=1)
+    number, alone = (np.cumsum(spans) - 0.5 * spans) // TOGETHER, spans > TOGETHER
+    starts = np.flatnonzero(np.r_[True, (number[1:] != number[:-1]) | alone[1:] | alone[:-1]])
+    low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
+    found: list[Stretch] = []
+    for k, (first, last) in enumerate(pairwise([*starts.tolist(), len(pieces)])):
+        parts = pieces[first:last]
+        if spans[first] <= WIDEST:
+            found.append(Stretch(first, parts, low[k], high[k], 0.0, 1.0, None))
+            continue
+        while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
+            parts = halved(parts)
+        for index, part in enumerate(parts):
+            found.append(Stretch.of(first, part[None], index / len(parts), (index + 1) / len(parts), None))
+    return found
+
+
+def halved(controls: np.ndarray) -> np.ndarray:
+    """Both halves of each Bezier curve, in order, by de Casteljau's scheme.
+
+    Args:
+        controls: Control points, shape (n, k, nv).
+
+    Returns:
+        Shape (2 n, k, nv).
+    """
+    order = controls.shape[1]
+    halves = np.empty((2 * len(controls), *controls.shape[1:]))
+    row = controls
+    for step in range(order):
+        halves[0::2, step] = row[:, 0]
+        halves[1::2, order - 1 - step] = row[:, -1]
+        row = 0.5 * (row[:, :-1] + row[:, 1:])
+    return halves
