@@ -26,6 +26,15 @@ def test_the_last_scenes_are_kept_by_content() -> None:
     assert kept.of(messages.Scene(name="a")) is first
 
 
+def test_numbers_of_numpy_mean_the_same() -> None:
+    kept, position = BuiltScenes(2), np.array([0.5, 0.25, 1.0])
+    plain, numpys = (
+        kept.of(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5, position=given)]))
+        for given in (tuple(position.tolist()), tuple(position))
+    )
+    assert plain is numpys
+
+
 def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     for room in (built, obstacle):
         monkeypatch.setattr(room, "MOST_FACES", 1000)

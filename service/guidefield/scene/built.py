@@ -5,7 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 
-from guidefield.messages import codec, scene as messages
+import msgspec
+import numpy as np
+
+from guidefield.messages import scene as messages
 from guidefield.scene import scene as scenes
 from guidefield.scene.mesh import MOST_FACES, faces
 from guidefield.scene.scene import Scene
@@ -24,7 +27,7 @@ class BuiltScenes:
 
     def of(self, message: messages.Scene) -> Scene:
         """The scene that a message describes; raises as `build`."""
-        content = hashlib.sha256(codec.encode(message, codec.Encoding.MSGPACK)).digest()
+        content = hashlib.sha256(msgspec.msgpack.encode(message, enc_hook=np.generic.tolist)).digest()
         built = self._scenes.pop(content, None)
         if built is None:
             built = scenes.build(message)
