@@ -67,6 +67,16 @@ def test_runs_are_listed_and_filtered(data: Path) -> None:
     assert names("--status", "STUCK_IN_MINIMUM") == {"stuck"}
     assert names("--robot", "ur5") == names("--since", "2999-01-01") == set()
     assert "STUCK_IN_MINIMUM" in _said(0, "runs", "list", "--data", str(data))
+    assert "must be one of SUCCESS" in _said(2, "runs", "list", "--data", str(data), "--status", "success")
+
+
+def test_a_run_is_listed_with_its_whole_id_however_narrow_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=60))
+    run_id = 32 * "f"
+    RunStore(tmp_path / "runs").begin(run_id, REQUEST)
+    assert run_id in _said(0, "runs", "list", "--data", str(tmp_path))
 
 
 def test_two_runs_are_compared(data: Path) -> None:

@@ -134,10 +134,19 @@ def test_closing_ends_what_outlasts_the_grace(tmp_path: Path) -> None:
     running = pool.submit(Task(("mark", str(tmp_path / "begun")), PATIENCE))
     pid = _await(tmp_path / "begun")
     pool.close(0.1)
-    with pytest.raises(WorkerCrashed):
+    with pytest.raises(WorkerCrashed, match="the service is shutting down"):
         running.result(0)
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+    assert pool.crashes == 0
+
+
+def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path) -> None:
+    pool = _started(1)
+    running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
+    _await(tmp_path / "begun")
+    pool.close(1.0)
+    assert running.result(0) == (True, b"cancelled")
 
 
 def test_two_workers_work_at_once() -> None:

@@ -44,7 +44,10 @@ def list_runs(
     if json:
         typer.echo(msgspec.json.encode(found).decode())
         return
-    table = Table("run", "status", "robot", "scene", "began", box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("run", no_wrap=True, min_width=max((len(run.run_id) for run in found.runs), default=0))
+    for column in ("status", "robot", "scene", "began"):
+        table.add_column(column, overflow="fold")
     for run in found.runs:
         began = datetime.fromtimestamp(run.began).astimezone().isoformat(" ", "seconds")
         table.add_row(run.run_id, run.status, run.robot, run.scene, began)

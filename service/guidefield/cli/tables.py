@@ -52,7 +52,8 @@ def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
         (
             "certificate",
             Text.assemble(
-                verdict, f", {certificate.covers}: {certificate.method}, {certificate.evaluations} evaluations"
+                verdict,
+                f", {certificate.covers}: {certificate.method}, {_counted(certificate.evaluations, 'evaluation')}",
             ),
         )
     )
@@ -76,7 +77,7 @@ def _this_command() -> str:
 
 
 def _path(reply: PlanReply) -> str:
-    parts = [f"{len(reply.path)} waypoints"]
+    parts = [_counted(len(reply.path), "waypoint")]
     if reply.metrics is not None:
         parts.append(f"{reply.metrics.joint_path_length:.2f} rad of joint motion")
         parts.append(f"{reply.metrics.tip_path_length:.2f} m of the tip")
@@ -119,6 +120,10 @@ def _timing(timing: Timing) -> str:
     ]
     parts = ", ".join(f"{name} {_milliseconds(seconds)}" for name, seconds in spent if seconds >= 5e-5)
     return f"{_milliseconds(timing.total)} in all" + (f" ({parts})" if parts else "")
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _pair(pair: list[str] | None) -> str:

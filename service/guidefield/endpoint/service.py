@@ -59,7 +59,7 @@ class ServiceSettings:
         retention: How many runs are kept.
         json_logs: Whether its workers log JSON.
         otel: Whether queries are traced with OpenTelemetry.
-        grace: How long requests that are being worked on may take at the end [s].
+        grace: How long requests that are being worked on may take at the end [s]; then plans are ended early.
         packages: Folders of packages from which a robot that a client sends may take meshes.
         prepare: Robots that are prepared for their first plan before the service is ready.
     """

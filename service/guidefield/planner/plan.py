@@ -115,7 +115,7 @@ def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) ->
             elif goals is None:
                 stage.outcome = "the start is free"
             else:
-                stage.outcome = f"start free, {len(goals)} free configurations at the goal"
+                stage.outcome = f"start free, free configurations at the goal: {len(goals)}"
         if problem.scene.moves:
             return _plan_in_time(problem, found, stages, attempts)
         if planner is not Planner.TREE:

@@ -24,6 +24,8 @@ from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
 QUEUE_CHECK = 0.05
 """How often the queue is searched for jobs whose time is up [s]."""
+LAST_WORD = 2.0
+"""How long jobs that are told to end early may take for it when the pool is closed [s]."""
 DEFAULT_LIMITS = Limits()
 DEFAULT_MEMORY = 4 << 30
 """Memory that a worker may have [bytes]."""
@@ -112,16 +114,25 @@ class Pool:
             slot.pass_on_cancel()
 
     def close(self, grace: float) -> None:
-        """Refuse what waits, let workers finish for a while [s], then stop them; every future is settled on return."""
+        """Refuse what waits, let workers finish for a while [s], have them come to an end, then stop them.
+
+        Every future is settled on return.
+        """
         for task in self._waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
-        deadline = time.monotonic() + grace
+        self._join_for(grace)
         for slot in self._slots:
-            slot.join(deadline - time.monotonic())
+            slot.cancel()
+        self._join_for(min(grace, LAST_WORD))
         for slot in self._slots:
             slot.kill_worker()
         for slot in self._slots:
             slot.join(float("inf"))
+
+    def _join_for(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        for slot in self._slots:
+            slot.join(deadline - time.monotonic())
 
     def _answer_expired(self) -> None:
         while not self._waiting.closed:

@@ -99,6 +99,13 @@ class Slot:
         if watch is not None and self._thread.is_alive():
             watch.kill()
 
+    def cancel(self) -> None:
+        """Tell the worker to bring its job to an end, if it has one."""
+        current = self._current
+        if current is not None:
+            current[0].cancelled_by_client.set()
+            self.pass_on_cancel()
+
     def pass_on_cancel(self) -> None:
         """Let the worker know if its job is to be ended early."""
         current = self._current
@@ -147,6 +154,8 @@ class Slot:
             except (ProcessExpired, BrokenProcessPool, CancelledError, RuntimeError, OSError) as error:
                 begun = self._line.begun.value == number
                 self._replace_worker()
+                if begun and self._waiting.closed:
+                    raise WorkerCrashed("the service is shutting down and could not wait for this request") from None
                 if begun:
                     raise WorkerCrashed(
                         f"the process that worked on this request died{_how(error)}; the service lives on"
@@ -212,7 +221,7 @@ class Slot:
     def _replace_worker(self) -> None:
         if self._pool is None:  # the last attempt to start one failed
             time.sleep(RESTART_PAUSE)
-        else:
+        elif not self._waiting.closed:
             self.replaced += 1
             _log.warning("worker process %s is replaced", None if self._watch is None else self._watch.pid)
         self._stop_worker()
