@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from guidefield.engine import answer
 from guidefield.errors import (
     GuidefieldError,
     InvalidConfiguration,
@@ -181,6 +182,22 @@ def test_allowed_collisions_may_touch() -> None:
 def test_ill_posed_requests_are_refused_by_name(request_part: dict, error: type[GuidefieldError], match: str) -> None:
     with pytest.raises(error, match=match):
         ask(**request_part)
+
+
+def test_path_constraints_name_the_joints_that_they_are_not_for() -> None:
+    text = """<robot name="cart"><link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+        </link></robot>"""
+    request = {
+        "robot": {"type": "urdf", "text": text, "root_joint": "planar"},
+        "scene": "table",
+        "goal": {"type": "joints", "positions": {}},
+        "guide_planes": [],
+        "path_constraints": [
+            {"type": "plane", "frame": "base", "point": [0, 0, 0], "normal": [0, 0, 1], "tolerance": 0.1}
+        ],
+    }
+    with pytest.raises(MalformedRequest, match="one coordinate only, and planned for is root_joint"):
+        answer(request)
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
@@ -116,6 +120,40 @@ def test_a_file_and_its_text_make_the_same_robot(tmp_path) -> None:
     from_file = Catalog().load(UrdfFile(path=str(path)))
     assert from_file.model == load(text).model
     assert from_file.name == "arm"
+
+
+def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
+    def reach(catalog: Catalog) -> float:
+        (hand,) = catalog.load(reference).geometry.geometryObjects
+        hand.geometry.computeLocalAABB()
+        return float(hand.geometry.aabb_local.max_[2])
+
+    mesh, srdf = tmp_path / "hand.stl", tmp_path / "arm.srdf"
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="hand"><collision><geometry><mesh filename="hand.stl"/>'
+        '</geometry></collision></link><joint name="j1" type="continuous"><parent link="base"/><child link="hand"/>'
+        '<axis xyz="1 0 0"/></joint></robot>'
+    )
+    trimesh.creation.box(extents=(0.1, 0.1, 0.2)).export(mesh)
+    srdf.write_text('<robot name="arm"/>')
+    reference, catalog = UrdfFile(str(tmp_path / "arm.urdf"), srdf_path=str(srdf)), Catalog()
+    first = catalog.load(reference)
+    assert catalog.load(reference) is first
+    assert reach(catalog) == pytest.approx(0.1)
+    trimesh.creation.box(extents=(0.1, 0.1, 0.6)).export(mesh)
+    os.utime(mesh, ns=(0, 0))
+    assert reach(catalog) == pytest.approx(0.3)
+    srdf.write_text('<robot name="arm"><group name="all"><joint name="j1"/></group></robot>')
+    assert catalog.load(reference).groups == {"all": ("j1",)}
+
+
+def test_what_is_taken_for_a_robots_text_or_name_is_told() -> None:
+    with pytest.raises(RobotInvalid, match="its text is asked for, not the name of a file"):
+        load(UrdfText("arm.urdf"))
+    with pytest.raises(RobotInvalid, match='"urdf_file"'):
+        Catalog().load("arm.urdf")
+    with pytest.raises(RobotInvalid, match="did you mean panda"):
+        Catalog().load("Panda")
 
 
 def test_a_loaded_robot_is_kept() -> None:

@@ -20,7 +20,12 @@ def constraints_of(request: PlanRequest, group: PlanningGroup) -> tuple[PathCons
         MalformedRequest: if a direction is zero, or a joint of several coordinates is planned for.
     """
     if request.path_constraints and not group.is_euclidean:
-        raise MalformedRequest("path constraints are served for joints of one coordinate only")
+        several = [joint.name for joint in group.joints if joint.nv > 1]
+        raise MalformedRequest(
+            "path constraints are served for joints of one coordinate only, and planned for is"
+            f" {', '.join(several)}; a `group` may leave it out",
+            joints=several,
+        )
     return tuple(_built(one, index, group) for index, one in enumerate(request.path_constraints))
 
 

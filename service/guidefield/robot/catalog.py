@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+
+from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.faults import nearest
@@ -23,6 +26,14 @@ MAX_CACHED = 32
 """Robots kept loaded."""
 
 
+@dataclass(frozen=True)
+class _Loaded:
+    """A robot, and what its files were when it was loaded."""
+
+    robot: RobotModel
+    stamps: dict[Path, tuple[int, int] | None]
+
+
 class Catalog:
     """Loads robots and keeps those it has loaded.
 
@@ -32,7 +43,7 @@ class Catalog:
 
     def __init__(self, package_dirs: Iterable[Path] = ()) -> None:
         self._package_dirs = tuple(package_dirs)
-        self._loaded: dict[str, RobotModel] = {}
+        self._loaded: dict[str, _Loaded] = {}
 
     def names(self) -> list[str]:
         """Names that `load` knows."""
@@ -50,11 +61,14 @@ class Catalog:
             RobotInvalid: if the name is unknown, or the description cannot be used.
         """
         key = _key(reference)
-        if key not in self._loaded:
+        loaded = self._loaded.get(key)
+        if loaded is None or loaded.stamps != {file: _stamp(file) for file in loaded.stamps}:
+            self._loaded.pop(key, None)
             while len(self._loaded) >= MAX_CACHED:
                 del self._loaded[next(iter(self._loaded))]
-            self._loaded[key] = self._build(reference)
-        return self._loaded[key]
+            robot = self._build(reference)
+            loaded = self._loaded[key] = _Loaded(robot, {file: _stamp(file) for file in _files(reference, robot)})
+        return loaded.robot
 
     def _build(self, reference: RobotReference | SentRobot) -> RobotModel:
         if isinstance(reference, str):
@@ -74,7 +88,9 @@ class Catalog:
         if entry is None:
             variants = [e.name for e in entries().values() if e.family == name]
             hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
-            if not variants and (near := nearest(name, self.names())):
+            if name.endswith(".urdf"):
+                hint = f'a file is named by {{"type": "urdf_file", "path": "{name[:64]}"}}'
+            elif not variants and (near := nearest(name, self.names())):
                 hint = f"did you mean {' or '.join(near)}? {hint}"
             raise RobotInvalid(
                 f"there is no robot {name[:64]!r}; {hint}",
@@ -107,6 +123,23 @@ def _key(reference: RobotReference | SentRobot) -> str:
     if isinstance(reference, UrdfText):
         content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
         return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
-    path = Path(reference.path).expanduser()
-    changed = path.stat().st_mtime_ns if path.is_file() else 0
-    return f"file:{path.resolve()}:{changed}:{reference.srdf_path}:{reference.package_dirs}:{reference.root_joint}"
+    path = Path(reference.path).expanduser().resolve()
+    return f"file:{path}:{reference.srdf_path}:{reference.package_dirs}:{reference.root_joint}"
+
+
+def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[Path]:
+    """Files whose change makes another robot: those of one that is named by its file, with its meshes."""
+    if not isinstance(reference, UrdfFile):
+        return []
+    meshes = etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")
+    named = [reference.path, reference.srdf_path, *(mesh.get("filename") for mesh in meshes)]
+    return [Path(name).expanduser().resolve() for name in named if name]
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    """What changes with a file: when it was written and its size; None where there is none."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size

@@ -64,7 +64,9 @@ def root_of(text: str, kind: str) -> Element:
     try:
         return etree.fromstring(text.encode(), etree.XMLParser(**_STRICT))
     except etree.XMLSyntaxError as error:
-        raise RobotInvalid(f"line {error.lineno}: the {kind} is not XML: {error.msg}", line=error.lineno) from None
+        why = re.sub(r", line \d+(, column \d+)$", r"\1", error.msg)
+        path = "" if "<" in text else "; its text is asked for, not the name of a file"
+        raise RobotInvalid(f"line {error.lineno}: the {kind} is not XML: {why}{path}", line=error.lineno) from None
     except UnicodeEncodeError as error:
         line = text.count("\n", 0, error.start) + 1
         raise RobotInvalid(f"line {line}: the {kind} is not text: it has half a surrogate pair", line=line) from None
