@@ -1,0 +1,71 @@
+"""Connections made shorter: how much shorter than the first path after so many rounds, and what the rounds take.
+
+Usage: tools/bench shorter --problems <folder> [--every N] [--rounds N ...] [<robot> ...]
+
+The folder is described in problems.py. Lengths are in the chart, of paths after shortcuts; times are CPU times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.problems import ROBOTS, Problems, scene_of
+from guidefield.collision.world import World
+from guidefield.planner import lane_tree
+from guidefield.planner.connect import LANE_MARGIN, LANE_RESOLUTION
+from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
+from guidefield.planner.shorter import Rounds, length_of, shorter
+from guidefield.potential import RobotField
+from guidefield.robot.kinematics import Kinematics
+
+SECONDS = 20.0
+"""Budget of one problem."""
+
+
+def run(arguments: list[str]) -> None:
+    """Print a line for each robot and number of rounds."""
+    parser = argparse.ArgumentParser(prog="tools/bench shorter", description=__doc__.partition("\n")[0])
+    parser.add_argument("--problems", type=Path, required=True, help="folder of problems and robots")
+    parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
+    parser.add_argument("--rounds", type=int, nargs="+", default=[1, 10, 100], help="how many rounds")
+    parser.add_argument("robots", nargs="*", default=list(ROBOTS))
+    options = parser.parse_args(arguments)
+    for robot in options.robots:
+        given = Problems.load(options.problems, robot, options.every)
+        for number in options.rounds:
+            rows = [row for problem in given.problems if (row := _row(given, problem, number)) is not None]
+            ratios, times = np.array(rows).T
+            print(
+                f"{robot}, {len(rows)} of {len(given.problems)} problems, {number} rounds: length mean"
+                f" {ratios.mean():.3f}, median {np.median(ratios):.3f} of the first path's; ms median"
+                f" {1e3 * np.median(times):.3g}, mean {1e3 * times.mean():.3g}"
+            )
+
+
+def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | None:
+    """Share of the first path's length that is left, and seconds; None where there is no first path."""
+    z_start, z_goal = given.ends(declared)
+    group, scene, rng = given.group, scene_of(declared), np.random.default_rng(0)
+    problem = Problem(
+        group=group,
+        scene=scene,
+        world=World.build(group, scene),
+        robot_field=RobotField(group, scene),
+        kinematics=Kinematics(group),
+        q_start=group.from_chart(z_start),
+        goal=ConfigurationGoal((group.from_chart(z_goal),)),
+        budget=Budget(time.monotonic() + SECONDS),
+    )
+    lanes = problem.lanes
+    found = lane_tree.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, problem.budget)
+    if found.path is None:
+        return None
+    path = lanes.shortened(found.path, LANE_RESOLUTION, LANE_MARGIN)
+    rounds = Rounds(number, LANE_RESOLUTION, LANE_MARGIN)
+    began = time.thread_time()
+    better = shorter(problem, path, z_goal[None], rounds, rng, lambda _: True)
+    return length_of(better.path) / length_of(path), time.thread_time() - began
