@@ -126,7 +126,7 @@ def test_the_start_may_be_the_goal() -> None:
     result = plan(made)
     assert result.status is Status.SUCCESS
     assert result.trajectory.duration == 0.0
-    assert result.verdict.evaluations >= 1
+    assert result.verdict.free
 
 
 def test_a_start_in_collision_names_pair_and_depth() -> None:
