@@ -16,7 +16,7 @@ from guidefield.kernels.lane_cloud_decision import meets_cloud
 from guidefield.kernels.lane_decision import left_of_obstacle, meets_obstacle
 from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
-from guidefield.kernels.lane_near import ball_centre, boxes_near, near_obstacle, place_carriers
+from guidefield.kernels.lane_near import ball_centre, boxes_near, near_obstacle, near_obstacle_of, place_carriers
 from guidefield.kernels.lane_pairs import pair_meets
 from guidefield.kernels.lane_tables import (
     BALL,
@@ -67,18 +67,42 @@ def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
     return False
 
 
+@lane_part
+def _met_inside(
+    cloudy: bool,
+    bodies: LaneBodies,
+    body: int,
+    obstacles: LaneObstacles,
+    o: int,
+    near: int,
+    clearance: float,
+    scratch: Scratch,
+) -> bool:
+    """`_inner_meets` where it is known whether the obstacle is a cloud."""
+    poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
+    for ball in range(bodies.inners[body], bodies.inners[body + 1]):
+        x, y, z = ball_centre(poses, joint, inner, ball)
+        if near & near_obstacle_of(cloudy, obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, near):
+            _put_first(scratch.hits, body, o, ball, HITS - 1)
+            return True
+    return False
+
+
+@lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _inner_meets_cloud(
+    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
+) -> bool:
+    return bool(_met_inside(True, bodies, body, obstacles, o, near, clearance, scratch))
+
+
 @lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
 def _inner_meets(
     bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
 ) -> bool:
     """Whether a ball inside a body meets an obstacle in any of some lanes."""
-    poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
-    for ball in range(bodies.inners[body], bodies.inners[body + 1]):
-        x, y, z = ball_centre(poses, joint, inner, ball)
-        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, near) & near:
-            _put_first(scratch.hits, body, o, ball, HITS - 1)
-            return True
-    return False
+    if obstacles.kinds[o] == CLOUD:
+        return bool(_inner_meets_cloud(bodies, body, obstacles, o, near, clearance, scratch))
+    return bool(_met_inside(False, bodies, body, obstacles, o, near, clearance, scratch))
 
 
 @lane_part
@@ -121,33 +145,49 @@ def _near_obstacles(
     return count
 
 
+@lane_part
+def _met_by_cover(
+    cloudy: bool,
+    bodies: LaneBodies,
+    body: int,
+    obstacles: LaneObstacles,
+    o: int,
+    near: int,
+    clearance: float,
+    scratch: Scratch,
+) -> int:
+    """`_cover_meets` where it is known whether the obstacle is a cloud."""
+    poses, joint, covers = scratch.poses, bodies.joints[body], bodies.covers
+    cover, grouped, reach, mask = bodies.cover, bodies.grouped, clearance + BAND, 0
+    for group in range(bodies.groups[body], bodies.groups[body + 1]):
+        x, y, z = ball_centre(poses, joint, grouped, group)
+        lanes = near & ~mask
+        lanes &= near_obstacle_of(cloudy, obstacles, o, x, y, z, grouped[4 * group + 3] + reach, lanes)
+        if not lanes:
+            continue
+        for ball in range(covers[group], covers[group + 1]):
+            x, y, z = ball_centre(poses, joint, cover, ball)
+            mask |= lanes & near_obstacle_of(cloudy, obstacles, o, x, y, z, cover[4 * ball + 3] + reach, lanes)
+        if mask == near:
+            break
+    return int(mask)
+
+
+@lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _cover_meets_cloud(
+    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
+) -> int:
+    return int(_met_by_cover(True, bodies, body, obstacles, o, near, clearance, scratch))
+
+
 @lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
 def _cover_meets(
     bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
 ) -> int:
     """The lanes of some where a ball of a body's cover meets an obstacle."""
-    poses, joint, covers, cover, grouped = (
-        scratch.poses,
-        bodies.joints[body],
-        bodies.covers,
-        bodies.cover,
-        bodies.grouped,
-    )
-    mask = 0
-    for group in range(bodies.groups[body], bodies.groups[body + 1]):
-        x, y, z = ball_centre(poses, joint, grouped, group)
-        open_lanes = near & ~mask
-        open_lanes &= near_obstacle(obstacles, o, x, y, z, grouped[4 * group + 3] + clearance + BAND, open_lanes)
-        if not open_lanes:
-            continue
-        for ball in range(covers[group], covers[group + 1]):
-            x, y, z = ball_centre(poses, joint, cover, ball)
-            mask |= (
-                near_obstacle(obstacles, o, x, y, z, cover[4 * ball + 3] + clearance + BAND, open_lanes) & open_lanes
-            )
-        if mask == near:
-            break
-    return mask
+    if obstacles.kinds[o] == CLOUD:
+        return int(_cover_meets_cloud(bodies, body, obstacles, o, near, clearance, scratch))
+    return int(_met_by_cover(False, bodies, body, obstacles, o, near, clearance, scratch))
 
 
 @lane_part

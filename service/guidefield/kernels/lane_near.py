@@ -48,12 +48,19 @@ def _near_cloud(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vecto
 
 
 @lane_part
+def near_obstacle_of(
+    cloudy: bool, obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int
+) -> int:
+    """`near_obstacle` where it is known whether the obstacle is a cloud: a loop that can't meet one needs no call."""
+    if cloudy:
+        return int(_near_cloud(obstacles, o, x, y, z, reach, lanes))
+    return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
+
+
+@lane_part
 def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
     """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
-    kind = obstacles.kinds[o]
-    if kind == CLOUD:
-        return int(_near_cloud(obstacles, o, x, y, z, reach, lanes))
-    return int(near_primitive(kind, obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
+    return int(near_obstacle_of(obstacles.kinds[o] == CLOUD, obstacles, o, x, y, z, reach, lanes))
 
 
 @lane_step(void(BODIES, SCRATCH_MEMORY))
