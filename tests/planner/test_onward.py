@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from guidefield.errors import Status
+from guidefield.messages import scene as messages
 from guidefield.planner import onward
 from guidefield.planner.connect import Connection
+from guidefield.planner.guide import Crossing
 from guidefield.planner.onward import Found, connect_to_goal
 from guidefield.planner.stages import Stage, StageFailed
 from tests.planner.problems import problem, scene_of
@@ -47,3 +49,28 @@ def test_planes_that_were_given_are_not_forgotten(made) -> None:
         connect_to_goal(planned, found, np.full((1, 7), 0.2), Stage())
     assert len(asked) == 1
     assert found.crossings == {0: 1}
+
+
+def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_on_it(made, monkeypatch) -> None:
+    corners = [(0.7, -0.2, 0.3), (0.7, 0.25, 0.3), (0.7, 0.1, 0.7), (0.7, -0.1, 0.7)]
+    planned = problem("panda", scene_of(planes=[messages.GuidePlane(name="GP", vertices=corners)]))
+    (plane,), targets = planned.guide_planes, []
+
+    def tip_points(problem, target):
+        targets.append(target)
+        if len(targets) == 1:
+            raise StageFailed(Status.NO_IK_SOLUTION, "blocked")
+        return np.full((1, 7), 0.2)
+
+    monkeypatch.setattr(onward, "tip_points", tip_points)
+    stuck = Crossing(Status.STUCK_IN_MINIMUM, "stuck", planned.q_start[None])
+    onward.connect_to_plane(planned, Found(np.zeros((1, 7))), stuck, 0, Stage())
+    nearest, square = targets
+    assert not nearest.position_tolerance.any()
+    half = square.position_tolerance[0]
+    assert half > 0.02
+    assert square.position_tolerance.tolist() == [half, half, 0.0]
+    for x, y in ((-half, -half), (half, -half), (half, half), (-half, half)):
+        corner = square.placement.act(np.array([x, y, 0.0]))
+        assert plane.contains(corner)
+        assert abs(plane.signed_height(corner)) < 1e-12

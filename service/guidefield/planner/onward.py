@@ -18,7 +18,9 @@ from guidefield.planner.problem import Problem
 from guidefield.planner.stages import Stage, StageFailed
 from guidefield.planner.tip_reach import inset_of
 from guidefield.planner.trace import Note
-from guidefield.robot.pose_target import PoseTarget
+from guidefield.robot.pose_target import EXACT, PoseTarget
+from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import GuidePlane
 
 SHARE = 0.5
 """Share of the time for a connection before a lesser one is looked for: from the start instead of from where derived
@@ -58,14 +60,31 @@ def connect_to_plane(problem: Problem, found: Found, stuck: Crossing, index: int
     plane = problem.guide_planes[index]
     tip = problem.kinematics.tip_position(stuck.path[-1])
     place = plane.closest_point(tip, inset_of(problem, plane))
-    target = PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf))
     try:
-        connect_to_goal(problem, found, tip_points(problem, target), stage)
+        try:
+            goals = tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
+        except StageFailed as failure:
+            if failure.status is not Status.NO_IK_SOLUTION:
+                raise
+            goals = tip_points(problem, _within(problem, plane))
+        connect_to_goal(problem, found, goals, stage)
     except StageFailed as failure:
         found.extend(problem.group.chart_path(list(stuck.path), found.path[-1]))
         raise StageFailed(
             stuck.status, f"{stuck.message}; the tree got no further either: {failure.message}", **stuck.details
         ) from None
+
+
+def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
+    """The tip anywhere in a square in the middle of a plane, as large as stays inside, with any orientation."""
+    inset, across = inset_of(problem, plane), axes_across(plane.normal)
+    centre = plane.closest_point(plane.centroid, inset)
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
+    half = plane.inradius
+    while half > EXACT and not all(plane.contains(centre + half * corner, inset) for corner in corners):
+        half *= 0.5
+    rotation = np.column_stack([*across, np.cross(*across)])
+    return PoseTarget(pin.SE3(rotation, centre), np.array([half, half, 0.0]), np.full(3, np.inf))
 
 
 def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
