@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import functools
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
+from guidefield.collision.enclosure import winding_number
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
@@ -14,6 +17,7 @@ from guidefield.geometry.charges import surface_points
 from guidefield.kernels.lane_tables import BAND
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
+from guidefield.robot.shapes import triangulation
 from guidefield.scene.scene import build
 from tests.collision.scenery import scattered
 from tests.robots import group
@@ -61,11 +65,11 @@ def test_touching_is_what_coal_says(robot: str) -> None:
     world, lanes = world_of(robot)
     zs = draw(world, 1000, 2)
     mine = lanes.touching(zs)
-    coal = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
-    assert 0.2 < coal.mean() < 0.9
-    for z in zs[mine & ~coal]:  # Coal sees a link's surface: a ball may be wholly inside
+    by_coal = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
+    assert 0.2 < by_coal.mean() < 0.9
+    for z in zs[mine & ~by_coal]:  # Coal sees a link's surface: a ball may be wholly inside
         assert narrowest(world, z) <= BAND or world.enclosed(world.group.from_chart(z)) is not None
-    assert not (coal & ~mine).any()
+    assert not (by_coal & ~mine).any()
 
 
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
@@ -81,9 +85,9 @@ def test_close_to_contact_too(robot: str) -> None:
             low, high = (low, middle) if world.in_collision(world.group.from_chart(middle)) else (middle, high)
         rows = np.concatenate([np.linspace(free, hit, 41), low + np.linspace(-1e-5, 1e-5, 9)[:, None]])
         mine = lanes.touching(rows)
-        coal = np.array([world.in_collision(world.group.from_chart(row)) for row in rows])
-        assert not (coal & ~mine).any() or max(narrowest(world, row) for row in rows[coal & ~mine]) <= BAND
-        for row in rows[mine & ~coal]:
+        by_coal = np.array([world.in_collision(world.group.from_chart(row)) for row in rows])
+        assert not (by_coal & ~mine).any() or max(narrowest(world, row) for row in rows[by_coal & ~mine]) <= BAND
+        for row in rows[mine & ~by_coal]:
             assert narrowest(world, row) <= BAND or world.enclosed(world.group.from_chart(row)) is not None
 
 
@@ -129,3 +133,26 @@ def test_answers_do_not_depend_on_what_was_asked_before() -> None:
     np.testing.assert_array_equal(lanes.touching(zs[::-1])[::-1], first)
     motion = np.array([zs[~first][0], zs[~first][1]])
     assert lanes.free_until(motion, 32.0) == lanes.free_until(motion, 32.0)
+
+
+def test_a_point_inside_a_link_is_told_though_it_touches_nothing() -> None:
+    """Coal judges some of the links of a UR5 as surfaces."""
+    planned, rng = group("ur5"), np.random.default_rng(9)
+    q = planned.random(rng)
+    data = planned.model.createData()
+    pin.forwardKinematics(planned.model, data, planned.expand(q))
+    told = 0
+    for shape in planned.geometry.geometryObjects:
+        if not (isinstance(shape.geometry, coal.BVHModelBase) and shape.parentJoint):
+            continue
+        vertices, triangles = triangulation(shape.geometry)
+        local = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (40, 3))
+        inside = [abs(winding_number(point, vertices[triangles])) > 0.5 for point in local]
+        for point in local[inside][:3]:
+            there = data.oMi[shape.parentJoint].act(shape.placement.act(point))
+            dots = np.array([there, [9.0, 9.0, 9.0]])
+            world = World.build(planned, build(messages.Scene(name="s", obstacles=[packed("dots", dots, 1e-5)])))
+            found = world.enclosed(q)
+            assert world.in_collision(q) or (found is not None and found[1] == "dots")
+            told += found is not None
+    assert told > 0

@@ -57,8 +57,9 @@ def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray)
     joint, placement = _on_joint(world, outer)
     there = world.data.oMi[joint] * placement
     low, high = solid.box
-    reach = 0.5 * float(np.linalg.norm(high - low))
-    near = points[(np.abs(points - there.act(0.5 * (low + high))) < reach).all(axis=1)]
+    middle, reach, near = there.act(0.5 * (low + high)), 0.5 * float(np.linalg.norm(high - low)), points
+    for axis in range(3):  # one after another: few are left after the first
+        near = near[np.abs(near[:, axis] - middle[axis]) < reach]
     local = (near - there.translation) @ there.rotation
     within = local[((local > low) & (local < high)).all(axis=1)]
     return any(abs(winding_number(point, solid.surface)) > 0.5 for point in within)

@@ -16,7 +16,7 @@ from guidefield.kernels.point_tree_build import fill_tree
 from guidefield.kernels.separation import BLOCK
 from guidefield.scene.obstacle import Obstacle
 
-CELL = 0.02
+CELL = 0.04
 """Sides of the grid's cells [m], where that doesn't make too many."""
 
 MOST_CELLS = 4_000_000
