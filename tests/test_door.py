@@ -54,5 +54,5 @@ def test_a_light_import_loads_nothing_heavy(statement: str) -> None:
 
 
 def test_a_request_that_needs_the_kernels_loads_them() -> None:
-    statement = "from guidefield import answer; answer({'type': 'robot', 'name': 'panda'})"
+    statement = "from guidefield import answer; answer({'type': 'robot', 'robot': 'panda'})"
     assert {"pinocchio", "coal"} <= _loaded(statement)

@@ -294,4 +294,4 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Pat
     Raises:
         GuidefieldError: whatever the service would send as ``reply_err``.
     """
-    return _default().answer(request, record_to=record_to)
+    return _default().answer(codec.checked(request), record_to=record_to)

@@ -33,7 +33,16 @@ class _Tag(msgspec.Struct):
     type: str | None = None
 
 
-_ENCODERS: dict[Encoding, Any] = {Encoding.JSON: msgspec.json.Encoder(), Encoding.MSGPACK: msgspec.msgpack.Encoder()}
+def _listed(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__!r} is neither a number, a text, a list nor a dict")
+
+
+_ENCODERS: dict[Encoding, Any] = {
+    Encoding.JSON: msgspec.json.Encoder(enc_hook=_listed),
+    Encoding.MSGPACK: msgspec.msgpack.Encoder(enc_hook=_listed),
+}
 
 
 @functools.cache
@@ -90,7 +99,11 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
     if isinstance(request, dict):
         kind = requests.TaggedRequest if "type" in request else requests.PlanRequest
         try:
-            converted: requests.Request = msgspec.convert(request, kind)
+            try:
+                converted: requests.Request = msgspec.convert(request, kind)
+            except msgspec.ValidationError:
+                request = _without_arrays(request)
+                converted = msgspec.convert(request, kind)
         except msgspec.ValidationError as error:
             raise _refused(error, request, kind) from None
         return converted
@@ -99,6 +112,25 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
     tag = decode(request, _Tag, Encoding.JSON)
     decoded: requests.Request = decode(request, requests.PlanRequest if tag.type is None else requests.TaggedRequest)
     return decoded
+
+
+def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
+    """As `decode_request`; a Struct that was made in Python, which no decoder has seen, is checked too.
+
+    Raises:
+        RequestTooLarge, MalformedRequest: as in `decode`.
+    """
+    if isinstance(request, requests.Request):
+        return decode_request(_without_arrays(request))
+    return decode_request(request)
+
+
+def _without_arrays(request: Any) -> Any:
+    """A request as plain data, with NumPy's numbers and arrays, or whatever has a `tolist`, as Python's."""
+    try:
+        return msgspec.to_builtins(request, builtin_types=(bytes,), enc_hook=_listed)
+    except TypeError as error:
+        raise MalformedRequest(f"the request holds what no message can: {error}", path="$") from None
 
 
 def encode(message: Reply | msgspec.Struct, encoding: Encoding = Encoding.JSON) -> bytes:
