@@ -43,7 +43,12 @@ class _Side(NamedTuple):
 
 
 def lane_grids(
-    joints: LaneJoints, meetings: np.ndarray, carrying: np.ndarray, covers: Sequence[np.ndarray], ranges: np.ndarray
+    joints: LaneJoints,
+    meetings: np.ndarray,
+    carrying: np.ndarray,
+    covers: Sequence[np.ndarray],
+    ranges: np.ndarray,
+    most: np.ndarray,
 ) -> Grids:
     """Lay grids over the coordinates of meetings that hang on three at most.
 
@@ -53,13 +58,15 @@ def lane_grids(
         carrying: Joint of each carrier.
         covers: Balls (n, 4) that contain each carrier's bodies, in its joint's frame.
         ranges: Least and largest value of each coordinate, shape (nv, 2).
+        most: How many coordinates the grid of each meeting may have, shape (m,): where what decides else is quick, the
+            many cells of three take longer to judge than they save.
     """
     numbers = joints.numbers.reshape(-1, JOINT)
     places, values, cells = [], [], 0
-    for a, b in meetings[:, :2].tolist():
+    for (a, b), allowed in zip(meetings[:, :2].tolist(), most.tolist(), strict=True):
         way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
         sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
-        if sides is None:
+        if sides is None or len(sides) > allowed:
             places.append([0] * GRID_PLACES)
             values.append([0.0] * GRID_NUMBERS)
             continue

@@ -28,7 +28,7 @@ from guidefield.kernels.lane_kinematics import (
     TURNING,
     LaneJoints,
 )
-from guidefield.kernels.lane_tables import BAND, LaneBodies
+from guidefield.kernels.lane_tables import BAND, GRID_SIDES, LaneBodies
 from guidefield.kernels.separation import Parts
 from guidefield.robot.convex_parts import convex_parts
 from guidefield.robot.coverage import ShapeCoverage
@@ -109,7 +109,9 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
     parts = table.tables()
     lane_joints = _joints(group, turns)
     whole = [np.concatenate([covers[body] for body in bodies]) for bodies in members]
-    grids = lane_grids(lane_joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]))
+    several = [bool((products[first:last] > 1).any()) for first, last in meetings[:, 2:].tolist()]
+    most = np.where(several, GRID_SIDES, GRID_SIDES - 1)
+    grids = lane_grids(lane_joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
     bodies = LaneBodies(
         size=len(shapes),
         carriers=len(carrying),
