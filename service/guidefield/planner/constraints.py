@@ -22,7 +22,7 @@ def on_plane(point: np.ndarray, normal: np.ndarray) -> TipConstraint:
 
 
 def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipConstraint:
-    """The tip stays on a plane and keeps its orientation: the seed's slide.
+    """The tip stays on a plane and keeps its orientation: the thesis' slide.
 
     Args:
         point: On the plane, shape (3,) [m, world].
@@ -33,7 +33,7 @@ def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipC
 
 
 def reorienting(point: np.ndarray) -> TipConstraint:
-    """The tip stays where it is, at a point (3,) [m, world]: the seed's reorient."""
+    """The tip stays where it is, at a point (3,) [m, world]: the thesis' reorient."""
     return TipConstraint(HELD, _held(point), _held(np.zeros(3)), _NONE)
 
 

@@ -18,7 +18,7 @@ NEGLIGIBLE = 2e-3
 
 
 class Minimizer(Protocol):
-    """Lowers the potential of the robot while its tip stays on a plane: the seed's slide and reorient."""
+    """Lowers the potential of the robot while its tip stays on a plane: the thesis' slide and reorient."""
 
     @property
     def name(self) -> str:

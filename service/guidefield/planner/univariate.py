@@ -1,4 +1,4 @@
-"""Univariate: the seed's own minimizer, one axis at a time, for chains of ball or universal joints.
+"""Univariate: the thesis' own minimizer, one axis at a time, for chains of ball or universal joints.
 
 findings-seed.md section 3 has the algorithm. A search follows the sign of a projected force or torque: steps of one
 size as long as it stays, reversed and halved where it changes, halved where a trial isn't free. The tip of a fixed

@@ -24,7 +24,7 @@ POINTS = 200
 """About how many points a robot gets at most."""
 
 POINTS_PER_SHAPE = 33
-"""About how many a robot of few shapes gets for each: the seed's links need eight rings of four."""
+"""About how many a robot of few shapes gets for each: the thesis' links need eight rings of four."""
 
 SPREAD = 0.76
 """Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""

@@ -1,4 +1,4 @@
-"""The robots that the seed's own minimizer is for: chains of links joined by ball or universal joints, alone."""
+"""The robots that the thesis' own minimizer is for: chains of links joined by ball or universal joints, alone."""
 
 from __future__ import annotations
 
