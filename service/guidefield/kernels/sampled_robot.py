@@ -200,12 +200,15 @@ def lower_gaps(robot: SampledRobot, g: int, last: int, tables: DistanceTables, b
     ty = B[0, 1] * dx + B[1, 1] * dy + B[2, 1] * dz
     tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
     lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
-    px, py, pz = robot.points[0], robot.points[1], robot.points[2]
-    for i in range(robot.groups[g, 1], last):
+    # slices: an index that might be negative keeps the loop from becoming a vector loop
+    first = robot.groups[g, 1]
+    px, py, pz = robot.points[0, first:last], robot.points[1, first:last], robot.points[2, first:last]
+    gaps = work.gaps[first:last]
+    for i in range(gaps.shape[0]):
         x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
         y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
         z = r20 * px[i] + r21 * py[i] + r22 * pz[i] + tz
         ex = max(lx - x, x - hx, 0.0)
         ey = max(ly - y, y - hy, 0.0)
         ez = max(lz - z, z - hz, 0.0)
-        work.gaps[i] = min(work.gaps[i], ex * ex + ey * ey + ez * ez)
+        gaps[i] = min(gaps[i], ex * ex + ey * ey + ez * ez)

@@ -197,7 +197,8 @@ class Chain:
             Shape (n, nv): within limits, on guide planes, what stays bit for bit; None if one can't be brought back.
         """
         longest = max(float(np.abs(step / self.units).max()), 1e-300)
-        moved: np.ndarray = np.clip(path + step * min(stride, LARGEST_STEP / longest), self.lower, self.upper)
+        moved: np.ndarray = path + step * min(stride, LARGEST_STEP / longest)
+        moved = np.minimum(np.maximum(moved, self.lower), self.upper)
         moved[self.held] = path[self.held]
         for k, crossing in self.crossings.items():
             back = crossing.brought_back(moved[k])

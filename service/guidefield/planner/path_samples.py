@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from guidefield.kernels.relaxation import Samples
@@ -34,8 +36,14 @@ def path_samples(segments: int, held: list[int]) -> Samples:
     Returns:
         Read-only; the weights add up to 1 but for the extra weight.
     """
+    return _samples(segments, tuple(held))
+
+
+@functools.lru_cache(maxsize=256)
+def _samples(segments: int, held: tuple[int, ...]) -> Samples:
+    """`path_samples`: the same for all paths of so many segments, of which mostly the ends alone stay."""
     stays = np.zeros(segments + 1, bool)
-    stays[held] = True
+    stays[list(held)] = True
     dense = np.flatnonzero(stays[:-1] | stays[1:])
     plain = np.setdiff1d(np.arange(segments), dense)
     waypoints = np.flatnonzero(~stays)

@@ -7,7 +7,8 @@ import numpy as np
 
 def length_of(path: np.ndarray) -> float:
     """Length of a path of chart points (n, nv) [rad or m]."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    along = path[1:] - path[:-1]
+    return float(np.sqrt(np.einsum("ij,ij->i", along, along)).sum())
 
 
 def cut(path: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
