@@ -87,7 +87,7 @@ class PoseGoal(Message, tag_field="type", tag="pose"):
 
 
 class GuidePlaneGoal(Message, tag_field="type", tag="guide_plane"):
-    """Reach the last guide plane with the tip, anywhere on it and turned as it comes: what the guided planner does alone."""
+    """Reach the last guide plane with the tip, anywhere on it and turned as it comes."""
 
 
 Goal = JointsGoal | JointSetGoal | PoseGoal | GuidePlaneGoal
