@@ -77,9 +77,9 @@ def test_boxes_hold_their_obstacles_and_no_more(seed: int, count: int) -> None:
     for index, obstacle in enumerate(made.obstacles):
         own = boxes[np.flatnonzero(owners == index)]
         low, high = own[:, :3].min(axis=0), own[:, 3:].max(axis=0)
-        if obstacle.message is FLOOR:
+        if obstacle.message == FLOOR:
             assert not np.isfinite([*low, *high]).any()
-        elif obstacle.message is LEVEL:
+        elif obstacle.message == LEVEL:
             np.testing.assert_allclose([*low, *high], [-np.inf] * 3 + [np.inf, np.inf, -0.2])
         elif isinstance(obstacle.shape, coal.BVHModelBase):
             assert (low <= obstacle.vertices.min(axis=0) + 1e-6).all()

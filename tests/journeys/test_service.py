@@ -173,7 +173,7 @@ CONCAVE = [[0, 0, 0], [2, 0, 0], [0.5, 0.5, 0], [0, 2, 0]]
 
 BAD_INPUT = {
     "not JSON": ("plan", b"robot: panda", "MALFORMED_REQUEST", "not application/json"),
-    "empty": ("plan", b"", "MALFORMED_REQUEST", "truncated"),
+    "empty": ("plan", b"", "MALFORMED_REQUEST", "it is empty"),
     "unknown field": ("plan", _plan(sped=1), "MALFORMED_REQUEST", "unknown field `sped`"),
     "NaN": ("plan", _plan(min_clearance=float("nan")), "MALFORMED_REQUEST", "not application/json"),
     "out of range": ("plan", _plan(allowed_planning_time=-1), "MALFORMED_REQUEST", "allowed_planning_time"),

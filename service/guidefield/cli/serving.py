@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import logging
+import os
 import signal
 import subprocess
 import sys
@@ -31,14 +32,21 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
     logs.configure(logging.INFO, json=settings.json_logs)
     faulthandler.register(WHERE)
     stop = threading.Event()
+    reading, writing = os.pipe()
+    threading.Thread(target=_set_when_told, args=(stop, reading), name="guidefield-signal", daemon=True).start()
 
     def end(number: int, _frame: FrameType | None) -> None:
-        stop.set()
+        os.write(writing, b"\0")  # takes no lock: the thread that is interrupted may hold that of the event
         signal.signal(number, signal.SIG_DFL)
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end)
     serve(settings, stop, announce)
+
+
+def _set_when_told(event: threading.Event, reading: int) -> None:
+    os.read(reading, 1)
+    event.set()
 
 
 @dataclass(frozen=True)
