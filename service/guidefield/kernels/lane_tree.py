@@ -42,8 +42,9 @@ LEAST_DOMAIN = 1.0
 DOMAIN_STEP = 1e-4
 """By which fraction that radius grows when an extension succeeds, and shrinks when it fails."""
 
-PATIENCE = 2
-"""After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
+PATIENCE, PATIENCE_ALONE = 2, 16
+"""After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up. The
+second number holds while extensions are judged one by one, when nothing tells which of them are hopeless."""
 
 BALANCE = 1.1
 """A tree that is so many times smaller than the other grows again; else they take turns."""
@@ -99,7 +100,7 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
         next_sample(sampling, search.nv, search.places, sample)
         node, square = nearest(search, tree, sample, sampling)
         domain = search.domains[tree * search.capacity + node]
-        if square > domain * domain and counters[REFUSED] < PATIENCE:
+        if square > domain * domain and counters[REFUSED] < (PATIENCE if batch > 1 else PATIENCE_ALONE):
             counters[REFUSED] += 1
             continue
         counters[REFUSED] = 0

@@ -74,7 +74,9 @@ def _read(root: Any) -> Any:
         element.getparent().remove(element)
     for axis in [axis for axis in root.iter("axis") if axis.get("xyz")]:  # it slides by as much as a long axis says
         direction = np.array(axis.get("xyz").split(), float)
-        axis.set("xyz", " ".join(map(repr, (direction / np.linalg.norm(direction)).tolist())))
+        length = np.linalg.norm(direction)
+        if length > 0.0:  # that of a fixed joint may be anything
+            axis.set("xyz", " ".join(map(repr, (direction / length).tolist())))
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is told in the robot's warnings
     return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
 
