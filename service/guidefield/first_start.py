@@ -10,6 +10,7 @@ import hashlib
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -35,11 +36,12 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
     if done.exists():
         return
     last = -EVERY
-    with subprocess.Popen(
-        [sys.executable, "-m", "guidefield.kernels.ahead"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as child:
+    command = [sys.executable, "-m", "guidefield.kernels.ahead"]
+    with (
+        tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties meanwhile could fill up
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as child,  # noqa: S603 - it is ourselves
+    ):
         assert child.stdout is not None, "it is piped"
-        assert child.stderr is not None, "it is piped"
         for line in child.stdout:
             if stopped():
                 child.terminate()
@@ -47,7 +49,9 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
             if time.monotonic() - last >= EVERY:
                 told(line.strip())
                 last = time.monotonic()
-        fault = child.stderr.read().strip()
+        child.wait()
+        log.seek(0)
+        fault = log.read().strip()
     if child.returncode != 0:
         raise RuntimeError(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
     done.parent.mkdir(parents=True, exist_ok=True)

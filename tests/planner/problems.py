@@ -31,6 +31,25 @@ class Listener:
         self.events.append(event)
 
 
+def closed_shell(half: float) -> messages.Mesh:
+    """A cube with a dent in one face: closed and not convex."""
+    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    faces = [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+    ]
+    top = [(1, 5, 8), (5, 7, 8), (7, 3, 8), (3, 1, 8)]
+    return messages.Mesh(name="shell", vertices=[*corners, (0.0, 0.0, 0.9 * half)], triangles=[*faces, *top])
+
+
 def scene_of(*obstacles: messages.Obstacle, planes: Sequence[messages.GuidePlane] = ()) -> Scene:
     """A scene written in a test."""
     return build(messages.Scene(name="test", obstacles=list(obstacles), guide_planes=list(planes)))

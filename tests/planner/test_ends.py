@@ -14,7 +14,7 @@ from guidefield.planner.ends import GOAL_SOLUTIONS, check_start, goal_points
 from guidefield.planner.problem import Budget, ConfigurationGoal, TipGoal
 from guidefield.planner.stages import StageFailed
 from guidefield.robot.pose_target import PoseTarget
-from tests.planner.problems import problem, scene_of
+from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import random_configuration, rest
 
 DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.45, 0.1, 0.5]))
@@ -76,23 +76,7 @@ def test_a_pose_that_is_too_close_says_how_close() -> None:
 
 
 def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
-    half = 0.05
-    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
-    faces = [
-        (0, 1, 3),
-        (0, 3, 2),
-        (4, 6, 7),
-        (4, 7, 5),
-        (0, 4, 5),
-        (0, 5, 1),
-        (2, 3, 7),
-        (2, 7, 6),
-        (0, 2, 6),
-        (0, 6, 4),
-    ]
-    top = [(1, 5, 8), (5, 7, 8), (7, 3, 8), (3, 1, 8)]
-    dented = [tuple(40.0 * np.array(v)) for v in [*corners, (0.0, 0.0, 0.9 * half)]]
-    made = problem("panda", scene_of(messages.Mesh(name="shell", vertices=dented, triangles=[*faces, *top])), pose())
+    made = problem("panda", scene_of(closed_shell(2.0)), pose())
     assert not made.world.in_collision(made.q_start)
     failure = refused(made)
     assert failure.details["pair"][1] == "shell"

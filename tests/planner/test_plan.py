@@ -18,7 +18,7 @@ from guidefield.planner.relaxation import Relaxed, relax
 from guidefield.planner.trace import StageEntered, StageLeft
 from guidefield.robot.pose_target import PoseTarget
 from guidefield.scene.guide_plane import build
-from tests.planner.problems import problem, scene_of, to_configuration
+from tests.planner.problems import closed_shell, problem, scene_of, to_configuration
 from tests.planner.test_connect import wall_between
 from tests.robots import box_arm, grouped
 
@@ -150,29 +150,10 @@ def test_a_goal_in_collision_names_pair_and_depth() -> None:
 
 def test_a_start_wholly_inside_a_hollow_mesh_is_a_collision() -> None:
     # a closed but not convex shell around the whole robot: Coal sees no contact, the start is inside all the same
-    shell = _closed_shell(2.0)
+    shell = closed_shell(2.0)
     result = plan(problem("panda", scene_of(shell)))
     assert result.status is Status.START_STATE_IN_COLLISION
     assert "inside" in result.message
-
-
-def _closed_shell(half: float) -> messages.Mesh:
-    """A cube with a dent in one face: closed and not convex."""
-    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
-    faces = [
-        (0, 1, 3),
-        (0, 3, 2),
-        (4, 6, 7),
-        (4, 7, 5),
-        (0, 4, 5),
-        (0, 5, 1),
-        (2, 3, 7),
-        (2, 7, 6),
-        (0, 2, 6),
-        (0, 6, 4),
-    ]
-    top = [(1, 5, 8), (5, 7, 8), (7, 3, 8), (3, 1, 8)]
-    return messages.Mesh(name="shell", vertices=[*corners, (0.0, 0.0, 0.9 * half)], triangles=[*faces, *top])
 
 
 def test_out_of_reach_is_said_so() -> None:

@@ -13,7 +13,8 @@ from guidefield.planner import lane_tree
 from guidefield.planner.connect import connect
 from guidefield.planner.lane_sources import sources_of
 from guidefield.planner.problem import Budget
-from guidefield.planner.shorter import LEAST, Rounds, Shorter, length_of, shorter
+from guidefield.planner.shorter import LEAST, Rounds, Shorter, shorter
+from guidefield.planner.waypoints import length_of
 from tests.planner.problems import densely_free, problem
 from tests.planner.test_connect import wall_between
 from tests.robots import box_arm, group, grouped

@@ -18,7 +18,8 @@ from guidefield.collision.world import World
 from guidefield.planner import lane_tree
 from guidefield.planner.connect import LANE_MARGIN, LANE_RESOLUTION
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
-from guidefield.planner.shorter import Rounds, length_of, shorter
+from guidefield.planner.shorter import Rounds, shorter
+from guidefield.planner.waypoints import length_of
 from guidefield.potential import RobotField
 from guidefield.robot.kinematics import Kinematics
 

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
-from guidefield.cli.files import WRITTEN
+from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, RunName, Service, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
@@ -48,7 +48,7 @@ err = Console(stderr=True)
 
 RequestFile = Annotated[Path, typer.Argument(help="JSON file with a request; - reads standard input.", allow_dash=True)]
 ReplyFile = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=WRITTEN)
+    Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=writable)
 ]
 
 
@@ -81,7 +81,7 @@ def plan(
     request: RequestFile,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=WRITTEN)
+        Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=writable)
     ] = None,
 ) -> None:
     """Plan in this process, without a service.
@@ -106,7 +106,7 @@ def query(
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")] = None,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=WRITTEN)
+        Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=writable)
     ] = None,
 ) -> None:
     """Ask a service for a plan or for kinematics.

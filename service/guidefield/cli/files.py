@@ -8,7 +8,12 @@ from pathlib import Path
 import typer
 
 
-def _writable(file: Path | None) -> Path | None:
+def writable(file: Path | None) -> Path | None:
+    """Callback of an option or argument that names a file to be written: the file itself, if it can be.
+
+    Raises:
+        typer.BadParameter: otherwise.
+    """
     if file is None:
         return None
     if file.is_dir():
@@ -18,7 +23,3 @@ def _writable(file: Path | None) -> Path | None:
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise typer.BadParameter(f"{str(file)!r} can't be written")
     return file
-
-
-WRITTEN = _writable
-"""Callback of an option or argument that names a file to be written."""

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
-from guidefield.cli.files import WRITTEN
+from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, RunName, Service, find_run, recording_file, run_store
 from guidefield.engine import Engine
 from guidefield.messages.replies import RunsReply
@@ -64,7 +64,7 @@ def compare(first: RunName, second: RunName, data: Data = None, name: Service = 
 def export(
     run: RunName,
     file: Annotated[
-        Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.", callback=WRITTEN)
+        Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.", callback=writable)
     ],
     data: Data = None,
     name: Service = "local",

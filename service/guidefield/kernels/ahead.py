@@ -11,6 +11,7 @@ import importlib
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -60,25 +61,27 @@ class _Work:
 
     def in_a_child(self) -> None:
         """Have a child compile one file after the other until none is left."""
-        with subprocess.Popen(  # noqa: S603 - it is ourselves
-            [sys.executable, "-m", "guidefield.kernels.ahead", _CHILD],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as child:
+        command = [sys.executable, "-m", "guidefield.kernels.ahead", _CHILD]
+        with (
+            tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties meanwhile could fill up
+            subprocess.Popen(  # noqa: S603 - it is ourselves
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
+            ) as child,
+        ):
             assert child.stdin is not None, "it is piped"
             assert child.stdout is not None, "it is piped"
-            assert child.stderr is not None, "it is piped"
             while (name := self._next()) is not None:
                 child.stdin.write(f"{name}\n")
                 child.stdin.flush()
                 answered = child.stdout.readline().strip()
+                if answered != name:  # it ends
+                    child.wait()
+                    log.seek(0)
                 with self._changed:
                     if answered == name:
                         self._done.add(name)
                     else:
-                        self.fault = (child.stderr.read().strip().splitlines() or [f"{name}: no reason told"])[-1]
+                        self.fault = (log.read().strip().splitlines() or [f"{name}: no reason told"])[-1]
                     self._changed.notify_all()
             child.stdin.close()
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from guidefield.planner import lane_tree
 from guidefield.planner.problem import Budget, Problem
+from guidefield.planner.waypoints import length_of
 
 ROUND = 2000
 """Motions that a round judges at most."""
@@ -54,11 +55,6 @@ class Rounds:
     number: int
     resolution: float
     margin: float
-
-
-def length_of(path: np.ndarray) -> float:
-    """Length of a path (n, nv) in the chart [rad or m]."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def shorter(

@@ -193,6 +193,7 @@ class Slot:
 
     def _start_worker(self) -> None:
         arguments = (self._setup, self._line, self._memory)
+        self._reason = ""
         pool = ProcessPool(max_workers=1, initializer=prepare, initargs=arguments, context=_spawn)
         try:
             pid = pool.schedule(os.getpid)
