@@ -9,7 +9,7 @@ from guidefield.kernels import lane_nodes
 from guidefield.kernels.lane_buckets import BUCKET, KNOWN, STATE
 from guidefield.kernels.lane_samples import Sampling
 from guidefield.kernels.packing import packed
-from guidefield.planner.lane_tree import _Room
+from guidefield.planner.lane_tree import _Room, held_by
 
 WRAPS = np.array([0.0, 2.0 * np.pi, 0.0, 0.0, 2.0 * np.pi], np.float32)
 
@@ -49,12 +49,13 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     rng = np.random.default_rng(0)
     roots = [spread(kind, count, rng).astype(np.float32) for count in (700, 5000)]
     room, sampling = _Room.build(5, 8192), sampling_of(wraps)
-    room.begin((roots[0], roots[1][:1500]), np.zeros(5))
+    for tree, points in enumerate(roots):
+        held_by(room.search)[0][tree, :, : len(points)] = points.T
+    room.search.counters[lane_nodes.SIZE] = len(roots[0])
     targets = np.concatenate([spread("even", 200, rng), roots[1][:100]]).astype(np.float32)
     nodes = np.zeros(len(targets), np.int64)
     state, search, words = room.search.buckets.state, room.words, packed(sampling)
     for size in (1500, 1600, 2500, 3000, 5000):  # some in buckets, some not; then more
-        room.nodes[1, :, :size] = roots[1][:size].T
         room.search.counters[lane_nodes.SIZE + 1] = size
         for tree, points in ((0, roots[0]), (1, roots[1][:size])):
             lane_nodes.nearest_nodes(search, words, tree, targets, nodes)

@@ -82,6 +82,38 @@ def test_one_of_several_goals_is_reached() -> None:
     found = lane_tree.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Budget())
     assert found.path is not None
     assert any(np.array_equal(found.path[-1], goal) for goal in goals)
+    # roots may lie in memory as they like
+    across = lane_tree.grow(
+        made.lanes, start[None], np.asfortranarray(goals), 32.0, 0.0, np.random.default_rng(0), Budget()
+    )
+    np.testing.assert_array_equal(across.path, found.path)
+
+
+def test_roots_have_as_many_coordinates_as_the_robot() -> None:
+    made, start, goal = wall_between()
+    for starts, goals in ((start[None, :-1], goal[None]), (start[None], np.append(goal, 0.0)[None])):
+        with pytest.raises(ValueError, match="coordinates"):
+            lane_tree.grow(made.lanes, starts, goals, 32.0, 0.0, np.random.default_rng(0), Budget())
+
+
+def test_what_is_found_says_what_was_counted_whatever_is_searched_next() -> None:
+    first = search(0)[0]
+    told = first.iterations, first.motions, first.sizes, first.tried
+    assert first.sizes == tuple(len(points) for points, _ in first.trees())
+    assert sum(first.tried) <= first.motions
+    assert min(first.sizes) >= 1
+    search(5)
+    assert told == (first.iterations, first.motions, first.sizes, first.tried)
+
+
+def test_a_search_without_time_holds_its_roots() -> None:
+    _, start, goal = wall_between()
+    found = search(deadline=0.0)[0]
+    assert found.sizes == (1, 1)
+    assert found.iterations == found.motions == 0
+    for (points, parents), root in zip(found.trees(), (start, goal), strict=True):
+        np.testing.assert_array_equal(points, root[None].astype(np.float32))
+        np.testing.assert_array_equal(parents, [-1])
 
 
 def test_searches_of_two_threads_do_not_share_memory() -> None:

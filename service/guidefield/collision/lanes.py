@@ -98,9 +98,10 @@ class Lanes:
 
     def forget(self) -> None:
         """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
-        self.tables.scratch.obstacle_axes[:] = 0.0
-        self.tables.scratch.pair_axes[:] = 0.0
-        self.tables.scratch.hits[:] = -1
+        scratch = self.tables.scratch
+        scratch.obstacle_axes.fill(0.0)
+        scratch.pair_axes.fill(0.0)
+        scratch.hits.fill(-1)
 
     def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:
         """Which of some chart points touch an obstacle or themselves.

@@ -5,51 +5,54 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import int64, types
+from numba import void
 
-from guidefield.kernels.lane_nodes import MEETING, ROOT, search_of
-from guidefield.kernels.lane_samples import sampling_of
-from guidefield.kernels.lanes import lane_kernel, pointers
-from guidefield.kernels.packing import Words
-from guidefield.kernels.tree_kinematics import INDICES
-
-_POINTS_OUT = types.Array(types.float64, 2, "C")
+from guidefield.kernels.lane_nodes import MEETING, ROOTS, ROWS, SEARCH, Search
+from guidefield.kernels.lane_samples import SAMPLING, Sampling
+from guidefield.kernels.lanes import lane_part, lane_step
 
 
-@lane_kernel(int64(INDICES, INDICES, _POINTS_OUT))
-def joined(sampling: Words, search: Words, path_out: np.ndarray) -> int:
-    """The branch from the root of the first tree and that to the root of the second, once they have met.
+@lane_part
+def _turned_near(place: float, before: float, period: float) -> float:
+    """A coordinate, if it wraps with whole turns added so that it is no more than half a turn from another."""
+    if period != 0.0:
+        place += 2.0 * math.pi * np.rint((before - place) / (2.0 * math.pi))
+    return place
+
+
+@lane_step(void(SAMPLING, SEARCH, ROOTS, ROOTS))
+def join(sampling: Sampling, search: Search, starts: np.ndarray, goals: np.ndarray) -> None:
+    """Write the branch from the root of the first tree and that to the root of the second, which have met.
 
     The trees met where a step of the one towards the other's last point would end. Whole turns are added to the second
-    branch, so that no coordinate that wraps goes more than half a turn from point to point.
+    branch, so that no coordinate that wraps goes more than half a turn from point to point. Nodes are float32, so the
+    ends are the roots as they were given.
 
     Args:
-        sampling: Where samples come from, a packed `Sampling`.
-        search: The trees, a packed `Search`; the roots are written into its counters.
-        path_out: Chart points, shape (n, nv) with as many rows as there are nodes [rad or m].
-
-    Returns:
-        How many rows were written.
+        sampling: Which coordinates wrap.
+        search: The trees; gets the path, and how many rows it has.
+        starts: Roots of the first tree, shape (k, nv).
+        goals: Roots of the second, shape (m, nv).
     """
-    period, trees = sampling_of(pointers(sampling)).period, search_of(pointers(search))
-    nv, capacity, counters, parents, nodes = trees.nv, trees.capacity, trees.counters, trees.parents, trees.nodes
-    first, node = 0, counters[MEETING]
+    nv, capacity, counters, parents = search.nv, search.capacity, search.counters, search.parents
+    nodes, path, row, node = search.nodes, search.path, 0, counters[MEETING]
     while parents[node] >= 0:
-        first += 1
+        row += 1
         node = parents[node]
-    counters[ROOT] = node
-    node = counters[MEETING]
-    for row in range(first, -1, -1):
+    for j in range(nv):
+        path[j] = starts[node, j]
+    counters[ROWS], node = row + 1, counters[MEETING]
+    while row > 0:
         for j in range(nv):
-            path_out[row, j] = nodes[j * capacity + node]
-        node = parents[node]
-    row, node = first + 1, counters[MEETING + 1]
+            path[row * nv + j] = nodes[j * capacity + node]
+        row, node = row - 1, parents[node]
+    row, node = counters[ROWS], counters[MEETING + 1]
     while node >= 0:
-        counters[ROOT + 1] = node
+        above = parents[capacity + node]
         for j in range(nv):
             place = float(nodes[(nv + j) * capacity + node])
-            if period[j] != 0.0:
-                place += 2.0 * math.pi * np.rint((path_out[row - 1, j] - place) / (2.0 * math.pi))
-            path_out[row, j] = place
-        row, node = row + 1, parents[capacity + node]
-    return row
+            if above < 0:
+                place = goals[node, j]
+            path[row * nv + j] = _turned_near(place, path[(row - 1) * nv + j], sampling.period[j])
+        row, node = row + 1, above
+    counters[ROWS] = row

@@ -44,11 +44,11 @@ RANGE = 1.0
 LATE = 1024
 """So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
 
-SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROOT, REFUSED, TRIED = 0, 2, 3, 4, 6, 7, 9, 10
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED = 0, 2, 3, 4, 6, 7, 8, 9
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
-the roots that the path joins, how many samples in a row were outside of their nodes' domains, and the extensions of
-both trees that were judged."""
-COUNTERS = 12
+rows of the path, how many samples in a row were outside of their nodes' domains, and the extensions of both trees that
+were judged."""
+COUNTERS = 11
 
 
 class Search(NamedTuple):
@@ -67,6 +67,7 @@ class Search(NamedTuple):
         grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
         ends: (nv * 16,) where they end, coordinate by coordinate.
         hits: (3 * SIEVE,) what the sieve of a batch tries first.
+        path: (2 * nv * capacity,) the path once the trees have met, chart point by chart point.
         buckets: Where the older nodes of large trees are.
     """
 
@@ -85,6 +86,7 @@ class Search(NamedTuple):
     grown: np.ndarray
     ends: np.ndarray
     hits: np.ndarray
+    path: np.ndarray
     buckets: Buckets
 
 
@@ -101,6 +103,7 @@ _SEARCH = types.NamedTuple(
         INTEGERS_OUT,
         FLOATS_OUT,
         INTEGERS_OUT,
+        VECTOR_OUT,
         BUCKETS_TYPE,
     ],
     Search,
@@ -109,6 +112,9 @@ SEARCH = pointed(_SEARCH)
 
 search_of = unpacked(_SEARCH)
 """Makes a search of its words."""
+
+ROOTS = types.Array(types.float64, 2, "A", readonly=True)
+"""Roots of a tree, shape (n, nv), in any order in memory."""
 
 
 @lane_step(types.Tuple((int64, types.float64))(SEARCH, int64, FLOAT_POINTER, SAMPLING))
@@ -180,6 +186,21 @@ def add_reached(search: Search, tree: int, parent: int) -> int:
     search.failed[tree * capacity + at] = 0
     search.counters[SIZE + tree] = at + 1
     return int(at)
+
+
+@lane_step(void(SEARCH, int64, ROOTS))
+def plant(search: Search, tree: int, roots: np.ndarray) -> None:
+    """Leave nothing of a tree but its roots, chart points, shape (n, nv); there is room for them."""
+    nv, capacity, first = search.nv, search.capacity, tree * search.capacity
+    for i in range(len(roots)):
+        for j in range(nv):
+            search.nodes[(tree * nv + j) * capacity + i] = roots[i, j]
+        search.parents[first + i] = -1
+        search.domains[first + i] = np.inf
+        search.failed[first + i] = 0
+    search.counters[SIZE + tree] = len(roots)
+    for k in range(STATE):
+        search.buckets.state[tree * STATE + k] = 0
 
 
 @lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))

@@ -12,26 +12,30 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, int64, types
 
+from guidefield.kernels.lane_branch import join
 from guidefield.kernels.lane_motion import WORLD, LaneWorld, motion_free, world_of
 from guidefield.kernels.lane_nodes import (
     ACTIVE,
+    COUNTERS,
     ITERATION,
     MEETING,
     MOTIONS,
     RANGE,
     REFUSED,
+    ROOTS,
     SEARCH,
     SIZE,
     TRIED,
     Search,
     add_reached,
     nearest,
+    plant,
     search_of,
     step_towards,
 )
 from guidefield.kernels.lane_samples import SAMPLING, Sampling, next_sample, sampling_of
-from guidefield.kernels.lane_sieve import certain_hits
-from guidefield.kernels.lanes import LANES, lane_kernel, lane_step, pointers
+from guidefield.kernels.lane_sieve import SIEVE, certain_hits
+from guidefield.kernels.lanes import LANES, lane_kernel, lane_part, lane_step, pointers
 from guidefield.kernels.packing import Words
 from guidefield.kernels.tree_kinematics import INDICES
 
@@ -56,7 +60,7 @@ nearly everything of a length back lets something shorter pass. Sooner, or more 
 ALONE = 64
 """So many motions are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""
 
-UNSEARCHED, MET, FULL, GOING_ON = range(4)
+MET, FULL, GOING_ON = range(3)
 """How a call ended: the trees met; a tree is full; its iterations were done."""
 
 
@@ -123,6 +127,18 @@ def _extension_free(world: LaneWorld, search: Search, clearance: float, resoluti
     return bool(motion_free(world, clearance, search.origin, search.reached, resolution))
 
 
+@lane_part
+def _begin(search: Search, starts: np.ndarray, goals: np.ndarray) -> None:
+    """Leave only the roots of both trees, shapes (k, nv) and (m, nv), and nothing counted."""
+    for k in range(COUNTERS):
+        search.counters[k] = 0
+    search.counters[ACTIVE] = 1
+    for k in range(3 * SIEVE):
+        search.hits[k] = -1
+    plant(search, 0, starts)
+    plant(search, 1, goals)
+
+
 @lane_step(int64(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
 def _grown(
     world: LaneWorld,
@@ -166,20 +182,43 @@ def _grown(
     return GOING_ON
 
 
-@lane_kernel(int64(INDICES, INDICES, INDICES, types.float64, types.float64, int64))
-def grow(world: Words, sampling: Words, search: Words, clearance: float, resolution: float, iterations: int) -> int:
-    """Go on growing two trees towards each other.
+@lane_kernel(int64(INDICES, INDICES, INDICES, ROOTS, ROOTS, types.float64, types.float64, int64, boolean))
+def grow(
+    world: Words,
+    sampling: Words,
+    search: Words,
+    starts: np.ndarray,
+    goals: np.ndarray,
+    clearance: float,
+    resolution: float,
+    iterations: int,
+    begins: bool,
+) -> int:
+    """Grow two trees towards each other.
 
     Args:
         world: Robot and obstacles, a packed `LaneWorld`.
         sampling: Where samples come from, a packed `Sampling`.
-        search: The trees, whose roots have been written, a packed `Search`; changed.
+        search: The trees, a packed `Search`; changed. Its places say where the sequence of samples begins.
+        starts: Roots of the first tree, chart points, shape (k, nv).
+        goals: Roots of the second, shape (m, nv).
         clearance: What to keep from obstacles [m].
         resolution: Samples per length in the chart [1/rad or 1/m].
         iterations: How many more; a batch that is begun is ended.
+        begins: Whether to leave only the roots of the trees before.
 
     Returns:
-        MET (the nodes are in the counters), FULL (give it more room) or GOING_ON.
+        MET (the path is written), FULL (give it more room) or GOING_ON.
+
+    Raises:
+        ValueError: if the roots are of another number of coordinates.
     """
     sources, trees = sampling_of(pointers(sampling)), search_of(pointers(search))
-    return _grown(world_of(pointers(world)), sources, trees, clearance, resolution, iterations)
+    if starts.shape[1] != trees.nv or goals.shape[1] != trees.nv:
+        raise ValueError("a root has another number of coordinates than the trees")
+    if begins:
+        _begin(trees, starts, goals)
+    outcome = _grown(world_of(pointers(world)), sources, trees, clearance, resolution, iterations)
+    if outcome == MET:
+        join(sources, trees, starts, goals)
+    return outcome

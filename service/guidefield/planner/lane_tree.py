@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import weakref
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.collision.lanes import Lanes
 from guidefield.kernels import lane_nodes, lane_tree as kernel
-from guidefield.kernels.lane_branch import joined
 from guidefield.kernels.lane_buckets import buckets_for
 from guidefield.kernels.lane_sieve import SIEVE
 from guidefield.kernels.lanes import LANES
@@ -17,6 +19,7 @@ from guidefield.kernels.packing import Words, packed
 from guidefield.planner.enclosed import can_be_left
 from guidefield.planner.lane_sources import Sources, sources_of
 from guidefield.planner.problem import Budget
+from guidefield.robot.group import PlanningGroup
 
 MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
 """Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
@@ -31,44 +34,47 @@ FIRST_CAPACITY = 512
 """Nodes that each tree has room for at first; doubled when it is full."""
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
+class Found(NamedTuple):
     """What a search came to.
 
     Attributes:
         path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
-        iterations: Samples drawn.
-        motions: Straight motions judged.
-        sizes: Configurations of both trees.
-        tried: Extensions of both trees that were judged.
+        counters: What the search counted, see lane_nodes.
         search: Its trees, until this thread begins another search.
         enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
     """
 
     path: np.ndarray | None
-    iterations: int
-    motions: int
-    sizes: tuple[int, int]
-    tried: tuple[int, int]
+    counters: np.ndarray
     search: lane_nodes.Search
     enclosed: int | None = None
 
-    @classmethod
-    def by(cls, search: lane_nodes.Search, path: np.ndarray | None, enclosed: int | None = None) -> Found:
-        """What a search says of itself; `path` as the attribute, shape (n, nv)."""
-        counted = search.counters.tolist()
-        sizes, tried = ((counted[first], counted[first + 1]) for first in (lane_nodes.SIZE, lane_nodes.TRIED))
-        return cls(path, counted[lane_nodes.ITERATION], counted[lane_nodes.MOTIONS], sizes, tried, search, enclosed)
+    @property
+    def iterations(self) -> int:
+        """Samples drawn."""
+        return int(self.counters[lane_nodes.ITERATION])
+
+    @property
+    def motions(self) -> int:
+        """Straight motions judged."""
+        return int(self.counters[lane_nodes.MOTIONS])
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Configurations of both trees."""
+        first, second = self.counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].tolist()
+        return first, second
+
+    @property
+    def tried(self) -> tuple[int, int]:
+        """Extensions of both trees that were judged."""
+        first, second = self.counters[lane_nodes.TRIED : lane_nodes.TRIED + 2].tolist()
+        return first, second
 
     def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
-        search = self.search
-        nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
-        parents = search.parents.reshape(2, search.capacity)
-        sizes = search.counters[[lane_nodes.SIZE, lane_nodes.SIZE + 1]].tolist()
-        return tuple(
-            (nodes[tree, :, :size].T.astype(float), parents[tree, :size].copy()) for tree, size in enumerate(sizes)
-        )
+        held = zip(*held_by(self.search)[:2], self.sizes, strict=True)
+        return tuple((nodes[:, :size].T.astype(float), parents[:size].copy()) for nodes, parents, size in held)
 
 
 def grow(
@@ -80,7 +86,7 @@ def grow(
     rng: np.random.Generator,
     budget: Budget,
     *,
-    within: float = np.inf,
+    within: float = math.inf,
     most_motions: int = MOST_MOTIONS,
 ) -> Found:
     """Grow two trees towards each other until they meet.
@@ -96,32 +102,45 @@ def grow(
         within: Samples come from where a path of at most this length [rad or m] may lead.
         most_motions: After so many motions it ends.
     """
-    nv: int = lanes.world.group.nv
-    sources = sources_of(lanes.world.group).about(np.concatenate([starts, goals]))
-    if np.isfinite(within):
+    nv = lanes.tables.nv
+    place = _place(lanes.world.group, nv)
+    sources, room = place.sources, place.room
+    if sources.roams.size:
+        sources = sources.about(np.concatenate([starts, goals]))
+    if within != math.inf:
         sources = sources.between(starts, goals, within)
-    room = _room(nv, max(FIRST_CAPACITY, 2 * max(len(starts), len(goals))))
-    room.begin((starts, goals), rng.random(nv))
-    counters = room.search.counters
+    most_roots = max(len(starts), len(goals))
+    if 2 * most_roots > FIRST_CAPACITY:
+        room = _Room.build(nv, 2 * most_roots)
+    rng.random(out=room.search.places)
     lanes.forget()
-    suspected = [0, 1]
-    while (
-        counters[lane_nodes.ITERATION] < MOST_ITERATIONS
-        and counters[lane_nodes.MOTIONS] < most_motions
-        and budget.spent() is None
-    ):
-        ended = kernel.grow(lanes.words, sources.words, room.words, clearance, resolution, PIECE)
+    begins, suspected, counters = True, [0, 1], room.search.counters
+    while True:
+        piece = PIECE if budget.spent() is None else 0
+        ended = kernel.grow(lanes.words, sources.words, room.words, starts, goals, clearance, resolution, piece, begins)
+        if ended == kernel.MET:
+            return Found(room.path[: counters[lane_nodes.ROWS]].copy(), counters.copy(), room.search)
+        begins = False
         if ended == kernel.FULL:
             room = room.roomier()
-        if ended == kernel.MET:
-            return Found.by(room.search, _joined(room, sources, starts, goals))
         tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= ENCLOSED), None)
         if tried is not None:
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
             if size == len(roots) and not can_be_left(lanes, roots, clearance, resolution, rng):
-                return Found.by(room.search, None, tried)
-    return Found.by(room.search, None)
+                return Found(None, counters.copy(), room.search, tried)
+        if (
+            piece == 0
+            or counters[lane_nodes.ITERATION] >= MOST_ITERATIONS
+            or counters[lane_nodes.MOTIONS] >= most_motions
+        ):
+            return Found(None, counters.copy(), room.search)
+
+
+def held_by(search: lane_nodes.Search) -> tuple[np.ndarray, ...]:
+    """Nodes, parents, domains and failures, tree by tree: shapes (2, nv, capacity) and (2, capacity) each."""
+    nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
+    return nodes, *(array.reshape(2, -1) for array in (search.parents, search.domains, search.failed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +150,12 @@ class _Room:
     Attributes:
         search: The trees.
         words: Those packed.
-        nodes, parents, domains: What the trees hold, tree by tree: shapes (2, nv, capacity), (2, capacity) each.
+        path: Where the path is written, shape (2 * capacity, nv).
     """
 
     search: lane_nodes.Search
     words: Words
-    nodes: np.ndarray
-    parents: np.ndarray
-    domains: np.ndarray
+    path: np.ndarray
 
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
@@ -160,6 +177,7 @@ class _Room:
             grown=np.zeros(2 * LANES, np.int64),
             ends=np.zeros(nv * LANES, np.float32),
             hits=np.full(3 * SIEVE, -1, np.int64),
+            path=np.empty(2 * nv * capacity),
             buckets=buckets_for(nv, capacity if capacity > lane_nodes.LATE else 0),
         )
         return cls.of(search)
@@ -167,63 +185,45 @@ class _Room:
     @classmethod
     def of(cls, search: lane_nodes.Search) -> _Room:
         """The memory of some trees."""
-        nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
-        return cls(search, packed(search), nodes, search.parents.reshape(2, -1), search.domains.reshape(2, -1))
-
-    def begin(self, roots: tuple[np.ndarray, np.ndarray], shift: np.ndarray) -> None:
-        """Leave only the roots (k, nv) of both trees, and begin a sequence of samples that is shifted by (nv,)."""
-        counters = self.search.counters
-        self.search.places[:] = shift
-        counters[:] = 0
-        counters[lane_nodes.ACTIVE] = 1
-        self.search.hits[:] = -1
-        self.search.buckets.state[:] = 0
-        for tree, points in enumerate(roots):
-            size = len(points)
-            counters[lane_nodes.SIZE + tree] = size
-            self.nodes[tree, :, :size] = points.T
-            self.parents[tree, :size] = -1
-            self.domains[tree, :size] = np.inf
-            self.search.failed.reshape(2, -1)[tree, :size] = 0
+        return cls(search, packed(search), search.path.reshape(-1, search.nv))
 
     def roomier(self) -> _Room:
         """The same trees with room for twice as many nodes."""
-        capacity = self.search.capacity
-        larger = _Room.build(self.search.nv, 2 * capacity)
-        larger.nodes[:, :, :capacity] = self.nodes
-        larger.parents[:, :capacity] = self.parents
-        larger.domains[:, :capacity] = self.domains
-        larger.search.failed.reshape(2, -1)[:, :capacity] = self.search.failed.reshape(2, -1)
-        return _Room.of(larger.search._replace(places=self.search.places, counters=self.search.counters))
+        larger = _Room.build(self.search.nv, 2 * self.search.capacity).search
+        for old, new in zip(held_by(self.search), held_by(larger), strict=True):
+            new[..., : self.search.capacity] = old
+        return _Room.of(larger._replace(places=self.search.places, counters=self.search.counters))
 
 
-class _Rooms(threading.local):
-    """The memory that a thread's searches begin in: to make it takes longer than to find a simple path."""
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a thread's searches begin.
+
+    Attributes:
+        room: Memory of the usual size.
+        group: Whose the last search was.
+        sources: Where its samples come from.
+    """
+
+    room: _Room
+    group: weakref.ref[PlanningGroup]
+    sources: Sources
+
+
+class _Places(threading.local):
+    """A thread's, by how many coordinates and what size: to make them takes longer than to find a simple path."""
 
     def __init__(self) -> None:
-        self.kept: dict[int, _Room] = {}
+        self.kept: dict[tuple[int, int], _Place] = {}
 
 
-_ROOMS = _Rooms()
+_PLACES = _Places()
 
 
-def _room(nv: int, capacity: int) -> _Room:
-    """Room for trees with so many nodes each; that of the usual size is the thread's."""
-    if capacity != FIRST_CAPACITY:
-        return _Room.build(nv, capacity)
-    room = _ROOMS.kept.get(nv)
-    if room is None or room.search.capacity != capacity:
-        room = _ROOMS.kept[nv] = _Room.build(nv, capacity)
-    return room
-
-
-def _joined(room: _Room, sources: Sources, starts: np.ndarray, goals: np.ndarray) -> np.ndarray:
-    """The path through where the trees met; they hold float32, so the roots are put back as they were given."""
-    counters = room.search.counters
-    rows = np.empty((counters[lane_nodes.SIZE] + counters[lane_nodes.SIZE + 1], room.search.nv))
-    path = rows[: joined(sources.words, room.words, rows)].copy()
-    goal = goals[counters[lane_nodes.ROOT + 1]]
-    if sources.wraps:
-        goal = goal + 2.0 * np.pi * np.rint((path[-1] - goal) * sources.sampling.frequency)
-    path[0], path[-1] = starts[counters[lane_nodes.ROOT]], goal
-    return path
+def _place(group: PlanningGroup, nv: int) -> _Place:
+    """This thread's place for searches of a group with so many coordinates."""
+    place = _PLACES.kept.get((nv, FIRST_CAPACITY))
+    if place is None or place.group() is not group:
+        room = _Room.build(nv, FIRST_CAPACITY) if place is None else place.room
+        place = _PLACES.kept[nv, FIRST_CAPACITY] = _Place(room, weakref.ref(group), sources_of(group))
+    return place
