@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels import lane_nodes
+from guidefield.kernels import lane_nearest, lane_nodes
 from guidefield.kernels.lane_buckets import BUCKET, KNOWN, STATE
 from guidefield.kernels.lane_samples import Sampling
 from guidefield.kernels.packing import packed
@@ -43,6 +43,22 @@ def spread(kind: str, count: int, rng: np.random.Generator) -> np.ndarray:
     return points
 
 
+def test_the_nearest_of_few_nodes_is_brute_forces() -> None:
+    """However many nodes there are beside a multiple of four or sixteen, what lies behind the last is not looked at."""
+    rng = np.random.default_rng(1)
+    points, targets = rng.uniform(-3.0, 3.0, (40, 5)).astype(np.float32), rng.uniform(-3.0, 3.0, (32, 5))
+    room, sampling, nodes = _Room.build(5, 64), sampling_of(WRAPS), np.zeros(32, np.int64)
+    nodes_held = held_by(room.search)[0]
+    nodes_held[:] = targets[0][:, None]
+    nodes_held[0, :, :40] = points.T
+    for size in range(1, 41):
+        room.search.counters[lane_nodes.SIZE] = size
+        least = apart(points[None, :size], targets[:, None], WRAPS).argmin(axis=1)
+        for asked in (lane_nearest.nearest_nodes, lane_nearest.nearest_nodes_of_samples):
+            asked(room.words, packed(sampling), 0, targets.astype(np.float32), nodes)
+            np.testing.assert_array_equal(nodes, least)
+
+
 @pytest.mark.parametrize("kind", ["even", "heaps", "line", "one place", "turns"])
 @pytest.mark.parametrize("wraps", [WRAPS, 0.0 * WRAPS], ids=["wraps", "straight"])
 def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
@@ -52,16 +68,17 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
     for tree, points in enumerate(roots):
         held_by(room.search)[0][tree, :, : len(points)] = points.T
     room.search.counters[lane_nodes.SIZE] = len(roots[0])
-    targets = np.concatenate([spread("even", 200, rng), roots[1][:100]]).astype(np.float32)
+    targets = np.concatenate([spread("even", 204, rng), roots[1][:100]]).astype(np.float32)
     nodes = np.zeros(len(targets), np.int64)
     state, search, words = room.search.buckets.state, room.words, packed(sampling)
     for size in (1500, 1600, 2500, 3000, 5000):  # some in buckets, some not; then more
         room.search.counters[lane_nodes.SIZE + 1] = size
         for tree, points in ((0, roots[0]), (1, roots[1][:size])):
-            lane_nodes.nearest_nodes(search, words, tree, targets, nodes)
-            found = apart(points[nodes], targets, wraps)
             least = apart(points[None], targets[:, None], wraps).min(axis=1)
-            np.testing.assert_allclose(found, least, atol=1e-5)
+            for asked in (lane_nearest.nearest_nodes, lane_nearest.nearest_nodes_of_samples):
+                nodes[:] = -1
+                asked(search, words, tree, targets, nodes)
+                np.testing.assert_allclose(apart(points[nodes], targets, wraps), least, atol=1e-5)
         assert state[KNOWN] == 0
         assert size - state[STATE + KNOWN] < lane_nodes.LATE
     buckets = room.search.buckets

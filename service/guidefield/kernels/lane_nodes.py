@@ -1,4 +1,4 @@
-"""The nodes of two trees that a search on lanes grows: which is nearest, one step from it, one more of them."""
+"""The nodes of two trees that a search on lanes grows: steps from them, one more of them."""
 
 from __future__ import annotations
 
@@ -10,33 +10,27 @@ from numba import int64, types, void
 
 from guidefield.kernels.lane_buckets import (
     BUCKETS_TYPE,
-    KNOWN,
     STATE,
     Buckets,
-    nearest_in_buckets,
-    put_in_bucket,
     short_way,
 )
 from guidefield.kernels.lane_math import Floats32
-from guidefield.kernels.lane_samples import SAMPLING, Sampling, sampling_of
+from guidefield.kernels.lane_samples import SAMPLING, Sampling
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS_OUT,
     INTEGERS_OUT,
     LANES,
-    below,
-    first_lane,
-    lane,
-    lane_kernel,
+    lane_part,
     lane_step,
     load,
     pointed,
-    pointers,
     splat,
+    sqrt,
+    store,
 )
-from guidefield.kernels.packing import Words, unpacked
+from guidefield.kernels.packing import unpacked
 from guidefield.kernels.signatures import VECTOR_OUT
-from guidefield.kernels.tree_kinematics import INDICES
 
 RANGE = 1.0
 """Longest extension of a tree [rad or m]."""
@@ -64,8 +58,11 @@ class Search(NamedTuple):
         places: (nv,) where in the box the last sample was, as shares of its sides.
         counters: (COUNTERS,).
         sample, target, origin, reached: (nv,) memory.
+        samples: (nv * 16,) samples, coordinate by coordinate.
+        near: (2 * 16,) how far each is from the node nearest to it, squared; then those nodes.
         grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
-        ends: (nv * 16,) where they end, coordinate by coordinate.
+        longest: (16,) how long they may be.
+        origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate.
         hits: (3 * SIEVE,) what the sieve of a batch tries first.
         path: (2 * nv * capacity,) the path once the trees have met, chart point by chart point.
         buckets: Where the older nodes of large trees are.
@@ -83,7 +80,11 @@ class Search(NamedTuple):
     target: np.ndarray
     origin: np.ndarray
     reached: np.ndarray
+    samples: np.ndarray
+    near: np.ndarray
     grown: np.ndarray
+    longest: np.ndarray
+    origins: np.ndarray
     ends: np.ndarray
     hits: np.ndarray
     path: np.ndarray
@@ -99,9 +100,9 @@ _SEARCH = types.NamedTuple(
         INTEGERS_OUT,
         VECTOR_OUT,
         INTEGERS_OUT,
-        *[FLOATS_OUT] * 4,
+        *[FLOATS_OUT] * 6,
         INTEGERS_OUT,
-        FLOATS_OUT,
+        *[FLOATS_OUT] * 3,
         INTEGERS_OUT,
         VECTOR_OUT,
         BUCKETS_TYPE,
@@ -117,43 +118,27 @@ ROOTS = types.Array(types.float64, 2, "A", readonly=True)
 """Roots of a tree, shape (n, nv), in any order in memory."""
 
 
-@lane_step(types.Tuple((int64, types.float64))(SEARCH, int64, FLOAT_POINTER, SAMPLING))
-def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> tuple[int, float]:
-    """The node nearest to a target, shape (nv,), and its distance squared; angles that wrap go the short way.
-
-    The nodes that came last are looked at one after the other, sixteen at a time; the others are in buckets.
-    """
-    nodes, period, frequency, capacity, nv, buckets = (
-        search.nodes,
-        sampling.period,
-        sampling.frequency,
-        search.capacity,
-        search.nv,
-        search.buckets,
-    )
-    start, size, known = tree * nv * capacity, search.counters[SIZE + tree], buckets.state[tree * STATE + KNOWN]
-    if size - known >= LATE:
-        for node in range(known, size):
-            put_in_bucket(buckets, nv, tree, node, nodes, capacity, sampling)
-        known = buckets.state[tree * STATE + KNOWN] = size
-    best, winner = np.inf, 0
-    for i in range(known, size, LANES):
-        total = splat(0.0)
+@lane_part
+def step_each(search: Search, sampling: Sampling, batch: int) -> None:
+    """Let the first extensions of a batch, whose ends are what they go towards, end where they get to at most."""
+    nodes, grown, origins, ends, longest = search.nodes, search.grown, search.origins, search.ends, search.longest
+    nv, capacity = search.nv, search.capacity
+    for slot in range(batch):
+        at = grown[2 * slot] * nv * capacity + grown[2 * slot + 1]
         for j in range(nv):
-            apart = short_way(load(nodes, start + j * capacity + i) - target[j], period[j], frequency[j])
-            total = total + apart * apart
-        mask = below(total, splat(best))
-        if size - i < LANES:
-            mask &= (1 << (size - i)) - 1
-        while mask:
-            k = first_lane(mask)
-            mask &= mask - 1
-            square = lane(total, k)
-            if square < best:
-                best, winner = square, i + k
-    if known:
-        winner, best = nearest_in_buckets(buckets, nv, tree, target, sampling, winner, best)
-    return winner, best
+            origins[j * LANES + slot] = nodes[at + j * capacity]
+    square = splat(0.0)
+    for j in range(nv):
+        way = load(ends, j * LANES) - load(origins, j * LANES)
+        way = short_way(way, sampling.period[j], sampling.frequency[j])
+        store(ends, j * LANES, way)
+        square = square + way * way
+    store(search.near, 0, sqrt(square))
+    for slot in range(batch):
+        longest[slot] = min(np.float32(1.0), longest[slot] / max(search.near[slot], np.float32(1e-12)))
+    share = load(longest, 0)
+    for j in range(nv):
+        store(ends, j * LANES, load(ends, j * LANES) * share + load(origins, j * LANES))
 
 
 @lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING, types.float64))
@@ -201,11 +186,3 @@ def plant(search: Search, tree: int, roots: np.ndarray) -> None:
     search.counters[SIZE + tree] = len(roots)
     for k in range(STATE):
         search.buckets.state[tree * STATE + k] = 0
-
-
-@lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))
-def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray) -> None:
-    """`nearest` for callers from Python: of each of some targets, shape (n, nv), the node of a tree, shape (n,)."""
-    trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
-    for i in range(len(targets)):
-        nodes_out[i], _ = nearest(trees, tree, pointers(targets[i]), sources)

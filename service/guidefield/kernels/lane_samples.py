@@ -9,10 +9,30 @@ import numpy as np
 from numba import int64, types
 
 from guidefield.kernels.lane_math import Floats32, cosine_and_sine
-from guidefield.kernels.lanes import DOUBLE_POINTER, FLOAT_POINTER, FLOATS, lane, lane_step, pointed, splat
+from guidefield.kernels.lanes import (
+    FLOAT_POINTER,
+    FLOATS,
+    LANES,
+    Vector,
+    f32x16,
+    lane_part,
+    lane_step,
+    load,
+    magnitude,
+    pointed,
+    pointers,
+    rint,
+    splat,
+    sqrt,
+    store,
+    where_below,
+)
 from guidefield.kernels.packing import unpacked
 from guidefield.kernels.signatures import VECTOR, Floats
 from guidefield.kernels.tree_kinematics import INDICES
+
+_AHEAD = np.arange(1, LANES + 1, dtype=np.float32)
+"""Of sixteen samples, the how manieth each is."""
 
 
 class Sampling(NamedTuple):
@@ -43,46 +63,61 @@ sampling_of = unpacked(_SAMPLING)
 """Makes a sampling of its words."""
 
 
-@lane_step(types.void(DOUBLE_POINTER, int64, FLOAT_POINTER))
-def turn_evenly(places: Floats, at: int, sample_out: Floats32) -> None:
-    """The rotation vector, at most pi long, of the rotation at a place in the unit cube (Shoemake 1992).
+@lane_step(types.void(f32x16, f32x16, f32x16, FLOAT_POINTER, int64))
+def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Floats32, at: int) -> None:
+    """The rotation vectors, at most pi long, of the rotations at sixteen places in the unit cube (Shoemake 1992).
 
     Places that fill the cube evenly are rotations that fill all of them evenly. With w the cosine of half of the angle,
     vector and sine are as arccos w / sqrt(1 - w^2), here a polynomial that is off by 6e-5.
 
     Args:
-        places: Shares of the cube's sides, three from an index on, shape (n,).
+        first: Shares of the cube's first side.
+        second: Of its second.
+        third: Of its third.
+        samples_out: Gets the vectors from an index on, coordinate by coordinate, shape (n,) [rad].
         at: That index.
-        sample_out: Gets the vector from the same index on, shape (n,) [rad].
     """
-    inner, outer = math.sqrt(1.0 - places[at]), math.sqrt(places[at])
-    c, s = cosine_and_sine(splat(2.0 * math.pi * places[at + 1]))
-    d, t = cosine_and_sine(splat(2.0 * math.pi * places[at + 2]))
-    w = outer * lane(d, 0)
-    u = abs(w)
+    inner, outer = sqrt(splat(1.0) - first), sqrt(first)
+    c, s = cosine_and_sine(second * (2.0 * math.pi))
+    d, t = cosine_and_sine(third * (2.0 * math.pi))
+    w = outer * d
+    u = magnitude(w)
     scale = (((0.5462545 - 0.1317371 * u) * u - 1.0787918) * u + 1.5185036) * u - 1.9957945
     scale = scale * u + 3.141535
-    if w < 0.0:
-        scale = -scale
-    sample_out[at] = scale * inner * lane(s, 0)
-    sample_out[at + 1] = scale * inner * lane(c, 0)
-    sample_out[at + 2] = scale * outer * lane(t, 0)
+    scale = where_below(w, splat(0.0), -scale, scale)
+    store(samples_out, at, scale * inner * s)
+    store(samples_out, at + LANES, scale * inner * c)
+    store(samples_out, at + 2 * LANES, scale * outer * t)
 
 
-@lane_step(types.void(SAMPLING, int64, DOUBLE_POINTER, FLOAT_POINTER))
-def next_sample(sampling: Sampling, nv: int, places: Floats, sample_out: Floats32) -> None:
-    """The next point of the sequence, in the box.
+@lane_part
+def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
+    """How far along a side of the box the next sixteen samples are, from 0 to 1."""
+    along = load(pointers(_AHEAD), 0) * sampling.steps[j] + places[j]
+    return along - rint(along - 0.5)
+
+
+@lane_part
+def next_samples(sampling: Sampling, nv: int, places: Floats, samples_out: Floats32) -> None:
+    """The next sixteen points of the sequence, in the box; `pass_samples` goes on by those that are used.
 
     Args:
         sampling: The box.
         nv: Coordinates of a point.
-        places: (nv,) where in the box the last one was, as shares of its sides; changed.
-        sample_out: (nv,) the point [rad or m].
+        places: (nv,) where in the box the last one was, as shares of its sides.
+        samples_out: (nv * 16,) the points, coordinate by coordinate [rad or m].
     """
     for j in range(nv):
-        place = places[j] + sampling.steps[j]
-        place -= 1.0 if place >= 1.0 else 0.0
-        places[j] = place
-        sample_out[j] = sampling.lower[j] + place * sampling.width[j]
+        store(samples_out, j * LANES, _shares(sampling, places, j) * sampling.width[j] + sampling.lower[j])
     for k in range(sampling.n_rotations):
-        turn_evenly(places, sampling.rotations[k], sample_out)
+        j = sampling.rotations[k]
+        x, y, z = _shares(sampling, places, j), _shares(sampling, places, j + 1), _shares(sampling, places, j + 2)
+        turn_evenly(x, y, z, samples_out, j * LANES)
+
+
+@lane_part
+def pass_samples(sampling: Sampling, nv: int, places: Floats, count: int) -> None:
+    """Go on by so many points of the sequence; `places` (nv,) as for `next_samples`, changed."""
+    for j in range(nv):
+        place = places[j] + count * sampling.steps[j]
+        places[j] = place - math.floor(place)

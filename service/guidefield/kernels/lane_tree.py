@@ -14,6 +14,7 @@ from numba import boolean, int64, types
 
 from guidefield.kernels.lane_branch import join
 from guidefield.kernels.lane_motion import WORLD, LaneWorld, motion_free, world_of
+from guidefield.kernels.lane_nearest import nearest, nearest_to_each, take_sample
 from guidefield.kernels.lane_nodes import (
     ACTIVE,
     COUNTERS,
@@ -28,12 +29,12 @@ from guidefield.kernels.lane_nodes import (
     TRIED,
     Search,
     add_reached,
-    nearest,
     plant,
     search_of,
+    step_each,
     step_towards,
 )
-from guidefield.kernels.lane_samples import SAMPLING, Sampling, next_sample, sampling_of
+from guidefield.kernels.lane_samples import SAMPLING, Sampling, next_samples, pass_samples, sampling_of
 from guidefield.kernels.lane_sieve import SIEVE, certain_hits
 from guidefield.kernels.lanes import LANES, lane_kernel, lane_part, lane_step, pointers
 from guidefield.kernels.packing import Words
@@ -75,7 +76,7 @@ def _connected(
 ) -> bool:
     """Grow a tree towards the target as far as the way is free; whether it got there, from the node in the counters."""
     counters = search.counters
-    node, _ = nearest(search, tree, search.target, sampling)
+    node = nearest(search, tree, search.target, sampling)
     while counters[SIZE + tree] < search.capacity:
         distance = step_towards(search, tree, node, search.target, sampling, RANGE)
         counters[MOTIONS] += 1
@@ -92,37 +93,44 @@ def _connected(
 def _choose(sampling: Sampling, search: Search, batch: int) -> int:
     """Write a batch of extensions: from which node of which tree, and where they would end; how many samples it took.
 
-    A sample outside of the domain of the node nearest to it is passed by, but not for ever.
+    Samples come sixteen at a time, towards one tree. One outside of the domain of the node nearest to it is passed by,
+    but not for ever. Those that are left when the batch is full are drawn again.
     """
-    counters, sample, grown, ends, drawn, chosen = search.counters, search.sample, search.grown, search.ends, 0, 0
+    counters, grown, nv, drawn, chosen = search.counters, search.grown, search.nv, 0, 0
+    patience = PATIENCE if batch > 1 else PATIENCE_ALONE
     while chosen < batch:
-        drawn += 1
         tree = 1 - counters[ACTIVE]
         if counters[SIZE + 1 - tree] * BALANCE <= counters[SIZE + tree]:  # the other is smaller: it goes on
             tree = 1 - tree
-        counters[ACTIVE] = tree
-        next_sample(sampling, search.nv, search.places, sample)
-        node, square = nearest(search, tree, sample, sampling)
-        domain = search.domains[tree * search.capacity + node]
-        if square > domain * domain and counters[REFUSED] < (PATIENCE if batch > 1 else PATIENCE_ALONE):
-            counters[REFUSED] += 1
-            continue
-        counters[REFUSED] = 0
-        halved = min(search.failed[tree * search.capacity + node] // STUBBORN, SHORTEST)
-        step_towards(search, tree, node, sample, sampling, RANGE / (1 << halved))
-        grown[2 * chosen], grown[2 * chosen + 1] = tree, node
-        for j in range(search.nv):
-            ends[j * LANES + chosen] = search.reached[j]
-        chosen += 1
+        next_samples(sampling, nv, search.places, search.samples)
+        known, used = nearest_to_each(search, tree, sampling), 0
+        while used < LANES and chosen < batch:
+            node, square = take_sample(search, tree, sampling, known, used)
+            at = tree * search.capacity + node
+            if square > search.domains[at] * search.domains[at] and counters[REFUSED] < patience:
+                counters[REFUSED] += 1
+                used += 1
+                continue
+            counters[REFUSED] = 0
+            grown[2 * chosen], grown[2 * chosen + 1] = tree, node
+            search.longest[chosen] = RANGE / (1 << min(search.failed[at] // STUBBORN, SHORTEST))
+            for j in range(nv):
+                search.ends[j * LANES + chosen] = search.samples[j * LANES + used]
+            chosen += 1
+            used += 1
+        pass_samples(sampling, nv, search.places, used)
+        drawn += used
+        if used == LANES or batch == 1:  # else this tree goes on with the next batch
+            counters[ACTIVE] = tree
+    step_each(search, sampling, batch)
     return drawn
 
 
 @lane_step(boolean(WORLD, SEARCH, types.float64, types.float64, int64))
 def _extension_free(world: LaneWorld, search: Search, clearance: float, resolution: float, slot: int) -> bool:
     """Whether an extension of the batch is free; what it reaches is then what is reached."""
-    tree, node, nv = search.grown[2 * slot], search.grown[2 * slot + 1], search.nv
-    for j in range(nv):
-        search.origin[j] = search.nodes[(tree * nv + j) * search.capacity + node]
+    for j in range(search.nv):
+        search.origin[j] = search.origins[j * LANES + slot]
         search.reached[j] = search.ends[j * LANES + slot]
     return bool(motion_free(world, clearance, search.origin, search.reached, resolution))
 
