@@ -8,7 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import guidefield
+from guidefield import first_start
+from tests.journeys.service import await_death
 
 HERE = Path(guidefield.__file__).parent
 
@@ -75,3 +79,20 @@ def test_a_kernel_that_cannot_be_compiled_ends_the_start_with_its_reason(tmp_pat
     assert "callee: TypingError" in fault
     assert "nothing" in fault
     assert not any(path.name.startswith("all-") for path in (tmp_path / "cache" / "guidefield" / "kernels").iterdir())
+
+
+def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A compiler that would take for ever, and those who compile for it, are ended and leave no mark."""
+    compiler, pids = tmp_path / "compiler", tmp_path / "pids"
+    compiler.write_text(f"#!/bin/sh\nsleep 300 & echo $! $$ > {pids}\necho compiling\nwait\n")
+    compiler.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(compiler))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    told: list[str] = []
+    first_start.compile_kernels(told.append, lambda: bool(told))
+    assert told == ["compiling"]
+    for pid in map(int, pids.read_text().split()):
+        await_death(pid)
+    assert not (tmp_path / "cache").exists()

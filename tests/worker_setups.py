@@ -52,6 +52,12 @@ def _mark_and_sleep(value: str) -> tuple[bool, bytes]:
     return True, b"slept"
 
 
+def _stuck_in_a_native_call(value: str) -> tuple[bool, bytes]:
+    Path(value).write_text(str(os.getpid()))
+    ctypes.PyDLL(None).sleep(300)  # keeps the interpreter's lock: no other thread of the process runs meanwhile
+    return True, b"came back"
+
+
 def _segfault(_value: str) -> tuple[bool, bytes]:
     ctypes.string_at(0)
     return True, b"unreachable"
@@ -104,5 +110,6 @@ _VERBS = {
     "sleep": _sleep,
     "mark": _mark_and_sleep,
     "segfault": _segfault,
+    "stuck": _stuck_in_a_native_call,
     "refuse": _refuse,
 }

@@ -8,11 +8,13 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
+import select
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -21,13 +23,16 @@ KERNELS = Path(__file__).parent / "kernels"
 EVERY = 2.0
 """Progress is told at most once in so long [s]."""
 
+PATIENCE = 0.2
+"""How often it is asked whether to stop [s]."""
+
 
 def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = lambda: False) -> None:
     """Compile what has no machine code yet, on all processors; at once if that was done for this version before.
 
     Args:
         told: Told, in one sentence each, how far it is.
-        stopped: Whether to leave it at that, asked before each file; what is compiled by then is kept.
+        stopped: Whether to leave it at that, asked all the while; what is compiled by then is kept.
 
     Raises:
         RuntimeError: if a kernel can't be compiled.
@@ -39,23 +44,38 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
     command = [sys.executable, "-m", "guidefield.kernels.ahead"]
     with (
         tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties meanwhile could fill up
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as child,  # noqa: S603 - it is ourselves
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, process_group=0) as child,  # noqa: S603 - ourselves
     ):
-        assert child.stdout is not None, "it is piped"
-        for line in child.stdout:
+        try:
+            for line in _lines(child, stopped):
+                if time.monotonic() - last >= EVERY:
+                    told(line)
+                    last = time.monotonic()
             if stopped():
-                child.terminate()
                 return
-            if time.monotonic() - last >= EVERY:
-                told(line.strip())
-                last = time.monotonic()
-        child.wait()
+            child.wait()
+        finally:
+            if child.poll() is None:
+                os.killpg(child.pid, signal.SIGKILL)  # it and those who compile for it
         log.seek(0)
         fault = log.read().strip()
     if child.returncode != 0:
         raise RuntimeError(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
     done.parent.mkdir(parents=True, exist_ok=True)
     done.touch()
+
+
+def _lines(child: subprocess.Popen[bytes], stopped: Callable[[], bool]) -> Iterator[str]:
+    """What a child prints, line by line, until it has no more to print or is to be stopped."""
+    assert child.stdout is not None, "it is piped"
+    rest = b""
+    while not stopped():
+        if select.select([child.stdout], [], [], PATIENCE)[0]:
+            read = os.read(child.stdout.fileno(), 1 << 16)
+            if not read:
+                return
+            *lines, rest = (rest + read).split(b"\n")
+            yield from (line.decode() for line in lines)
 
 
 def cache_parent() -> Path:

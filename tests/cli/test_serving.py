@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 
 import pytest
+
+from tests.cli.test_ending import full_pipe
 
 INTERRUPTED_WHILE_IT_HOLDS_THE_EVENT = """
 import os, sys
@@ -18,6 +21,7 @@ def serve(settings, stop, announce):
         os.kill(os.getpid(), int(sys.argv[1]))
     assert stop.wait(20.0)
     announce("ended")
+    sys.stderr.write("ended")
 
 serving.serve = serve
 serving.serve_until_signal(serving.ServiceSettings(Path("unused")), print)
@@ -40,3 +44,12 @@ def test_a_service_says_where_its_threads_stand_and_goes_on() -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.stdout == "ended\n"
     assert "in serve" in done.stderr
+
+
+def test_an_output_that_nobody_reads_does_not_hold_a_service_up() -> None:
+    reading, full = full_pipe()
+    command = [sys.executable, "-c", INTERRUPTED_WHILE_IT_HOLDS_THE_EVENT, str(int(signal.SIGTERM))]
+    done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, b"ended")
+    os.close(reading)
+    os.close(full)

@@ -15,10 +15,13 @@ from typing import Any
 
 import zenoh
 
+from guidefield.cli.ending import BY_FORCE
 from guidefield.cli.loopback import LOOPBACK, free_port
 
 STARTED_WITHIN = 300.0
 """The first start ever compiles the kernels [s]."""
+ENDED_WITHIN = 60.0
+"""Longer than any end takes, one by force too [s]."""
 ANSWERED_WITHIN = 300.0
 """Longer than any answer takes on a busy machine [s]."""
 
@@ -58,7 +61,7 @@ class Service:
 
 @contextlib.contextmanager
 def running_service(data: Path, *options: str, endpoint: str | None = None) -> Iterator[Service]:
-    """A service on a free loopback port; ends with the block, if it hasn't ended."""
+    """A service on a free loopback port; ends with the block by itself when it is told to, if it hasn't ended."""
     endpoint = endpoint or f"tcp/{LOOPBACK}:{free_port()}"
     command = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--data", str(data), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -68,12 +71,17 @@ def running_service(data: Path, *options: str, endpoint: str | None = None) -> I
             assert ready, "the service ended before it was ready"
             yield Service(process, endpoint, data)
         finally:
-            process.send_signal(signal.SIGTERM)
-            try:
-                process.wait(60.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                raise
+            _end(process)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.send_signal(signal.SIGTERM)
+    try:
+        code = process.wait(ENDED_WITHIN)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+    assert code not in (BY_FORCE, -signal.SIGALRM), "it had to be ended by force; its log says where it stood"
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import multiprocessing.process
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import wait
 from pathlib import Path
 
 import pebble.pool.process
@@ -17,6 +20,7 @@ from guidefield.errors import WorkerCrashed
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Task
 from tests import worker_setups
+from tests.journeys.service import await_death
 from tests.pool.test_pool import PATIENCE, _await
 
 MEMORY = 300 * 2**20
@@ -138,6 +142,67 @@ def test_a_worker_that_is_killed_before_its_first_job_is_sent_is_noticed(
     _fresh_worker(before).kill()
     assert _echoes(pool)
     late.set()
+
+
+def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(tmp_path: Path) -> None:
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    assert pool.ready(PATIENCE)
+    running = pool.submit(Task(("stuck", str(tmp_path / "begun")), PATIENCE))
+    pid = _await(tmp_path / "begun")
+    pool.close(0.1)
+    with pytest.raises(WorkerCrashed, match="the service is shutting down"):
+        running.result(0)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_closing_leaves_a_slot_behind_whose_listener_does_not_come_back(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("guidefield.pool.pool.STOPPED_WITHIN", 0.3)
+    comes_back, heard = threading.Event(), threading.Event()
+
+    def hear(_told: bytes) -> None:
+        heard.set()
+        comes_back.wait(PATIENCE)
+
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    assert pool.ready(PATIENCE)
+    running = pool.submit(Task(("tell", "something"), PATIENCE, hear=hear))
+    assert heard.wait(PATIENCE)
+    pool.close(0.1)
+    assert "left behind" in caplog.text
+    assert not running.done()
+    comes_back.set()
+    wait([running], PATIENCE)
+    pool.close(PATIENCE)
+
+
+LEFT_ALONE = """
+import sys, time
+from guidefield.pool.pool import Pool
+from guidefield.pool.waiting import Task
+from tests import worker_setups
+
+if __name__ == "__main__":
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    assert pool.ready(60.0)
+    pool.submit(Task(("stuck", sys.argv[1]), 300.0))
+    time.sleep(300.0)
+"""
+
+
+def test_a_worker_in_a_native_call_ends_with_its_parent(tmp_path: Path) -> None:
+    parent = tmp_path / "parent.py"
+    parent.write_text(LEFT_ALONE)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    with subprocess.Popen([sys.executable, str(parent), str(tmp_path / "begun")], env=environment) as process:
+        pid = _await(tmp_path / "begun")
+        process.kill()
+    await_death(pid)
 
 
 def _kill_idle_worker(pool: Pool) -> set[int | None]:

@@ -5,48 +5,54 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import logging
-import os
+import select
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from types import FrameType
+from functools import partial
 
 from guidefield import logs
+from guidefield.cli.ending import BY_FORCE, end_when_told
 from guidefield.cli.loopback import LOOPBACK, free_port
 from guidefield.endpoint.service import ServiceSettings, serve
 
 WHERE = signal.SIGUSR1
 """A service that gets this signal writes to stderr where each of its threads stands, and goes on."""
 
+LEAVES_WITHIN = 20.0
+"""How long a service may take to end, beyond what it is given to finish its work; then it is ended by force [s]."""
+
 ENDS_WITHIN = 60.0
-"""How long a child service may take to end, longer than what it is given to finish its work [s]."""
+"""How long a child service may take to end, longer than one takes that has to be ended by force [s]."""
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
-    """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once."""
+    """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once.
+
+    Once it is told to, the process ends: after `settings.grace` and `LEAVES_WITHIN` by force, with the code
+    `ending.BY_FORCE`, and its workers with it.
+
+    Args:
+        settings: How to serve.
+        announce: Is told how the start and the end go, unless standard output takes nothing more.
+    """
     logs.configure(logging.INFO, json=settings.json_logs)
     faulthandler.register(WHERE)
     stop = threading.Event()
-    reading, writing = os.pipe()
-    threading.Thread(target=_set_when_told, args=(stop, reading), name="guidefield-signal", daemon=True).start()
-
-    def end(number: int, _frame: FrameType | None) -> None:
-        os.write(writing, b"\0")  # takes no lock: the thread that is interrupted may hold that of the event
-        signal.signal(number, signal.SIG_DFL)
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, end)
-    serve(settings, stop, announce)
+    end_when_told(stop, settings.grace + LEAVES_WITHIN)
+    serve(settings, stop, partial(_tell, announce))
 
 
-def _set_when_told(event: threading.Event, reading: int) -> None:
-    os.read(reading, 1)
-    event.set()
+def _tell(announce: Callable[[str], None], sentence: str) -> None:
+    """Announce a sentence, unless that would wait for whoever is to read standard output."""
+    output = select.poll()
+    output.register(sys.stdout, select.POLLOUT)
+    if output.poll(0) == [(sys.stdout.fileno(), select.POLLOUT)]:
+        announce(sentence)
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,7 @@ def service_in_child(
         The service, ready for requests.
 
     Raises:
-        RuntimeError: if it doesn't start; if it doesn't end when it is told to, and has to be killed.
+        RuntimeError: if it doesn't start; if it doesn't end when it is told to, and has to be ended by force.
     """
     endpoint = f"tcp/{LOOPBACK}:{free_port()}"
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--workers", str(workers)]
@@ -92,12 +98,12 @@ def service_in_child(
 def _end(child: subprocess.Popen[str]) -> None:
     child.terminate()
     try:
-        child.wait(ENDS_WITHIN)
+        forced = child.wait(ENDS_WITHIN) == BY_FORCE
     except subprocess.TimeoutExpired:
-        child.send_signal(WHERE)
-        time.sleep(1.0)  # to write it
         child.kill()
-        raise RuntimeError(f"the service did not end within {ENDS_WITHIN:g} s; its log says where it stood") from None
+        forced = True
+    if forced:
+        raise RuntimeError("the service did not end when it was told to; its log says where it stood")
 
 
 def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:

@@ -73,6 +73,7 @@ class Endpoint:
         self._trace = trace
         self._under_way = UnderWay(pool)
         self._readers = ThreadPoolExecutor(2, thread_name_prefix="guidefield-reader")
+        self._closed = False
         self._free_reads = threading.Semaphore(MOST_READS)
         self._meter = Meter()
         self._began = time.monotonic()
@@ -98,7 +99,8 @@ class Endpoint:
                 self._look_up(asked, read)
 
     def close(self) -> None:
-        """Answer what is being read, and no more."""
+        """Answer what is being read, and refuse what waits to be."""
+        self._closed = True
         self._readers.shutdown(wait=True)
 
     def _count_answer(self, kind: str, received: float, end: End, what: str) -> None:
@@ -129,6 +131,8 @@ class Endpoint:
     def _read_files(self, asked: Asked, read: keys.Query) -> None:
         with asked.answering_failures():
             try:
+                if self._closed:
+                    raise ServerBusy("the service is shutting down")
                 if keys.is_recording(read):
                     asked.answer((True, whole_recording(self._runs, read.key[1])), "application/octet-stream")
                 else:

@@ -13,6 +13,7 @@ answered by the one thread that watches the queue.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -26,9 +27,15 @@ QUEUE_CHECK = 0.05
 """How often the queue is searched for jobs whose time is up [s]."""
 LAST_WORD = 2.0
 """How long jobs that are told to end early may take for it when the pool is closed [s]."""
+STOPPED_WITHIN = 10.0
+"""How long slots may take to settle and leave when their workers are killed [s]."""
+JOINED_EVERY = 0.2
+"""How often a worker is killed until its slot has ended: one may just be starting [s]."""
 DEFAULT_LIMITS = Limits()
 DEFAULT_MEMORY = 4 << 30
 """Memory that a worker may have [bytes]."""
+
+_log = logging.getLogger(__name__)
 
 
 class Pool:
@@ -114,9 +121,10 @@ class Pool:
             slot.pass_on_cancel()
 
     def close(self, grace: float) -> None:
-        """Refuse what waits, let workers finish for a while [s], have them come to an end, then stop them.
+        """Refuse what waits, let workers finish for a while [s], have them come to an end, then kill them.
 
-        Every future is settled on return.
+        Every future is settled on return, which comes `LAST_WORD` and `STOPPED_WITHIN` after that while at the latest;
+        unless who hears of a job doesn't come back from it: then the log says that its slot is left behind.
         """
         for task in self._waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
@@ -124,10 +132,14 @@ class Pool:
         for slot in self._slots:
             slot.cancel()
         self._join_for(min(grace, LAST_WORD))
-        for slot in self._slots:
-            slot.kill_worker()
-        for slot in self._slots:
-            slot.join(float("inf"))
+        deadline = time.monotonic() + STOPPED_WITHIN
+        while any(slot.alive for slot in self._slots):
+            if time.monotonic() > deadline:
+                _log.error("a slot still answers or stops its worker after %g s; it is left behind", STOPPED_WITHIN)
+                return
+            for slot in self._slots:
+                slot.kill_worker()
+            self._join_for(JOINED_EVERY)
 
     def _join_for(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import logging
 import multiprocessing
 import os
 import resource
+import signal
 import socket
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import wait
 from typing import Any
 
 from guidefield.errors import GuidefieldError
@@ -22,6 +22,9 @@ DATA_ROOM = 2
 
 LONGEST_REASON = 4096
 """Longest reason that is told of a worker that can't be prepared [characters]."""
+
+_PR_SET_PDEATHSIG = 1
+"""Of Linux's `prctl`: which signal a process gets when the thread that started it ends."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ _line: Line | None = None
 def prepare(setup: Setup, line: Line, memory: int) -> None:
     """Make this process a worker that may have some memory [bytes]; where that is refused, tell why and end."""
     global _answers, _line
-    threading.Thread(target=_end_with_parent, name="guidefield-parent", daemon=True).start()
+    _end_with_parent()
     line.told.setblocking(False)
     try:
         _answers, _line = setup(), line
@@ -83,10 +86,14 @@ def prepare(setup: Setup, line: Line, memory: int) -> None:
 
 
 def _end_with_parent() -> None:
+    """Have the system kill this process when the thread that started it ends, even in the middle of a native call."""
     parent = multiprocessing.parent_process()
     assert parent is not None, "a worker is spawned"
-    wait([parent.sentinel])
-    os._exit(1)
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL)) != 0:
+        raise OSError(ctypes.get_errno(), "a worker can't be made to end with its parent")
+    if os.getppid() != parent.pid:  # it ended before
+        os._exit(1)
 
 
 def work(number: int, job: Any) -> Answer:

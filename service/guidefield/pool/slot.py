@@ -88,15 +88,20 @@ class Slot:
             raise RuntimeError(f"a worker process could not be prepared{self._reason or '; its log says why'}")
         return True
 
+    @property
+    def alive(self) -> bool:
+        """Whether its thread runs."""
+        return self._thread.is_alive()
+
     def join(self, timeout: float) -> None:
         """Wait for the thread to end, which it does once the queue is closed and its job is answered [s]."""
         if self._thread.ident is not None:
-            self._thread.join(None if timeout == float("inf") else max(0.0, timeout))
+            self._thread.join(max(0.0, timeout))
 
     def kill_worker(self) -> None:
         """End the worker at once; its job is answered as crashed."""
         watch = self._watch
-        if watch is not None and self._thread.is_alive():
+        if watch is not None and self.alive:
             watch.kill()
 
     def cancel(self) -> None:
