@@ -41,7 +41,7 @@ def scene(seed: int, count: int) -> Scene:
 @given(seed=st.integers(0, 10_000), count=st.integers(0, 20))
 def test_a_primitives_tables_are_those_of_its_shape(seed: int, count: int) -> None:
     made = scene(seed, count)
-    obstacles, parts, owners = lane_scene(made)
+    obstacles, parts, owners, _ = lane_scene(made)
     assert sorted(set(owners.tolist())) == list(range(len(made.obstacles)))
     links, shapes = parts.links.reshape(-1, 3), parts.shapes.reshape(-1, 3)
     for place, owner in enumerate(owners):
@@ -70,7 +70,7 @@ def test_a_primitives_tables_are_those_of_its_shape(seed: int, count: int) -> No
 @given(seed=st.integers(0, 10_000), count=st.integers(0, 40))
 def test_boxes_hold_their_obstacles_and_no_more(seed: int, count: int) -> None:
     made = scene(seed, count)
-    obstacles, _, owners = lane_scene(made)
+    obstacles, _, owners, _ = lane_scene(made)
     boxes = obstacles.boxes.reshape(-1, 6, LANES).transpose(0, 2, 1).reshape(-1, 6)
     for box in boxes[len(owners) :]:
         assert box.tolist() == [np.inf] * 3 + [-np.inf] * 3
@@ -136,7 +136,7 @@ def test_known_obstacles_give_the_same_tables_in_another_scene() -> None:
 
 
 def test_half_spaces_have_no_end() -> None:
-    obstacles, parts, _ = lane_scene(build(messages.Scene(name="test", obstacles=[FLOOR])))
+    obstacles, parts, *_ = lane_scene(build(messages.Scene(name="test", obstacles=[FLOOR])))
     assert obstacles.kinds.tolist() == [HALF_SPACE]
     normal = np.array([0.1, 0.0, 1.0]) / np.hypot(0.1, 1.0)
     np.testing.assert_allclose(parts.numbers[:4], [*normal, -0.2 / np.hypot(0.1, 1.0)], rtol=0, atol=1e-12)

@@ -13,7 +13,9 @@ from guidefield.kept import kept_with
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
 from guidefield.kernels.lane_primitives import primitive_tables
 from guidefield.kernels.lane_tables import CLOUD, LaneObstacles
+from guidefield.kernels.lane_words import SCENE_WORDS, scene_words
 from guidefield.kernels.lanes import LANES
+from guidefield.kernels.packing import Words
 from guidefield.kernels.separation import BLOCK, PART, Parts
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
@@ -54,11 +56,13 @@ class LaneScene(NamedTuple):
         obstacles: Their primitives; one of many triangles stands as several. Which of them are tested is left open.
         parts: The shapes themselves.
         owners: Which obstacle of the scene each of them stands for, shape (obstacles.size,).
+        words: Obstacles and parts, packed.
     """
 
     obstacles: LaneObstacles
     parts: Parts
     owners: np.ndarray
+    words: Words
 
 
 @kept_with
@@ -79,7 +83,9 @@ def lane_scene(scene: Scene) -> LaneScene:
         obstacles, parts = _with(obstacles, parts, tables)
     for array in (*obstacles[1:], *parts, owners):
         array.setflags(write=False)
-    return LaneScene(obstacles, parts, owners)
+    words = np.empty(SCENE_WORDS, np.int64)
+    scene_words((obstacles, parts), words)
+    return LaneScene(obstacles, parts, owners, words)
 
 
 def _primitives(kinds: np.ndarray, rows: np.ndarray, size: int) -> tuple[LaneObstacles, Parts]:

@@ -8,21 +8,20 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from guidefield.collision.lane_memory import LaneMemory, lane_memory
 from guidefield.collision.lane_robot import LaneRobot, lane_robot, turned_from
-from guidefield.collision.lane_scene import lane_scene
+from guidefield.collision.lane_scene import LaneScene, lane_scene
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
-from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_motion import FRACTIONS, LaneWorld, path_free_until, touching_configurations
-from guidefield.kernels.lane_shortcut import shortcut, without_detours
-from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, HITS, Scratch
-from guidefield.kernels.lane_words import SCENE_WORDS, scene_words
-from guidefield.kernels.lanes import LANES
+from guidefield.kernels.lane_shortcut import shorten
+from guidefield.kernels.lane_tables import Scratch
+from guidefield.kernels.lane_words import MEMORY_WORDS, SCENE_WORDS, lay_out
 from guidefield.kernels.packing import Words, packed
-from guidefield.kernels.separation import WORK
 from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.coverage import coverage
 from guidefield.robot.group import PlanningGroup
@@ -33,19 +32,21 @@ TRIES = 60
 
 @kept_with
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
-    """The tables of a group and the pairs (int64) that must not touch."""
+    """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""
     robot, words = _unturned(group, pairs)
     joints = turned_from(robot.joints, group)
-    if joints is robot.joints:
-        return robot, words
-    return dataclasses.replace(robot, joints=joints), packed((joints, robot.bodies, robot.parts))
+    return (robot, words) if joints is robot.joints else _with_words(dataclasses.replace(robot, joints=joints), group)
 
 
 @kept_with_alike
 def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The same, wherever the group starts."""
-    robot = lane_robot(group, coverage(group.robot).shapes, np.frombuffer(pairs, np.int64).reshape(-1, 2))
-    return robot, packed((robot.joints, robot.bodies, robot.parts))
+    pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
+    return _with_words(lane_robot(group, coverage(group.robot).shapes, pairs_of_bodies), group)
+
+
+def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
+    return robot, packed((robot.joints, robot.bodies, robot.parts, FRACTIONS, group.nv))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,54 +55,43 @@ class Lanes:
 
     Attributes:
         world: Robot and obstacles.
-        tables: The same as arrays.
-        words: Those packed.
+        words: The same as the kernels know it, a packed `LaneWorld`.
+        memory: What it works in, see lane_memory.
+        begins: Where in it the first array is [bytes].
     """
 
     world: World
-    tables: LaneWorld
     words: Words
+    memory: np.ndarray
+    begins: int
 
     @classmethod
     def build(cls, world: World) -> Lanes:
         """Make the tables of a world."""
-        own, mixed = world.pairs[: world.n_self], world.pairs[world.n_self :]
-        robot, words = _robot(world.group, own.tobytes())
-        bodies, nv = robot.bodies, world.group.nv
-        scene = lane_scene(world.scene)
-        tested = np.zeros((bodies.size, len(world.scene.obstacles)), np.int64)
-        tested[mixed[:, 0], mixed[:, 1] - bodies.size] = 1
-        obstacles = scene.obstacles._replace(tested=_frozen(tested[:, scene.owners].ravel()))
-        n_obstacles, n_poses = obstacles.size, robot.joints.size * POSE
-        scratch = Scratch(
-            poses=np.zeros(n_poses, np.float32),
-            centres=np.zeros(bodies.carriers * BALL, np.float32),
-            found=np.zeros(3 * (bodies.size * n_obstacles + len(own) + 1), np.int64),
-            obstacle_axes=np.zeros(AXIS_AND_REACH * bodies.size * n_obstacles),
-            pair_axes=np.zeros(AXIS_AND_REACH * robot.pieces_paired),
-            pose_a=np.zeros(12),
-            pose_b=np.zeros(12),
-            work=np.zeros(WORK),
-            middle=np.zeros(nv * LANES, np.float32),
-            middle_poses=np.zeros(n_poses, np.float32),
-            places=np.zeros(2 * LANES, np.float32),
-            hits=np.full(3 * HITS, -1, np.int64),
-        )
-        block = np.zeros(nv * LANES, np.float32)
-        rest = (obstacles, scene.parts, scratch, block, FRACTIONS, nv)
-        tables = LaneWorld(robot.joints, bodies, robot.parts, *rest)
-        all_words = np.empty(len(words) + SCENE_WORDS, np.int64)
-        # a robot's words come first, and are the same in every scene
-        all_words[: len(words)] = words
-        scene_words(rest, all_words[len(words) :])
-        return cls(world, tables, all_words)
+        robot, words, scene, layout = _of(world)
+        memory = np.zeros(layout.size, np.int64)
+        all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
+        mixed = world.pairs[world.n_self :]
+        begins = lay_out(words, scene.words, layout.offsets, scene.owners, mixed, robot.bodies.size, memory, all_words)
+        return cls(world, all_words, memory, begins)
 
-    def forget(self) -> None:
-        """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
-        scratch = self.tables.scratch
-        scratch.obstacle_axes.fill(0.0)
-        scratch.pair_axes.fill(0.0)
-        scratch.hits.fill(-1)
+    @cached_property
+    def tables(self) -> LaneWorld:
+        """The world as arrays."""
+        robot, _, scene, layout = _of(self.world)
+        views = layout.views(self.memory, self.begins)
+        return LaneWorld(
+            joints=robot.joints,
+            bodies=robot.bodies,
+            parts=robot.parts,
+            fractions=FRACTIONS,
+            nv=self.world.group.nv,
+            obstacles=scene.obstacles._replace(tested=views["tested"]),
+            scene=scene.parts,
+            scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
+            block=views["block"],
+            axes=int(layout.offsets[-1]),
+        )
 
     def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:
         """Which of some chart points touch an obstacle or themselves.
@@ -141,16 +131,15 @@ class Lanes:
             clearance: What to keep from obstacles [m].
             tries: Straight ways between places on it that are looked at.
         """
-        rows = np.empty((len(path) + tries + 2, path.shape[1]), np.float32)
-        rows[: len(path)] = path
-        count = without_detours(self.words, rows, len(path), clearance, resolution)
-        count = shortcut(self.words, rows, count, clearance, resolution, 0, tries)
-        count = without_detours(self.words, rows, count, clearance, resolution)
-        short = rows[:count].astype(float)
-        short[0], short[-1] = path[0], path[-1]  # lanes hold float32: the ends are as they were given
-        return short
+        most, nv = len(path) + tries + 2, path.shape[1]
+        rows, short = np.empty((most, nv), np.float32), np.empty((most, nv))
+        count = shorten(self.words, np.ascontiguousarray(path, float), clearance, resolution, tries, rows, short)
+        return short[:count].copy()
 
 
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array.setflags(write=False)
-    return array
+def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:
+    """What a world is made of that is kept: the robot, its words, the obstacles, and how the memory is laid out."""
+    own = world.pairs[: world.n_self]
+    robot, words = _robot(world.group, own.tobytes())
+    scene = lane_scene(world.scene)
+    return robot, words, scene, lane_memory(robot, len(world.group.lower), len(own), scene.obstacles.size)

@@ -12,6 +12,7 @@ from guidefield.kernels.lane_collision import block_touches
 from guidefield.kernels.lane_kinematics import LANE_JOINTS, LaneJoints
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
+    HITS,
     LANE_BODIES,
     LANE_OBSTACLES,
     SCRATCH,
@@ -43,26 +44,40 @@ class LaneWorld(NamedTuple):
 
     Attributes:
         joints, bodies, parts: The robot.
+        fractions: `FRACTIONS`.
+        nv: How many coordinates a configuration has.
         obstacles, scene: What is around it.
         scratch: Memory; so a world answers one question at a time.
         block: (nv * 16,) memory for the configurations of one block.
-        fractions: `FRACTIONS`.
-        nv: How many coordinates a configuration has.
+        axes: How many numbers the scratch's axes are, from those of obstacles to the last of pairs.
     """
 
     joints: LaneJoints
     bodies: LaneBodies
     parts: Parts
+    fractions: np.ndarray
+    nv: int
     obstacles: LaneObstacles
     scene: Parts
     scratch: Scratch
     block: np.ndarray
-    fractions: np.ndarray
-    nv: int
+    axes: int
 
 
 LANE_WORLD = types.NamedTuple(
-    [LANE_JOINTS, LANE_BODIES, PARTS, LANE_OBSTACLES, PARTS, SCRATCH, FLOATS_OUT, FLOATS, types.int64], LaneWorld
+    [
+        LANE_JOINTS,
+        LANE_BODIES,
+        PARTS,
+        FLOATS,
+        types.int64,
+        LANE_OBSTACLES,
+        PARTS,
+        SCRATCH,
+        FLOATS_OUT,
+        types.int64,
+    ],
+    LaneWorld,
 )
 WORLD = pointed(LANE_WORLD)
 
@@ -118,6 +133,15 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
         if _touches(world, clearance, k == 0):
             return False
     return True
+
+
+@lane_step(void(WORLD))
+def forget(world: LaneWorld) -> None:
+    """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
+    for k in range(world.axes):
+        world.scratch.obstacle_axes[k] = 0.0
+    for k in range(3 * HITS):
+        world.scratch.hits[k] = -1
 
 
 @lane_kernel(void(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.Array(types.boolean, 1, "C")))

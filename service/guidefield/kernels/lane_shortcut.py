@@ -10,9 +10,10 @@ import math
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.lane_motion import motion_free, world_of
+from guidefield.kernels.lane_motion import LaneWorld, motion_free, world_of
 from guidefield.kernels.lanes import lane_kernel, lane_part, pointers
 from guidefield.kernels.packing import Words
+from guidefield.kernels.signatures import MATRIX, MATRIX_OUT
 from guidefield.kernels.tree_kinematics import INDICES
 
 _PATH = types.Array(types.float32, 2, "C")
@@ -28,6 +29,15 @@ def _length(path: np.ndarray, segment: int) -> float:
     for j in range(path.shape[1]):
         square += (path[segment + 1, j] - path[segment, j]) ** 2
     return math.sqrt(square)
+
+
+@lane_part
+def _total(path: np.ndarray, count: int) -> float:
+    """Length of a path of so many points."""
+    total = 0.0
+    for segment in range(count - 1):
+        total += _length(path, segment)
+    return total
 
 
 @lane_part
@@ -52,21 +62,10 @@ def _place(path: np.ndarray, count: int, along: float, point: int) -> int:
     return segment
 
 
-@lane_kernel(int64(INDICES, _PATH, int64, types.float64, types.float64))
-def without_detours(words: Words, path: np.ndarray, count: int, clearance: float, resolution: float) -> int:
-    """From each point on, leave out all before the farthest that is reached straight.
-
-    Args:
-        words: Robot and obstacles, a packed `LaneWorld`.
-        path: Chart points, the first `count` of its rows, shape (n, nv) [rad or m]; changed.
-        count: How many points there are.
-        clearance: What to keep from obstacles [m].
-        resolution: Samples per length in the chart [1/rad or 1/m].
-
-    Returns:
-        How many points are left.
-    """
-    world, i = world_of(pointers(words)), 0
+@lane_part
+def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float) -> int:
+    """From each point on, leave out all before the farthest that is reached straight; how many are left of so many."""
+    i = 0
     while i < count - 2:
         for j in range(count - 1, i + 1, -1):
             if motion_free(world, clearance, pointers(path[i]), pointers(path[j]), resolution):
@@ -77,30 +76,18 @@ def without_detours(words: Words, path: np.ndarray, count: int, clearance: float
     return count
 
 
-@lane_kernel(int64(INDICES, _PATH, int64, types.float64, types.float64, int64, int64))
-def shortcut(
-    words: Words, path: np.ndarray, count: int, clearance: float, resolution: float, first: int, tries: int
+@lane_part
+def _with_shortcuts(
+    world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float, tries: int
 ) -> int:
-    """Take straight ways between places on a path, where they are free.
+    """Take straight ways between places on a path of so many points, where they are free; how many points it has then.
 
-    Args:
-        words: Robot and obstacles, a packed `LaneWorld`.
-        path: Chart points, the first `count` of its rows, shape (n, nv) [rad or m]; changed. Each try may need one row
-            more; the last two are for looking ahead.
-        count: How many points there are.
-        clearance: What to keep from obstacles [m].
-        resolution: Samples per length in the chart [1/rad or 1/m].
-        first: Where in the sequence of places to begin.
-        tries: How many pairs of places.
-
-    Returns:
-        How many points there are now.
+    Each try may need one row more; the last two are for looking ahead.
     """
-    world, low, high = world_of(pointers(words)), len(path) - 2, len(path) - 1
-    for k in range(first, first + tries):
-        total = 0.0
-        for segment in range(count - 1):
-            total += _length(path, segment)
+    low, high, total = len(path) - 2, len(path) - 1, _total(path, count)
+    for k in range(tries):
+        if count < 3:
+            break
         x, y = (0.5 + k * _STEP_X) % 1.0, (0.5 + k * _STEP_Y) % 1.0
         start = _place(path, count, min(x, y) * total, low)
         end = _place(path, count, max(x, y) * total, high)
@@ -110,4 +97,44 @@ def shortcut(
             count += more
             for j in range(path.shape[1]):
                 path[start + 1, j], path[start + 2, j] = path[low, j], path[high, j]
+            total = _total(path, count)
+    return count
+
+
+@lane_kernel(int64(INDICES, MATRIX, types.float64, types.float64, int64, _PATH, MATRIX_OUT))
+def shorten(
+    words: Words,
+    path: np.ndarray,
+    clearance: float,
+    resolution: float,
+    tries: int,
+    rows: np.ndarray,
+    short_out: np.ndarray,
+) -> int:
+    """Leave out detours of a path, take straight ways between places on it, and leave out detours again.
+
+    Args:
+        words: Robot and obstacles, a packed `LaneWorld`.
+        path: Chart points, shape (n, nv) [rad or m].
+        clearance: What to keep from obstacles [m].
+        resolution: Samples per length in the chart [1/rad or 1/m].
+        tries: How many pairs of places.
+        rows: Memory, shape (n + tries + 2, nv), float32.
+        short_out: Gets the path, whose ends are as they were given; shape (n + tries + 2, nv).
+
+    Returns:
+        How many points it has.
+    """
+    world, count, nv = world_of(pointers(words)), len(path), path.shape[1]
+    for i in range(count):
+        for j in range(nv):
+            rows[i, j] = path[i, j]
+    count = _without_detours(world, rows, count, clearance, resolution)
+    count = _with_shortcuts(world, rows, count, clearance, resolution, tries)
+    count = _without_detours(world, rows, count, clearance, resolution)
+    for i in range(count):
+        for j in range(nv):
+            short_out[i, j] = rows[i, j]
+    for j in range(nv):
+        short_out[0, j], short_out[count - 1, j] = path[0, j], path[len(path) - 1, j]
     return count

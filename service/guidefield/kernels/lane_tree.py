@@ -13,7 +13,7 @@ import numpy as np
 from numba import boolean, int64, types
 
 from guidefield.kernels.lane_branch import join
-from guidefield.kernels.lane_motion import WORLD, LaneWorld, motion_free, world_of
+from guidefield.kernels.lane_motion import WORLD, LaneWorld, forget, motion_free, world_of
 from guidefield.kernels.lane_nearest import nearest, nearest_to_each, take_sample
 from guidefield.kernels.lane_nodes import (
     ACTIVE,
@@ -213,20 +213,21 @@ def grow(
         clearance: What to keep from obstacles [m].
         resolution: Samples per length in the chart [1/rad or 1/m].
         iterations: How many more; a batch that is begun is ended.
-        begins: Whether to leave only the roots of the trees before.
+        begins: Whether to leave only the roots of the trees before, and to forget what the world was asked.
 
     Returns:
         MET (the path is written), FULL (give it more room) or GOING_ON.
 
     Raises:
-        ValueError: if the roots are of another number of coordinates.
+        ValueError: if roots, trees and robot aren't of as many coordinates.
     """
-    sources, trees = sampling_of(pointers(sampling)), search_of(pointers(search))
-    if starts.shape[1] != trees.nv or goals.shape[1] != trees.nv:
-        raise ValueError("a root has another number of coordinates than the trees")
+    among, sources, trees = world_of(pointers(world)), sampling_of(pointers(sampling)), search_of(pointers(search))
+    if starts.shape[1] != trees.nv or goals.shape[1] != trees.nv or among.nv != trees.nv:
+        raise ValueError("roots, trees and robot differ in how many coordinates they have")
     if begins:
         _begin(trees, starts, goals)
-    outcome = _grown(world_of(pointers(world)), sources, trees, clearance, resolution, iterations)
+        forget(among)
+    outcome = _grown(among, sources, trees, clearance, resolution, iterations)
     if outcome == MET:
         join(sources, trees, starts, goals)
     return outcome

@@ -20,13 +20,11 @@ class Sources:
     Attributes:
         sampling: The box that they fill.
         words: That packed.
-        wraps: Whether any coordinate does.
         roams: Which coordinates are lengths without limits, shape (k,).
     """
 
     sampling: Sampling
     words: Words
-    wraps: bool
     roams: np.ndarray
 
     @classmethod
@@ -34,7 +32,7 @@ class Sources:
         """Sources that fill a box; `roams` as the attribute, shape (k,)."""
         for array in (*sampling[:5], sampling.rotations, roams):
             array.setflags(write=False)
-        return cls(sampling, packed(sampling), bool(sampling.period.any()), roams)
+        return cls(sampling, packed(sampling), roams)
 
     def about(self, roots: np.ndarray) -> Sources:
         """Where lengths without limits are concerned, a box with `ROAM` around all of some chart points (n, nv)."""

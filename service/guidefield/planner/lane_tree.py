@@ -102,7 +102,7 @@ def grow(
         within: Samples come from where a path of at most this length [rad or m] may lead.
         most_motions: After so many motions it ends.
     """
-    nv = lanes.tables.nv
+    nv = starts.shape[1]
     place = _place(lanes.world.group, nv)
     sources, room = place.sources, place.room
     if sources.roams.size:
@@ -113,7 +113,6 @@ def grow(
     if 2 * most_roots > FIRST_CAPACITY:
         room = _Room.build(nv, 2 * most_roots)
     rng.random(out=room.search.places)
-    lanes.forget()
     begins, suspected, counters = True, [0, 1], room.search.counters
     while True:
         piece = PIECE if budget.spent() is None else 0
