@@ -15,6 +15,7 @@ from guidefield.recorder import bodies_file
 from guidefield.recorder.meshes_file import read_meshes
 from guidefield.recorder.recorder import Place
 from guidefield.recorder.whole import LEFT_OUT, self_contained
+from guidefield.robot.coverage import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
 
 MOST_STORED = 500_000
@@ -23,7 +24,10 @@ MOST_STORED = 500_000
 
 @pytest.fixture(scope="module")
 def run() -> MadeUp:
-    return made_up("panda")
+    """A plan of a robot whose balls are known: were they found meanwhile, by other tests, drawings would differ."""
+    run = made_up("panda")
+    coverage(run.group.robot)
+    return run
 
 
 @pytest.fixture
