@@ -19,6 +19,9 @@ from guidefield.pool.waiting import Answer, Limits, Task
 AHEAD = 4
 """How many requests are handed over for each worker."""
 
+LOOK_UP = 0.5
+"""How often who waits for results looks up: a Ctrl-C that another thread takes doesn't wake it [s]."""
+
 
 @dataclass(frozen=True)
 class BatchSetup:
@@ -59,7 +62,7 @@ def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
                 asked[pool.submit(Task(item, seconds_for(item.request), size=len(item.request)))] = item
             if not asked:
                 return
-            for task in wait(asked, return_when=FIRST_COMPLETED).done:
+            for task in wait(asked, LOOK_UP, FIRST_COMPLETED).done:
                 assert isinstance(task, Task), "they are what was asked"
                 yield _outcome(asked.pop(task), task)
     finally:

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from guidefield.client import questions
-from guidefield.client.exchange import Exchange
+from guidefield.client.exchange import Exchange, awaited
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.session import opened
 from guidefield.client.watching import watching
@@ -119,7 +119,7 @@ class Client:
         with watching(self._exchange.session, question.run_id, progress):
             answer = self._exchange.ask(question)
             try:
-                return question.read(answer.result())
+                return question.read(awaited(answer))
             except (KeyboardInterrupt, SystemExit):
                 self._exchange.ask(questions.cancel(question.run_id)).result(GIVE_UP_WITHIN)
                 raise
@@ -281,7 +281,7 @@ class Client:
         return self._ask(questions.info())
 
     def _ask(self, question: Question[_R]) -> _R:
-        return question.read(self._exchange.ask(question).result())
+        return question.read(awaited(self._exchange.ask(question)))
 
 
 def exchange_with(endpoints: tuple[str, ...], instance: str | None, config: Path | None, wait: float) -> Exchange:

@@ -14,7 +14,7 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future, InvalidStateError, wait
 from typing import Any
 
 import zenoh
@@ -30,6 +30,8 @@ MOST_RETURNS = 5
 """How often a question goes to the same instance again."""
 PAUSE = 0.1
 """How long it waits before it goes there again, twice as long each time: Zenoh may not know yet that it is gone [s]."""
+LOOK_UP = 0.2
+"""How often who waits for an answer looks up [s]."""
 MOST_RUNS = 1_000
 """For how many runs it is remembered which instance has them."""
 
@@ -198,3 +200,13 @@ class _Asking:
         payload = self._brought[0].err.payload.to_bytes()
         timeout, words = self._question.timeout, payload.decode(errors="replace")
         return refusal(payload) or NoService(f"no answer within {timeout:g} s ({words})", timeout=timeout)
+
+
+def awaited(answer: Future[bytes]) -> bytes:
+    """What an answer holds, once it is there; or raises what it holds.
+
+    It looks up meanwhile: a Ctrl-C that the system gives to a thread of Zenoh doesn't wake the one that waits.
+    """
+    while not wait([answer], LOOK_UP).done:
+        pass
+    return answer.result()
