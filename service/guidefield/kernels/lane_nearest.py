@@ -85,9 +85,20 @@ def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> 
     return int(winner)
 
 
+@lane_step(void(SEARCH, int64, SAMPLING, int64))
+def _nearer_in_buckets(search: Search, tree: int, sampling: Sampling, k: int) -> None:
+    """Write of one of the sixteen samples the nearest node if that is in a bucket."""
+    sample, near = search.sample, search.near
+    for j in range(search.nv):
+        sample[j] = search.samples[j * LANES + k]
+    winner, square = int(near[LANES + k]), near[k]
+    winner, square = nearest_in_buckets(search.buckets, search.nv, tree, sample, sampling, winner, square)
+    near[k], near[LANES + k] = square, winner
+
+
 @lane_part
-def nearest_to_each(search: Search, tree: int, sampling: Sampling) -> int:
-    """Write of each of the sixteen samples the node nearest to it that is in no bucket; how many nodes are in buckets.
+def nearest_to_each(search: Search, tree: int, sampling: Sampling) -> None:
+    """Write of each of the sixteen samples the node nearest to it and how far it is from it, squared.
 
     The samples are in lanes, four nodes at a time go by; none is looked at beyond the last, but that one again.
     """
@@ -116,26 +127,9 @@ def nearest_to_each(search: Search, tree: int, sampling: Sampling) -> int:
         least = smallest_of(v, least)
     store(search.near, 0, least)
     store(search.near, LANES, which)
-    return int(known)
-
-
-@lane_step(void(SEARCH, int64, SAMPLING, int64))
-def _nearer_in_buckets(search: Search, tree: int, sampling: Sampling, k: int) -> None:
-    """Write of one of the sixteen samples the nearest node if that is in a bucket."""
-    sample, near = search.sample, search.near
-    for j in range(search.nv):
-        sample[j] = search.samples[j * LANES + k]
-    winner, square = int(near[LANES + k]), near[k]
-    winner, square = nearest_in_buckets(search.buckets, search.nv, tree, sample, sampling, winner, square)
-    near[k], near[LANES + k] = square, winner
-
-
-@lane_part
-def take_sample(search: Search, tree: int, sampling: Sampling, known: int, k: int) -> tuple[int, float]:
-    """The node nearest to one of sixteen samples, once `nearest_to_each` was asked, and its distance squared."""
     if known:
-        _nearer_in_buckets(search, tree, sampling, k)
-    return int(search.near[LANES + k]), search.near[k]
+        for k in range(LANES):
+            _nearer_in_buckets(search, tree, sampling, k)
 
 
 @lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))
@@ -148,9 +142,9 @@ def nearest_nodes_of_samples(
         for k in range(LANES):
             for j in range(trees.nv):
                 trees.samples[j * LANES + k] = targets[i + k, j]
-        known = nearest_to_each(trees, tree, sources)
+        nearest_to_each(trees, tree, sources)
         for k in range(LANES):
-            nodes_out[i + k], _ = take_sample(trees, tree, sources, known, k)
+            nodes_out[i + k] = int(trees.near[LANES + k])
 
 
 @lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))

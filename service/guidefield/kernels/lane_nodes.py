@@ -21,6 +21,7 @@ from guidefield.kernels.lanes import (
     FLOATS_OUT,
     INTEGERS_OUT,
     LANES,
+    lane,
     lane_part,
     lane_step,
     load,
@@ -126,7 +127,7 @@ def step_each(search: Search, sampling: Sampling, batch: int) -> None:
     for slot in range(batch):
         at = grown[2 * slot] * nv * capacity + grown[2 * slot + 1]
         for j in range(nv):
-            origins[j * LANES + slot] = nodes[at + j * capacity]
+            origins[j * LANES + slot] = lane(load(nodes, at + j * capacity), 0)
     square = splat(0.0)
     for j in range(nv):
         way = load(ends, j * LANES) - load(origins, j * LANES)

@@ -14,7 +14,7 @@ from numba import boolean, int64, types
 
 from guidefield.kernels.lane_branch import join
 from guidefield.kernels.lane_motion import WORLD, LaneWorld, forget, motion_free, world_of
-from guidefield.kernels.lane_nearest import nearest, nearest_to_each, take_sample
+from guidefield.kernels.lane_nearest import nearest, nearest_to_each
 from guidefield.kernels.lane_nodes import (
     ACTIVE,
     COUNTERS,
@@ -36,7 +36,7 @@ from guidefield.kernels.lane_nodes import (
 )
 from guidefield.kernels.lane_samples import SAMPLING, Sampling, next_samples, pass_samples, sampling_of
 from guidefield.kernels.lane_sieve import SIEVE, certain_hits
-from guidefield.kernels.lanes import LANES, lane_kernel, lane_part, lane_step, pointers
+from guidefield.kernels.lanes import LANES, first_lane, lane, lane_kernel, lane_part, lane_step, load, pointers
 from guidefield.kernels.packing import Words
 from guidefield.kernels.tree_kinematics import INDICES
 
@@ -89,6 +89,20 @@ def _connected(
     return False
 
 
+@lane_part
+def _taken(search: Search, tree: int, patience: int) -> int:
+    """Mask of the sixteen samples that are extended to: those in the domains of their nodes, and some others."""
+    near, domains, first, refused, taken = search.near, search.domains, tree * search.capacity, 0, 0
+    refused = search.counters[REFUSED]
+    for k in range(LANES):
+        domain = domains[first + int(near[LANES + k])]
+        passed_by = (near[k] > domain * domain) & (refused < patience)
+        refused = refused + 1 if passed_by else 0
+        taken |= (0 if passed_by else 1) << k
+    search.counters[REFUSED] = refused
+    return int(taken)
+
+
 @lane_step(int64(SAMPLING, SEARCH, int64))
 def _choose(sampling: Sampling, search: Search, batch: int) -> int:
     """Write a batch of extensions: from which node of which tree, and where they would end; how many samples it took.
@@ -103,21 +117,20 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
         if counters[SIZE + 1 - tree] * BALANCE <= counters[SIZE + tree]:  # the other is smaller: it goes on
             tree = 1 - tree
         next_samples(sampling, nv, search.places, search.samples)
-        known, used = nearest_to_each(search, tree, sampling), 0
-        while used < LANES and chosen < batch:
-            node, square = take_sample(search, tree, sampling, known, used)
-            at = tree * search.capacity + node
-            if square > search.domains[at] * search.domains[at] and counters[REFUSED] < patience:
-                counters[REFUSED] += 1
-                used += 1
-                continue
-            counters[REFUSED] = 0
+        nearest_to_each(search, tree, sampling)
+        taken, used = _taken(search, tree, patience), LANES
+        while taken:
+            k = first_lane(taken)
+            taken &= taken - 1
+            node = int(search.near[LANES + k])
             grown[2 * chosen], grown[2 * chosen + 1] = tree, node
-            search.longest[chosen] = RANGE / (1 << min(search.failed[at] // STUBBORN, SHORTEST))
+            halved = min(search.failed[tree * search.capacity + node] // STUBBORN, SHORTEST)
+            search.longest[chosen] = RANGE / (1 << halved)
             for j in range(nv):
-                search.ends[j * LANES + chosen] = search.samples[j * LANES + used]
+                search.ends[j * LANES + chosen] = lane(load(search.samples, j * LANES), k)
             chosen += 1
-            used += 1
+            if chosen == batch:
+                used, taken, counters[REFUSED] = k + 1, 0, 0
         pass_samples(sampling, nv, search.places, used)
         drawn += used
         if used == LANES or batch == 1:  # else this tree goes on with the next batch
