@@ -215,6 +215,8 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
         if kinds[i] == TURNING:
             forms[i], turn, more = _form(int(table.parents[i]), turn)
             offset = (offset + more + np.pi) % (2.0 * np.pi) - np.pi
+        elif kinds[i] == SLIDING and table.parents[i] == 0:
+            forms[i] = GROUNDED
         placement = np.c_[turn, turns[table.parents[i]].T @ table.placements[i][:, 3]]
         rest = (row[drivers[i]], offset, 0.0, 0.0) if kinds[i] in (TURNING, SLIDING) else (0.0, 0.0, 0.0, 1.0)
         numbers[i] = *placement.ravel(), *rest

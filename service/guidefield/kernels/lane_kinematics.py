@@ -36,8 +36,8 @@ TURNING, SLIDING, PLANAR, BALL, FLOATING = range(5)
 one degree of freedom is turned so that its axis is z; the others take as many coordinates as robot/chart.py says."""
 
 PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
-"""Forms of the placement of a turning joint in its parent's frame: any; turned about x by a right angle, or not at all;
-any in the world."""
+"""Forms of the placement of a joint in its parent's frame: any; turned about x by a right angle, or not at all, of a
+turning joint; any in the world, of one that turns or slides."""
 
 JOINT = 16
 """Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value, or the
@@ -104,14 +104,21 @@ def _shifted(poses: Floats32, row: int, numbers: Floats32, base: int) -> Vector:
 
 
 @lane_part
-def _place_grounded(numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int) -> None:
-    """Write placements of a joint that turns in the world, by angles with these cosines and sines."""
+def _place_grounded(
+    turning: bool, numbers: Floats32, base: int, value: Vector, c: Vector, s: Vector, poses_out: Floats32, here: int
+) -> None:
+    """Write placements of a joint that turns in the world, by angles with these cosines and sines, or slides in it."""
     for r in range(3):
         row, at = here + r * 4 * LANES, base + 4 * r
-        store(poses_out, row, c * numbers[at] + s * numbers[at + 1])
-        store(poses_out, row + 16, c * numbers[at + 1] - s * numbers[at])
+        if turning:
+            store(poses_out, row, c * numbers[at] + s * numbers[at + 1])
+            store(poses_out, row + 16, c * numbers[at + 1] - s * numbers[at])
+            store(poses_out, row + 48, splat(numbers[at + 3]))
+        else:
+            store(poses_out, row, splat(numbers[at]))
+            store(poses_out, row + 16, splat(numbers[at + 1]))
+            store(poses_out, row + 48, value * numbers[at + 2] + numbers[at + 3])
         store(poses_out, row + 32, splat(numbers[at + 2]))
-        store(poses_out, row + 48, splat(numbers[at + 3]))
 
 
 @lane_part
@@ -236,10 +243,12 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
         joints: The joints.
         coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m]; rotation vectors are shorter than a
             full turn.
-        poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,).
+        poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,); all 0, or from an earlier call,
+            as the world stays where it is.
     """
     size, parents, kinds, forms, drivers, numbers = joints
-    _place_world(poses_out)
+    if poses_out[0] != 1.0:
+        _place_world(poses_out)
     for i in range(1, size):
         base, here, there, form = i * JOINT, i * POSE, parents[i] * POSE, forms[i]
         value = load(coordinates, drivers[i] * LANES) * numbers[base + 12] + numbers[base + 13]
@@ -252,7 +261,7 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
         elif form == PARALLEL:
             _place_parallel(numbers, base, c, s, poses_out, here, there)
         elif form == GROUNDED:
-            _place_grounded(numbers, base, c, s, poses_out, here)
+            _place_grounded(turning, numbers, base, value, c, s, poses_out, here)
         elif kinds[i] > SLIDING:
             _place_free(joints, i, coordinates, poses_out)
         else:
