@@ -9,10 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
-from guidefield.kernels.lane_tables import BAND, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
+from guidefield.kernels.lane_tables import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
 
-MOST_CELLS = (1, 1 << 12, 1 << 18, 1 << 20)
-"""Cells of a grid over so many coordinates."""
+LARGEST = (1, 1 << 12, 1 << 16, 1 << 15)
+"""The largest cells of a grid over so many coordinates, at most."""
+
+DIVIDED = (0, 6, 3, 2)
+"""By how many powers of 2 a cell's sides are divided, by how many coordinates there are: into `CHILDREN` children."""
+
+SMALLEST, MOST_LEVELS = 5e-4, 4
+"""Cells in which bodies move less than this past each other [m] aren't divided, nor any more often than this."""
+
+ROOM = 1 << 22
+"""Room for that many cells that others are divided into; when it is used up, no more are."""
 
 SLACK = 1.001
 """By how much the motion within a cell is taken to be larger: places on the grid are rounded to float32."""
@@ -24,12 +33,12 @@ class Grids(NamedTuple):
     Attributes:
         grids: (GRID_PLACES * meetings,).
         grid_numbers: (GRID_NUMBERS * meetings,) float32.
-        verdicts: (cells,) uint8, nothing judged yet.
+        cells: (CHILDREN + largest cells + ROOM,) int32, nothing judged yet.
     """
 
     grids: np.ndarray
     grid_numbers: np.ndarray
-    verdicts: np.ndarray
+    cells: np.ndarray
 
 
 class _Side(NamedTuple):
@@ -62,7 +71,7 @@ def lane_grids(
             many cells of three take longer to judge than they save.
     """
     numbers = joints.numbers.reshape(-1, JOINT)
-    places, values, cells = [], [], 0
+    places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
     for (a, b), allowed in zip(meetings[:, :2].tolist(), most.tolist(), strict=True):
         way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
         sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
@@ -72,24 +81,31 @@ def lane_grids(
             continue
         place, row, moved, counts = [], [], 0.0, _counts(sides)
         for side, count in zip(sides, counts, strict=True):
-            place += [side.driver, count]
-            row += [side.lower, count / side.width, 0.5 / np.pi if side.wraps else 0.0]
-            moved += side.lever * 0.5 * side.width / count
+            moved += SLACK * side.lever * 0.5 * side.width / count
+        divided = DIVIDED[len(sides)]
+        levels = 0 if moved == 0.0 else math.ceil(math.log2(moved / SMALLEST) / divided)
+        levels = min(max(levels, 0), MOST_LEVELS)
+        for index, (side, count) in enumerate(zip(sides, counts, strict=True)):
+            smallest = count << divided * levels
+            place += [side.driver, smallest, 1 << divided * index]
+            row += [side.lower, smallest / side.width, 0.5 / np.pi if side.wraps else 0.0]
         unused = GRID_SIDES - len(sides)
-        places.append([*place, *[0, 1] * unused, cells])
-        values.append([*row, *[0.0] * 3 * unused, SLACK * moved + BAND])
+        places.append([*place, *[0, 1 << divided * levels, 0] * unused, cells, levels, divided])
+        values.append([*row, *[0.0] * 3 * unused, moved])
         cells += math.prod(counts)
+    known = np.zeros(cells + ROOM, np.int32)
+    known[0] = cells
     return Grids(
         np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
         np.array(values, np.float32).reshape(-1, GRID_NUMBERS).ravel(),
-        np.zeros(cells, np.uint8),
+        known,
     )
 
 
 def _counts(sides: list[_Side]) -> list[int]:
-    """How many cells lie along each coordinate: a step along any moves bodies about as far."""
+    """How many of the largest cells lie along each coordinate: a step along any moves bodies about as far."""
     ways = np.array([side.lever * side.width for side in sides])
-    share = (MOST_CELLS[len(sides)] / ways.prod()) ** (1.0 / max(len(sides), 1))
+    share = (LARGEST[len(sides)] / ways.prod()) ** (1.0 / max(len(sides), 1))
     return [max(1, int(count)) for count in ways * share]
 
 
@@ -135,7 +151,7 @@ def _sides(
                 beyond += float(np.abs(ends + numbers[joint, 13]).max())
             reach = beyond
     sides = []
-    for driver in sorted(levers):
+    for driver in sorted(driver for driver in levers if levers[driver] > 0.0):
         low, high = (-np.pi, np.pi) if wraps[driver] else ranges[driver]
         sides.append(_Side(driver, float(low), float(high - low), wraps[driver], levers[driver]))
     bounded = all(np.isfinite([side.lower, side.width, side.lever]).all() and side.width > 0.0 for side in sides)

@@ -9,7 +9,7 @@ import numpy as np
 from guidefield.collision.lane_robot import LaneRobot
 from guidefield.kept import kept_with
 from guidefield.kernels.lane_kinematics import POSE
-from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, HITS, Scratch
+from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, GRID_SIDES, HITS, Scratch
 from guidefield.kernels.lane_words import LINE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words
@@ -57,7 +57,7 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "poses": (np.float32, n_poses),
         "block": (np.float32, nv * LANES),
         "centres": (np.float32, robot.bodies.carriers * BALL),
-        "places": (np.float32, 2 * LANES),
+        "places": (np.float32, (GRID_SIDES + 1) * LANES),
         "hits": (np.int64, 3 * HITS),
         "tested": (np.int64, met),
         "found": (np.int64, 3 * (met + own_pairs + 1)),

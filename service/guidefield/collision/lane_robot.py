@@ -117,6 +117,7 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
         carriers=len(carrying),
         moving=int(np.count_nonzero(carrying)),
         n_meetings=len(meetings),
+        n_cells=len(grids.cells),
         joints=joints,
         carrying=carrying.astype(np.int64),
         members=_offsets(members),
@@ -139,9 +140,9 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
         inner=_balls(inners),
         grids=grids.grids,
         grid_numbers=grids.grid_numbers,
-        verdicts=grids.verdicts,
+        cells=grids.cells,
     )
-    for array in bodies[4:-1]:
+    for array in bodies[5:-1]:
         array.setflags(write=False)
     return LaneRobot(lane_joints, bodies, parts, int(places[-1]))
 

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
+from guidefield.kernels.claim import claimed
 from guidefield.kernels.lane_axes import one_pose
-from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
     BAND,
     BODIES,
+    CHILDREN,
     GRID_NUMBERS,
     GRID_PLACES,
     GRID_SIDES,
@@ -43,7 +45,13 @@ from guidefield.kernels.separation import AXIS, POINTED_PARTS, Parts, parts_apar
 from guidefield.kernels.signatures import Floats
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
-"""What is known of a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known."""
+"""What is known of a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.
+
+A larger number says that neither is known of the cell as a whole, and where its children are.
+"""
+
+START, LEVELS, DIVIDED = range(3 * GRID_SIDES, GRID_PLACES)
+"""Where in a grid's whole numbers it stands where its largest cells begin, how often they are divided, by how much."""
 
 _TURN = 6.283185307179586
 
@@ -120,19 +128,33 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     return True
 
 
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, SCRATCH_MEMORY))
-def _judged(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, cell: int, scratch: Scratch) -> int:
-    """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are."""
+@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
+def _judged(
+    joints: LaneJoints,
+    bodies: LaneBodies,
+    parts: Parts,
+    meeting: int,
+    a: int,
+    b: int,
+    c: int,
+    shift: int,
+    scratch: Scratch,
+) -> int:
+    """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are.
+
+    The cell is that of the smallest cell with the indices a, b, c whose sides are 2^shift as long.
+    """
     grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
-    for side in range(GRID_SIDES - 1, -1, -1):
-        driver, count, n = grids[place + 2 * side], grids[place + 2 * side + 1], at + 3 * side
+    for side in range(GRID_SIDES):
+        n, index = at + 3 * side, a if side == 0 else b if side == 1 else c
         if numbers[n + 1] > 0.0:
-            store(scratch.middle, driver * LANES, splat(numbers[n] + (cell % count + 0.5) / numbers[n + 1]))
-        cell //= count
+            middle = ((index >> shift) + 0.5) * (1 << shift)
+            store(scratch.middle, grids[place + 3 * side] * LANES, splat(numbers[n] + middle / numbers[n + 1]))
     lane_placements(joints, scratch.middle, scratch.middle_poses)
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting]], 0, scratch.pose_a)
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting + 1]], 0, scratch.pose_b)
-    verdict, moved = APART, numbers[at + 3 * GRID_SIDES]
+    divisions = grids[place + LEVELS] * grids[place + DIVIDED] - shift
+    verdict, moved = APART, numbers[at + 3 * GRID_SIDES] / (1 << divisions) + BAND
     for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
         first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
         if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
@@ -141,6 +163,36 @@ def _judged(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, 
             return TOUCHING
         verdict = UNKNOWN
     return verdict
+
+
+@lane_part
+def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, chosen: int, scratch: Scratch) -> int:
+    """What is known of a meeting's bodies at the configuration of a lane, by the smallest cell that has to be asked."""
+    grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
+    a, b, c = int(places[chosen]), int(places[LANES + chosen]), int(places[2 * LANES + chosen])
+    divided, at = grids[place + DIVIDED], grids[place + START] + int(places[GRID_SIDES * LANES + chosen])
+    shift, last = divided * grids[place + LEVELS], (1 << divided) - 1
+    while True:
+        known = int(cells[at])
+        if known == UNJUDGED:
+            known = _judged(joints, bodies, parts, meeting, a, b, c, shift, scratch)
+            if known == UNKNOWN and shift > 0:
+                known = max(UNKNOWN, claimed(cells, CHILDREN, bodies.n_cells))
+            cells[at] = known
+        if known <= TOUCHING:
+            return known
+        shift -= divided
+        at = known + grids[place + 2] * (a >> shift & last)
+        at += grids[place + 5] * (b >> shift & last) + grids[place + 8] * (c >> shift & last)
+
+
+@lane_part
+def _apart_by_largest(cells: Integers, start: int, places: Floats32) -> int:
+    """The lanes whose largest cell keeps the bodies apart; without a branch, as most of the time goes by for memory."""
+    apart = 0
+    for k in range(LANES):
+        apart |= int(cells[start + int(places[GRID_SIDES * LANES + k])] == APART) << k
+    return apart
 
 
 @lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, FLOAT_POINTER, SCRATCH_MEMORY))
@@ -157,27 +209,28 @@ def left_of_cells(
 
     Shapes as in `block_touches`.
     """
-    grids, numbers, verdicts = bodies.grids, bodies.grid_numbers, bodies.verdicts
+    grids, numbers, places = bodies.grids, bodies.grid_numbers, scratch.places
     place, at, cells, inside = GRID_PLACES * meeting, GRID_NUMBERS * meeting, splat(0.0), mask
     if grids[place + 1] == 0:
         return mask
+    divisions = 1 << grids[place + LEVELS] * grids[place + DIVIDED]
+    share, down = 1.0 / divisions, 0.5 / divisions - 0.5
     for side in range(GRID_SIDES):
-        count, n = float(grids[place + 2 * side + 1]), at + 3 * side
-        value = load(coordinates, grids[place + 2 * side] * LANES)
+        count, n = float(grids[place + 3 * side + 1]), at + 3 * side
+        value = load(coordinates, grids[place + 3 * side] * LANES)
         along = (value - rint(value * numbers[n + 2]) * _TURN - numbers[n]) * numbers[n + 1]
         inside &= below(along, splat(count)) & ~below(along, splat(0.0))
-        cells = cells * count + smallest_of(largest_of(rint(along - 0.5), splat(0.0)), splat(count - 1.0))
-    store(scratch.places, 0, cells)
-    left, start, mask = mask & ~inside, grids[place + 2 * GRID_SIDES], inside
+        index = smallest_of(largest_of(rint(along - 0.5), splat(0.0)), splat(count - 1.0))
+        store(places, side * LANES, index)
+        cells = cells * (count * share) + rint(index * share + down)
+    store(places, GRID_SIDES * LANES, cells)
+    left, mask = mask & ~inside, inside & ~_apart_by_largest(bodies.cells, grids[place + START], places)
     while mask:
         chosen = first_lane(mask)
         mask &= mask - 1
-        cell = int(scratch.places[chosen])
-        if verdicts[start + cell] == UNJUDGED:
-            verdicts[start + cell] = _judged(joints, bodies, parts, meeting, cell, scratch)
-        verdict = verdicts[start + cell]
-        if verdict == TOUCHING:
+        known = _known(joints, bodies, parts, meeting, chosen, scratch)
+        if known == TOUCHING:
             return -1
-        if verdict != APART:
+        if known != APART:
             left |= 1 << chosen
     return left

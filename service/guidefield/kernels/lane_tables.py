@@ -29,8 +29,11 @@ HITS = 4
 GRID_SIDES = 3
 """Coordinates that a grid of cells has at most."""
 
-GRID_PLACES, GRID_NUMBERS = 2 * GRID_SIDES + 1, 3 * GRID_SIDES + 1
+GRID_PLACES, GRID_NUMBERS = 3 * GRID_SIDES + 3, 3 * GRID_SIDES + 1
 """Numbers of a grid of cells: whole ones, others."""
+
+CHILDREN = 64
+"""Cells that a cell is divided into."""
 
 CLOUD = 6
 """The kind of an obstacle that is balls about points; its primitive says nothing."""
@@ -50,6 +53,7 @@ class LaneBodies(NamedTuple):
         carriers: m, how many joints carry bodies.
         moving: How many of them move in the world: the first ones, those far out first.
         n_meetings: Pairs of carriers some of whose bodies must not touch.
+        n_cells: How long `cells` is.
         joints: (n,) the joint that carries each body.
         carrying: (m,) the joint of each carrier.
         members: (m + 1,) where the bodies of each carrier begin in `order`.
@@ -61,8 +65,10 @@ class LaneBodies(NamedTuple):
         pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
         piece_roots: (pieces,) the root of each in the robot's parts.
         meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
-        grids: (GRID_PLACES * n_meetings,) for each three coordinates with how many cells their sides have, and
-            where its verdicts begin; no cells where bodies' distance hangs on more.
+        grids: (GRID_PLACES * n_meetings,) for each three coordinates with how many of the smallest cells are along
+            them and how far such children of a cell as follow each other along them are apart in `cells`; then where
+            the largest cells begin there, how often they are divided, and by how many powers of 2 along a side. All 0
+            where bodies' distance hangs on more coordinates.
         pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
         around: (4 * m,) a ball about each carrier's bodies.
         bounds: (4 * n,) a ball about each body.
@@ -70,15 +76,18 @@ class LaneBodies(NamedTuple):
         grouped: (4 * groups,) a ball about each group.
         cover: (4 * c,) balls that contain the bodies.
         inner: (4 * i,) balls that are inside them.
-        grid_numbers: (GRID_NUMBERS * n_meetings,) for each of a grid's coordinates its least value, cells per length,
-            and 1 / (2 pi) if it wraps, else 0; then how far motions within a cell move bodies past each other.
-        verdicts: (cells,) what is known of the grids' cells; written by the kernels.
+        grid_numbers: (GRID_NUMBERS * n_meetings,) for each of a grid's coordinates its least value, smallest cells per
+            length, and 1 / (2 pi) if it wraps, else 0; then how far motions within one of the largest cells move bodies
+            past each other.
+        cells: (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the
+            kernels. The first number says from where on the array is free.
     """
 
     size: int
     carriers: int
     moving: int
     n_meetings: int
+    n_cells: int
     joints: np.ndarray
     carrying: np.ndarray
     members: np.ndarray
@@ -99,7 +108,7 @@ class LaneBodies(NamedTuple):
     cover: np.ndarray
     inner: np.ndarray
     grid_numbers: np.ndarray
-    verdicts: np.ndarray
+    cells: np.ndarray
 
 
 class LaneObstacles(NamedTuple):
@@ -140,7 +149,7 @@ class Scratch(NamedTuple):
         pose_a, pose_b: (12,) each.
         work: (WORK,).
         middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
-        places: (32,) where on a grid a block's configurations are.
+        places: ((GRID_SIDES + 1) * 16,) where on a grid a block's configurations are.
         hits: (3 * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
     """
 
@@ -158,9 +167,9 @@ class Scratch(NamedTuple):
     hits: np.ndarray
 
 
-_VERDICTS = types.Array(types.uint8, 1, "C")
+_CELLS = types.Array(types.int32, 1, "C")
 
-LANE_BODIES = types.NamedTuple([*[types.int64] * 4, *[INDICES] * 13, *[FLOATS] * 7, _VERDICTS], LaneBodies)
+LANE_BODIES = types.NamedTuple([*[types.int64] * 5, *[INDICES] * 13, *[FLOATS] * 7, _CELLS], LaneBodies)
 LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, INDICES], LaneObstacles)
 SCRATCH = types.NamedTuple(
     [*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3, INTEGERS_OUT], Scratch
