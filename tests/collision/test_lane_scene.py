@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import coal
+import msgspec
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
@@ -141,3 +142,14 @@ def test_half_spaces_have_no_end() -> None:
     normal = np.array([0.1, 0.0, 1.0]) / np.hypot(0.1, 1.0)
     np.testing.assert_allclose(parts.numbers[:4], [*normal, -0.2 / np.hypot(0.1, 1.0)], rtol=0, atol=1e-12)
     assert parts.balls[3] == np.inf
+
+
+def test_lanes_ask_for_no_shape_of_a_primitive() -> None:
+    new = [
+        msgspec.structs.replace(one, name=f"never met {i}")
+        for i, one in enumerate((FLOOR, *scattered(np.random.default_rng(11), 8)))
+    ]
+    made = build(messages.Scene(name="test", obstacles=[*new, WALL]))
+    Lanes.build(World.build(group("panda"), made))
+    assert [bool(one.placed) for one in made.obstacles] == [True] * len(new) + [False]
+    assert not any("_body" in vars(one) for one in made.obstacles[:-1])

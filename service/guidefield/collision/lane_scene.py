@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.kept import kept_with
-from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
-from guidefield.kernels.lane_primitives import primitive_tables
-from guidefield.kernels.lane_tables import CLOUD, LaneObstacles
+from guidefield.kernels.lane_math import BOX, PRIMITIVE
+from guidefield.kernels.lane_primitives import PLACED, primitive_tables
+from guidefield.kernels.lane_tables import AROUND, CLOUD, LaneObstacles
 from guidefield.kernels.lane_words import SCENE_WORDS, scene_words
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words
@@ -72,13 +72,14 @@ def lane_scene(scene: Scene) -> LaneScene:
     Raises:
         UnservedError: if a shape is of a kind that the kernels don't know.
     """
-    rows = [_primitive(obstacle) for obstacle in scene.obstacles]
-    plain = [index for index, row in enumerate(rows) if row is not None]
-    others = [index for index, row in enumerate(rows) if row is None]
-    tables = [_tables(scene.obstacles[index]) for index in others]
-    owners = np.array([*plain, *np.repeat(others, [table.sizes[0] for table in tables]).tolist()], np.int64)
-    kinds, numbers = np.array([row[0] for row in rows if row], np.int64), [row[1] for row in rows if row]
-    obstacles, parts = _primitives(kinds, np.array(numbers).reshape(-1, PRIMITIVE), len(owners))
+    given = scene.obstacles
+    placed = b"".join([one.placed for one in given])
+    owners, others = np.arange(len(given)), [index for index, one in enumerate(given) if not one.placed]
+    tables = [_tables(given[index]) for index in others]
+    if tables:
+        plain = np.setdiff1d(owners, others)
+        owners = np.concatenate([plain, np.repeat(others, [table.sizes[0] for table in tables])])
+    obstacles, parts = _primitives(placed, len(owners))
     if tables:
         obstacles, parts = _with(obstacles, parts, tables)
     for array in (*obstacles[1:], *parts, owners):
@@ -88,34 +89,29 @@ def lane_scene(scene: Scene) -> LaneScene:
     return LaneScene(obstacles, parts, owners, words)
 
 
-def _primitives(kinds: np.ndarray, rows: np.ndarray, size: int) -> tuple[LaneObstacles, Parts]:
-    """Tables of primitives (n,) and their numbers (n, PRIMITIVE), with boxes for so many obstacles."""
-    count = len(kinds)
+def _primitives(placed: bytes, size: int) -> tuple[LaneObstacles, Parts]:
+    """Tables of primitives, `PLACED` one after the other, with boxes for so many obstacles."""
+    count = len(placed) // PLACED.size
     obstacles = LaneObstacles(
         size=size,
-        kinds=kinds,
-        whole=np.ones(count, np.int64),
-        roots=np.arange(count),
-        tested=_UNTOLD,
+        kinds=np.empty(count, np.int64),
+        whole=np.empty(count, np.int64),
+        roots=np.empty(count, np.int64),
+        tested=np.empty(0, np.int64),
         primitives=np.empty(PRIMITIVE * count, np.float32),
-        boxes=np.tile(_EMPTY, -(-size // LANES)),
-        clouds=np.zeros(count, np.int64),
+        boxes=np.empty(-(-size // LANES) * AROUND, np.float32),
+        clouds=np.empty(count, np.int64),
     )
+    vertices = np.empty(BLOCK * count, np.float32)
     parts = Parts(
         balls=np.empty(4 * count),
         links=np.empty(3 * count, np.int64),
         shapes=np.empty(3 * count, np.int64),
         numbers=np.empty(PART * count),
-        vertices=np.empty(BLOCK * np.count_nonzero(kinds == BOX), np.float32),
+        vertices=vertices,
     )
-    primitive_tables(kinds, rows, obstacles.primitives, obstacles.boxes, parts)
-    return obstacles, parts
-
-
-_UNTOLD = np.empty(0, np.int64)
-
-_EMPTY = np.repeat(np.array([np.inf, -np.inf], np.float32), 3 * LANES)
-"""Sixteen boxes with nothing in them: the least x of all, y, z, then the largest."""
+    blocks = primitive_tables(np.frombuffer(placed), obstacles, parts)
+    return obstacles, parts._replace(vertices=vertices[: BLOCK * blocks])
 
 
 def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tuple[LaneObstacles, Parts]:
@@ -142,26 +138,6 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         boxes=obstacles.boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
     ), Parts(*map(np.concatenate, zip(parts, (balls, links.ravel(), shapes.ravel(), numbers, vertices), strict=True)))
-
-
-@kept_with
-def _primitive(obstacle: Obstacle) -> tuple[int, np.ndarray] | None:
-    """Kind and numbers of the primitive that an obstacle is; None if it is none."""
-    shape, placement = obstacle.shape, obstacle.placement
-    axes, centre = placement.rotation.T, placement.translation
-    match shape:
-        case coal.Box():
-            return BOX, _row(axes, centre, shape.halfSide)
-        case coal.Cylinder():
-            return CYLINDER, _row(axes, centre, (0.0, 0.0, shape.halfLength), shape.radius)
-        case coal.Capsule():
-            return CAPSULE, _row(axes, centre, (0.0, 0.0, shape.halfLength), shape.radius)
-        case coal.Sphere():
-            return CAPSULE, _row(axes, centre, 0.0, shape.radius)
-        case coal.Halfspace():
-            normal = placement.rotation @ shape.n
-            return HALF_SPACE, _row(np.array([[0, 0, 0], [0, 0, 0], normal]), centre + shape.d * normal, 0.0)
-    return None
 
 
 @kept_with

@@ -64,15 +64,13 @@ class World:
         Raises:
             UnknownObject: if an allowed name is neither a link nor an obstacle; lists those there are.
         """
+        names, (pairs, n_self) = _link_names(group), _pairs(group, len(scene.obstacles))
+        bodies = (*names, *[obstacle.name for obstacle in scene.obstacles])
         allowed = _allowed(group, scene, allowed_collisions)
-        names = _link_names(group)
-        own, mixed = _own_pairs(group), _mixed_pairs(group, len(scene.obstacles))
-        bodies = (*names, *(obstacle.name for obstacle in scene.obstacles))
         if allowed:
-            own, mixed = (_without(pairs, bodies, allowed) for pairs in (own, mixed))
-        pairs = np.concatenate([own, mixed])
-        pairs.setflags(write=False)
-        return cls(group, scene, bodies, pairs, len(own))
+            own, mixed = (_without(some, bodies, allowed) for some in (pairs[:n_self], pairs[n_self:]))
+            pairs, n_self = _frozen(np.concatenate([own, mixed])), len(own)
+        return cls(group, scene, bodies, pairs, n_self)
 
     @property
     def model(self) -> Any:
@@ -223,10 +221,13 @@ class World:
 
 
 def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]]) -> set[frozenset[str]]:
+    pairs = list(allowed_collisions)
+    allowed: set[frozenset[str]] = set()
+    if not pairs:
+        return allowed
     obstacles = [obstacle.name for obstacle in scene.obstacles]
     known = {*group.robot.links, *obstacles}
-    allowed = set()
-    for index, pair in enumerate(allowed_collisions):
+    for index, pair in enumerate(pairs):
         for name in pair:
             if name not in known:
                 raise UnknownObject(
@@ -247,23 +248,21 @@ def _link_names(group: PlanningGroup) -> tuple[str, ...]:
 
 
 @kept_with_alike
-def _own_pairs(group: PlanningGroup) -> np.ndarray:
-    """Pairs of robot bodies that count and move relative to each other, shape (p, 2), the lower index first."""
+def _pairs(group: PlanningGroup, obstacles: int) -> tuple[np.ndarray, int]:
+    """All pairs among so many obstacles, shape (n, 2), the lower index first; how many are the robot's own.
+
+    Those are the pairs that count and move relative to each other; the others are of a body that moves.
+    """
     joints = [shape.parentJoint for shape in group.geometry.geometryObjects]
     own = [
         (min(pair.first, pair.second), max(pair.first, pair.second))
         for pair in group.geometry.collisionPairs
         if joints[pair.first] != joints[pair.second]
     ]
-    return _frozen(np.array(own, int).reshape(-1, 2))
-
-
-@kept_with_alike
-def _mixed_pairs(group: PlanningGroup, obstacles: int) -> np.ndarray:
-    """Pairs of a robot body that moves with one of so many obstacles, shape (p, 2)."""
-    moving = np.flatnonzero([shape.parentJoint != 0 for shape in group.geometry.geometryObjects])
+    moving = np.flatnonzero(joints)
     first = np.repeat(moving, obstacles)
-    return _frozen(np.column_stack([first, group.geometry.ngeoms + np.tile(np.arange(obstacles), len(moving))]))
+    mixed = np.column_stack([first, len(joints) + np.tile(np.arange(obstacles), len(moving))])
+    return _frozen(np.concatenate([np.array(own, int).reshape(-1, 2), mixed])), len(own)
 
 
 def _without(pairs: np.ndarray, names: tuple[str, ...], allowed: set[frozenset[str]]) -> np.ndarray:

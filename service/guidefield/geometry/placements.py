@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 
@@ -16,5 +17,17 @@ def se3(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Any:
         position: Of the frame's origin, shape (3,) [m].
         quaternion_xyzw: Its rotation (x, y, z, w), shape (4,), near unit length.
     """
-    norm = math.hypot(*quaternion_xyzw)
-    return pin.XYZQUATToSE3([*position, *(value / norm for value in quaternion_xyzw)])
+    return pin.XYZQUATToSE3([*position, *unit(quaternion_xyzw)])
+
+
+def unit(quaternion_xyzw: Sequence[float]) -> tuple[float, float, float, float]:
+    """A quaternion (x, y, z, w), near unit length, of unit length."""
+    x, y, z, w = quaternion_xyzw
+    norm = math.hypot(x, y, z, w)
+    return x / norm, y / norm, z / norm, w / norm
+
+
+def moved(placement: Any, points: np.ndarray) -> np.ndarray:
+    """Points (n, 3) of a body that is placed so, a pinocchio.SE3, in the world [m]."""
+    there: np.ndarray = points @ placement.rotation.T + placement.translation
+    return there

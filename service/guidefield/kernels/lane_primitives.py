@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import numpy as np
-from numba import types, void
-from numpy.typing import NDArray
+from numba import int64, types
 
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE, Floats32
+from guidefield.kernels.lane_tables import AROUND, LaneObstacles
 from guidefield.kernels.lanes import FLOATS_OUT, INTEGERS_OUT, LANES
 from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, Parts
-from guidefield.kernels.signatures import MATRIX, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.tree_kinematics import INDICES
-
-Integers = NDArray[np.int64]
+from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, compiled, inlined
 
 CORNERS = 8
 """Of a box."""
 
+PLACED = struct.Struct("12d")
+"""A primitive as it is declared: its kind, a unit quaternion (x, y, z, w), then centre, half extents and radius as in
+`PRIMITIVE`; of a half-space the normal is in the place of half extents."""
+
+_PLACED = PLACED.size // 8
+
+_OBSTACLES_OUT = types.NamedTuple([int64, *[INTEGERS_OUT] * 4, *[FLOATS_OUT] * 2, INTEGERS_OUT], LaneObstacles)
 _PARTS_OUT = types.NamedTuple([VECTOR_OUT, INTEGERS_OUT, INTEGERS_OUT, VECTOR_OUT, FLOATS_OUT], Parts)
 
 
@@ -80,23 +85,49 @@ def _round(kind: int, row: Floats, numbers: Floats, place: int) -> None:
     numbers[place + (12 if kind == CYLINDER else 15)] = row[15]
 
 
-@compiled(void(INDICES, MATRIX, FLOATS_OUT, FLOATS_OUT, _PARTS_OUT))
-def primitive_tables(kinds: Integers, rows: Floats, primitives: Floats32, boxes: Floats32, parts: Parts) -> None:
+@inlined
+def _write_axes(x: float, y: float, z: float, w: float, row: Floats) -> None:
+    """Write the rows of the rotation from the world, of a body that is turned by a unit quaternion."""
+    row[0], row[1], row[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)
+    row[3], row[4], row[5] = 2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)
+    row[6], row[7], row[8] = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)
+
+
+@inlined
+def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
+    """Write the numbers of a primitive, as `PRIMITIVE` has them."""
+    _write_axes(placed[at + 1], placed[at + 2], placed[at + 3], placed[at + 4], row)
+    for k in range(7):
+        row[9 + k] = placed[at + 5 + k]
+    if kind == HALF_SPACE:
+        for k in range(3):
+            row[k] = row[3 + k] = row[12 + k] = 0.0
+            row[6 + k] = placed[at + 8 + k]
+
+
+@compiled(int64(VECTOR, _OBSTACLES_OUT, _PARTS_OUT))
+def primitive_tables(placed: Floats, obstacles: LaneObstacles, parts: Parts) -> int:
     """Tables of primitives each of which is an obstacle: one node and one part each, and a block of vertices of a box.
 
     Args:
-        kinds: lane_math's kinds, shape (n,).
-        rows: Their numbers, shape (n, PRIMITIVE).
-        primitives: The same, as `LaneObstacles` has them.
-        boxes: As `LaneObstacles` has them; places behind theirs are left as they are.
-        parts: Their shapes.
+        placed: How they are declared, `PLACED` one after the other.
+        obstacles: Gets them; boxes that are left hold nothing. What is tested isn't looked at.
+        parts: Their shapes; vertices as if all were boxes.
+
+    Returns:
+        How many blocks of vertices there are.
     """
-    blocks = 0
-    for i in range(len(kinds)):
-        row, kind = rows[i], kinds[i]
+    boxes, blocks, row = obstacles.boxes, 0, np.empty(PRIMITIVE)
+    for block in range(len(boxes) // AROUND):
+        for k in range(AROUND):
+            boxes[AROUND * block + k] = math.inf if k < AROUND // 2 else -math.inf
+    for i in range(len(placed) // _PLACED):
+        kind = int(placed[_PLACED * i])
+        _write_row(kind, placed, _PLACED * i, row)
+        obstacles.kinds[i], obstacles.whole[i], obstacles.roots[i], obstacles.clouds[i] = kind, 1, i, 0
         for k in range(PRIMITIVE):
-            primitives[PRIMITIVE * i + k] = row[k]
-        _box_about(kind, row, boxes, 6 * LANES * (i // LANES) + i % LANES)
+            obstacles.primitives[PRIMITIVE * i + k] = row[k]
+        _box_about(kind, row, boxes, AROUND * (i // LANES) + i % LANES)
         for k in range(3):
             parts.balls[4 * i + k] = row[9 + k]
         parts.balls[4 * i + 3] = _radius(kind, row)
@@ -110,3 +141,4 @@ def primitive_tables(kinds: Integers, rows: Floats, primitives: Floats32, boxes:
             blocks += 1
         else:
             _round(kind, row, parts.numbers, PART * i)
+    return blocks

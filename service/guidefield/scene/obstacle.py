@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import coal
 import msgspec
 import numpy as np
 import pinocchio as pin
@@ -17,18 +16,16 @@ import pinocchio as pin
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
-from guidefield.geometry.placements import se3
+from guidefield.geometry.placements import moved, se3
 from guidefield.kernels.point_tree_build import sort_for_tree
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
-from guidefield.scene.flat import axes_across, bulges, crossing_edges, flat_polygon, flatness_fault
+from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
 from guidefield.scene.mesh import MOST_FACES, MeshSurface, bvh, crossing_warnings, faces, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
-
-HALF_SPACE_PATCH = 4.0
-"""Side of the square that stands for a half-space in drawings [m]."""
+from guidefield.scene.primitives import PRIMITIVES
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,32 +33,52 @@ class Obstacle:
     """An obstacle at rest; one that moves, where it is at first.
 
     Attributes:
-        name: Its name in the scene.
         message: Its declaration.
-        shape: Coal geometry in its own frame; of a cloud no more than its points, see `rounding`.
-        placement: ``T_world_shape``, a pinocchio.SE3.
+        body: Makes Coal geometry in its own frame, and ``T_world_shape``.
         solid: Whether it has an inside; else it is a thin surface.
         convex: Whether Coal judges it as one convex body: distances are signed then.
-        charge: Charge per area.
         surface: Makes a triangulation in its own frame: vertices (v, 3) [m] and triangles (t, 3).
-        charged: Makes its share of the field.
+        charged: Makes its share of the field, of ``T_world_shape``.
+        placed: What lanes' kernels know it by, `PLACED`, if it is a primitive; else empty.
         warnings: What was odd about it but harmless.
         motion: How it moves; None at rest.
         cloud: Its points and their radius, if it is a cloud.
     """
 
-    name: str
     message: messages.Obstacle
-    shape: Any
-    placement: Any
+    body: Callable[[], tuple[Any, Any]]
     solid: bool
     convex: bool
-    charge: float
     surface: Callable[[], tuple[np.ndarray, np.ndarray]]
-    charged: Callable[[], Charges]
+    charged: Callable[[Any], Charges]
+    placed: bytes = b""
     warnings: tuple[str, ...] = ()
     motion: ObstacleMotion | None = None
     cloud: Cloud | None = None
+
+    @property
+    def name(self) -> str:
+        """Its name in the scene."""
+        return self.message.name
+
+    @property
+    def charge(self) -> float:
+        """Charge per area."""
+        return self.message.charge
+
+    @cached_property
+    def _body(self) -> tuple[Any, Any]:
+        return self.body()
+
+    @property
+    def shape(self) -> Any:
+        """Coal geometry in its own frame; of a cloud no more than its points, see `rounding`."""
+        return self._body[0]
+
+    @property
+    def placement(self) -> Any:
+        """``T_world_shape``, a pinocchio.SE3."""
+        return self._body[1]
 
     @property
     def rounding(self) -> float:
@@ -77,7 +94,7 @@ class Obstacle:
     @cached_property
     def _triangulation(self) -> tuple[np.ndarray, np.ndarray]:
         vertices, triangles = self.surface()
-        made = _moved(self.placement, vertices), np.array(triangles)
+        made = moved(self.placement, vertices), np.array(triangles)
         for array in made:
             array.setflags(write=False)
         return made
@@ -95,7 +112,7 @@ class Obstacle:
     @cached_property
     def charges(self) -> Charges:
         """Its share of the field, for a charge of 1 per area."""
-        made = self.charged()
+        made = self.charged(self.placement)
         for array in vars(made).values():
             array.setflags(write=False)
         return made
@@ -111,7 +128,7 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
     Raises:
         SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
     """
-    key = hashlib.sha256(msgspec.msgpack.encode(message, enc_hook=np.generic.tolist)).digest()
+    key = hashlib.sha256(_ENCODER.encode(message)).digest()
     known = _KNOWN.get(key)
     if known is not None:
         return known
@@ -129,12 +146,14 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
         ) from None
     if motion is not None:
         obstacle = dataclasses.replace(obstacle, motion=motion)
-    many = faces(obstacle.shape)
+    many = 0 if obstacle.placed else faces(obstacle.shape)
     while len(_KNOWN) >= _MOST_KNOWN or (many and _KNOWN and many + _faces_known() > MOST_FACES):
         _KNOWN.pop(next(iter(_KNOWN)), None)
     _KNOWN[key] = obstacle
     return obstacle
 
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
 
 _KNOWN: dict[bytes, Obstacle] = {}
 """Obstacles by what was declared: one that is in the next scene again is not built again."""
@@ -143,7 +162,7 @@ _MOST_KNOWN = 512
 
 
 def _faces_known() -> int:
-    return sum(faces(one.shape) for one in _KNOWN.values())
+    return sum(faces(one.shape) for one in _KNOWN.values() if not one.placed)
 
 
 class _UnusableError(Exception):
@@ -155,58 +174,9 @@ class _UnusableError(Exception):
         self.field = field
 
 
-def _box(message: messages.Box) -> Obstacle:
-    placement = se3(message.position, message.quaternion_xyzw)
-
-    def charged() -> Charges:
-        return Charges(boxes=np.array([[*placement.translation, *placement.rotation.T.ravel(), *message.size]]))
-
-    return _convex(message, coal.Box(*message.size), placement, lambda: surfaces.box(message.size), charged)
-
-
-def _cylinder(message: messages.Cylinder) -> Obstacle:
-    placement, size = se3(message.position, message.quaternion_xyzw), (message.radius, message.length)
-
-    def charged() -> Charges:
-        quads = _moved(placement, surfaces.prism_quads(*size).reshape(-1, 3))
-        return Charges(quads=quads.reshape(-1, 4, 3))
-
-    return _convex(message, coal.Cylinder(*size), placement, lambda: surfaces.cylinder(*size), charged)
-
-
-def _sphere(message: messages.Sphere) -> Obstacle:
-    placement = pin.SE3(np.eye(3), np.array(message.position))
-
-    def charged() -> Charges:
-        return Charges(spheres=np.array([[*message.position, message.radius]]))
-
-    return _convex(message, coal.Sphere(message.radius), placement, lambda: surfaces.sphere(message.radius), charged)
-
-
-def _capsule(message: messages.Capsule) -> Obstacle:
-    placement, size = se3(message.position, message.quaternion_xyzw), (message.radius, message.length)
-
-    def charged() -> Charges:
-        half_axis = placement.rotation[:, 2] * (0.5 * message.length)
-        ends = [*(placement.translation - half_axis), *(placement.translation + half_axis)]
-        return Charges(capsules=np.array([[*ends, message.radius]]))
-
-    return _convex(message, coal.Capsule(*size), placement, lambda: surfaces.capsule(*size), charged)
-
-
-def _half_space(message: messages.HalfSpace) -> Obstacle:
-    length = float(np.linalg.norm(message.normal))
-    normal, offset = np.array(message.normal) / length, message.offset / length
-
-    def patch() -> tuple[np.ndarray, np.ndarray]:
-        sides = axes_across(normal) * (0.5 * HALF_SPACE_PATCH)
-        corners = offset * normal + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ sides
-        return corners, np.array([[0, 1, 2], [0, 2, 3]])
-
-    def charged() -> Charges:
-        return Charges(planes=np.array([[*normal, offset]]))
-
-    return _convex(message, coal.Halfspace(normal, offset), pin.SE3.Identity(), patch, charged)
+def _primitive(message: Any) -> Obstacle:
+    body, surface, charged, placed = PRIMITIVES[type(message)](message)
+    return Obstacle(message, body, True, True, surface, charged, placed)
 
 
 def _mesh(message: messages.Mesh) -> Obstacle:
@@ -235,7 +205,7 @@ def _polygon(message: messages.Polygon) -> Obstacle:
     sheet = _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
     if bulges(flat.corners):
         quads, rest = convex_quads(flat.vertices)
-        return dataclasses.replace(sheet, charged=lambda: Charges(triangles=rest, quads=quads))
+        return dataclasses.replace(sheet, charged=lambda _: Charges(triangles=rest, quads=quads))
     return sheet
 
 
@@ -244,53 +214,37 @@ def _point_cloud(message: messages.PointCloud) -> Obstacle:
     sort_for_tree(points)
     points.setflags(write=False)
     cloud, shape = Cloud(points, message.radius), bvh(*cloud_specks(points))
-    surface, charged = (lambda: cloud_surface(points, cloud.radius)), (lambda: cloud_charges(points, cloud.radius))
-    made = _convex(message, shape, pin.SE3.Identity(), surface, charged)
-    return dataclasses.replace(made, convex=False, cloud=cloud)
+    return Obstacle(
+        message=message,
+        body=lambda: (shape, pin.SE3.Identity()),
+        solid=True,
+        convex=False,
+        surface=lambda: cloud_surface(points, cloud.radius),
+        charged=lambda _: cloud_charges(points, cloud.radius),
+        cloud=cloud,
+    )
 
 
 BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
-    messages.Box: _box,
-    messages.Sphere: _sphere,
-    messages.Cylinder: _cylinder,
-    messages.Capsule: _capsule,
+    **dict.fromkeys(PRIMITIVES, _primitive),
     messages.Mesh: _mesh,
     messages.Polygon: _polygon,
-    messages.HalfSpace: _half_space,
     messages.PointCloud: _point_cloud,
 }
 """Builder by kind of message; they raise `_UnusableError`."""
 
 
-def _convex(
-    message: messages.Obstacle,
-    shape: Any,
-    placement: Any,
-    surface: Callable[[], tuple[np.ndarray, np.ndarray]],
-    charged: Callable[[], Charges],
-) -> Obstacle:
-    shape.computeLocalAABB()
-    return Obstacle(message.name, message, shape, placement, True, True, message.charge, surface, charged)
-
-
 def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -> Obstacle:
+    shape = bvh(surface.vertices, surface.triangles) if surface.hull is None else surface.hull
     return Obstacle(
-        name=message.name,
         message=message,
-        shape=bvh(surface.vertices, surface.triangles) if surface.hull is None else surface.hull,
-        placement=placement,
+        body=lambda: (shape, placement),
         solid=surface.solid,
         convex=surface.hull is not None,
-        charge=message.charge,
         surface=lambda: (surface.vertices, surface.triangles),
-        charged=lambda: Charges(triangles=_moved(placement, surface.vertices)[surface.triangles]),
+        charged=lambda _: Charges(triangles=moved(placement, surface.vertices)[surface.triangles]),
         warnings=tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings),
     )
-
-
-def _moved(placement: Any, points: np.ndarray) -> np.ndarray:
-    moved: np.ndarray = points @ placement.rotation.T + placement.translation
-    return moved
 
 
 def _points(points: messages.Points) -> np.ndarray:
