@@ -42,7 +42,8 @@ def scene(seed: int, count: int) -> Scene:
 @given(seed=st.integers(0, 10_000), count=st.integers(0, 20))
 def test_a_primitives_tables_are_those_of_its_shape(seed: int, count: int) -> None:
     made = scene(seed, count)
-    obstacles, parts, owners, _ = lane_scene(made)
+    lanes = lane_scene(made)
+    (obstacles, parts), owners = lanes.tables, lanes.owners
     assert sorted(set(owners.tolist())) == list(range(len(made.obstacles)))
     links, shapes = parts.links.reshape(-1, 3), parts.shapes.reshape(-1, 3)
     for place, owner in enumerate(owners):
@@ -71,7 +72,8 @@ def test_a_primitives_tables_are_those_of_its_shape(seed: int, count: int) -> No
 @given(seed=st.integers(0, 10_000), count=st.integers(0, 40))
 def test_boxes_hold_their_obstacles_and_no_more(seed: int, count: int) -> None:
     made = scene(seed, count)
-    obstacles, _, owners, _ = lane_scene(made)
+    lanes = lane_scene(made)
+    (obstacles, _), owners = lanes.tables, lanes.owners
     boxes = obstacles.boxes.reshape(-1, 6, LANES).transpose(0, 2, 1).reshape(-1, 6)
     for box in boxes[len(owners) :]:
         assert box.tolist() == [np.inf] * 3 + [-np.inf] * 3
@@ -130,14 +132,13 @@ def test_known_obstacles_give_the_same_tables_in_another_scene() -> None:
     obstacles[4] = messages.Sphere(name="new", radius=0.1, position=(0.5, 0.0, 0.5))
     del obstacles[0]
     changed = build(messages.Scene(name="test", obstacles=obstacles))
-    known = lane_scene(changed)
-    fresh = lane_scene.__wrapped__(changed)
+    known, fresh = lane_scene(changed).tables, lane_scene.__wrapped__(changed).tables
     for some, others in zip((*known[0], *known[1]), (*fresh[0], *fresh[1]), strict=True):
         np.testing.assert_array_equal(some, others)
 
 
 def test_half_spaces_have_no_end() -> None:
-    obstacles, parts, *_ = lane_scene(build(messages.Scene(name="test", obstacles=[FLOOR])))
+    obstacles, parts = lane_scene(build(messages.Scene(name="test", obstacles=[FLOOR]))).tables
     assert obstacles.kinds.tolist() == [HALF_SPACE]
     normal = np.array([0.1, 0.0, 1.0]) / np.hypot(0.1, 1.0)
     np.testing.assert_allclose(parts.numbers[:4], [*normal, -0.2 / np.hypot(0.1, 1.0)], rtol=0, atol=1e-12)

@@ -1,7 +1,8 @@
-"""The memory that a world for lanes works in: one piece, in which each array begins where a line of the cache does."""
+"""The memory of a scene or a world for lanes: one piece, in which each array begins where a line of the cache does."""
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,11 +10,12 @@ import numpy as np
 from guidefield.collision.lane_robot import LaneRobot
 from guidefield.kept import kept_with
 from guidefield.kernels.lane_kinematics import POSE
-from guidefield.kernels.lane_tables import AXIS_AND_REACH, BALL, GRID_SIDES, HITS, Scratch
+from guidefield.kernels.lane_math import PRIMITIVE
+from guidefield.kernels.lane_tables import AROUND, AXIS_AND_REACH, BALL, GRID_SIDES, HITS, LaneObstacles, Scratch
 from guidefield.kernels.lane_words import LINE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words
-from guidefield.kernels.separation import WORK
+from guidefield.kernels.separation import BLOCK, PART, WORK, Parts
 
 
 class LaneMemory(NamedTuple):
@@ -21,8 +23,8 @@ class LaneMemory(NamedTuple):
 
     Attributes:
         size: Whole numbers of 64 bits that it takes.
-        offsets: As `lay_out` takes them.
-        arrays: Of each array, by its name in `Scratch`, `LaneObstacles` or `LaneWorld`: offset [bytes], type, length.
+        offsets: As `lay_out` or `primitive_tables` take them.
+        arrays: Of each array, by its name in the tuple that it is of: offset [bytes], type, length.
     """
 
     size: int
@@ -70,10 +72,42 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "obstacle_axes": (np.float64, AXIS_AND_REACH * met),
         "pair_axes": (np.float64, AXIS_AND_REACH * robot.pieces_paired),
     }
+    arrays, size = _one_after_another(wanted)
+    offsets = [arrays[name][0] for name in ("tested", *Scratch._fields, "block")]
+    axes = (arrays["pair_axes"][0] - arrays["obstacle_axes"][0]) // 8 + arrays["pair_axes"][2]
+    return LaneMemory(size, np.array([*offsets, axes], np.int64), arrays)
+
+
+@functools.lru_cache(maxsize=256)
+def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
+    """Lay out the memory for the tables of so many primitives, with boxes for so many obstacles."""
+    arrays, size = _one_after_another(
+        {
+            "kinds": (np.int64, primitives),
+            "whole": (np.int64, primitives),
+            "roots": (np.int64, primitives),
+            "tested": (np.int64, 0),
+            "primitives": (np.float32, PRIMITIVE * primitives),
+            "boxes": (np.float32, -(-obstacles // LANES) * AROUND),
+            "clouds": (np.int64, primitives),
+            "balls": (np.float64, 4 * primitives),
+            "links": (np.int64, 3 * primitives),
+            "shapes": (np.int64, 3 * primitives),
+            "numbers": (np.float64, PART * primitives),
+            "vertices": (np.float32, BLOCK * primitives),
+        }
+    )
+    offsets = [arrays[name][0] for name in (*LaneObstacles._fields[1:], *Parts._fields)]
+    return LaneMemory(size, np.array([obstacles, *offsets], np.int64), arrays)
+
+
+Arrays = dict[str, tuple[int, Any, int]]
+
+
+def _one_after_another(wanted: dict[str, tuple[Any, int]]) -> tuple[Arrays, int]:
+    """Offsets [bytes] of arrays of types and lengths, and how many numbers of 64 bits they take."""
     arrays, end = {}, 0
     for name, (kind, length) in wanted.items():
         arrays[name] = (end, kind, length)
         end += -(-np.dtype(kind).itemsize * length // LINE) * LINE
-    offsets = [arrays[name][0] for name in ("tested", *Scratch._fields, "block")]
-    axes = (arrays["pair_axes"][0] - arrays["obstacle_axes"][0]) // 8 + arrays["pair_axes"][2]
-    return LaneMemory((end + LINE) // 8, np.array([*offsets, axes], np.int64), arrays)
+    return arrays, (end + LINE) // 8

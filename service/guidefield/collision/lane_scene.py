@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import coal
@@ -9,14 +12,15 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.lane_memory import scene_memory
 from guidefield.kept import kept_with
 from guidefield.kernels.lane_math import BOX, PRIMITIVE
 from guidefield.kernels.lane_primitives import PLACED, primitive_tables
-from guidefield.kernels.lane_tables import AROUND, CLOUD, LaneObstacles
-from guidefield.kernels.lane_words import SCENE_WORDS, scene_words
+from guidefield.kernels.lane_tables import CLOUD, LaneObstacles
+from guidefield.kernels.lane_words import SCENE_WORDS
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.packing import Words
-from guidefield.kernels.separation import BLOCK, PART, Parts
+from guidefield.kernels.packing import Words, packed
+from guidefield.kernels.separation import BLOCK, Parts
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
@@ -49,20 +53,24 @@ class _Tables(NamedTuple):
     vertices: np.ndarray
 
 
-class LaneScene(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LaneScene:
     """Obstacles for lanes, primitives first.
 
     Attributes:
-        obstacles: Their primitives; one of many triangles stands as several. Which of them are tested is left open.
-        parts: The shapes themselves.
-        owners: Which obstacle of the scene each of them stands for, shape (obstacles.size,).
-        words: Obstacles and parts, packed.
+        owners: Which obstacle of the scene each of them stands for, shape (n,).
+        words: As the kernels know them, obstacles and parts, packed.
+        made: Makes the same as arrays; holds their memory.
     """
 
-    obstacles: LaneObstacles
-    parts: Parts
     owners: np.ndarray
     words: Words
+    made: Callable[[], tuple[LaneObstacles, Parts]]
+
+    @cached_property
+    def tables(self) -> tuple[LaneObstacles, Parts]:
+        """Obstacles, of which one of many triangles stands as several; which are tested is left open. Their shapes."""
+        return self.made()
 
 
 @kept_with
@@ -75,43 +83,30 @@ def lane_scene(scene: Scene) -> LaneScene:
     given = scene.obstacles
     placed = b"".join([one.placed for one in given])
     owners, others = np.arange(len(given)), [index for index, one in enumerate(given) if not one.placed]
+    if not others:
+        return _primitives(placed, owners)
     tables = [_tables(given[index]) for index in others]
-    if tables:
-        plain = np.setdiff1d(owners, others)
-        owners = np.concatenate([plain, np.repeat(others, [table.sizes[0] for table in tables])])
-    obstacles, parts = _primitives(placed, len(owners))
-    if tables:
-        obstacles, parts = _with(obstacles, parts, tables)
-    for array in (*obstacles[1:], *parts, owners):
+    owners = np.delete(owners, others)
+    owners = np.concatenate([owners, np.repeat(others, [table.sizes[0] for table in tables])])
+    obstacles, parts = made = _with(*_primitives(placed, owners).tables, tables)
+    for array in (*obstacles[1:], *parts):
         array.setflags(write=False)
-    words = np.empty(SCENE_WORDS, np.int64)
-    scene_words((obstacles, parts), words)
-    return LaneScene(obstacles, parts, owners, words)
+    return LaneScene(owners, packed(made), lambda: made)
 
 
-def _primitives(placed: bytes, size: int) -> tuple[LaneObstacles, Parts]:
-    """Tables of primitives, `PLACED` one after the other, with boxes for so many obstacles."""
-    count = len(placed) // PLACED.size
-    obstacles = LaneObstacles(
-        size=size,
-        kinds=np.empty(count, np.int64),
-        whole=np.empty(count, np.int64),
-        roots=np.empty(count, np.int64),
-        tested=np.empty(0, np.int64),
-        primitives=np.empty(PRIMITIVE * count, np.float32),
-        boxes=np.empty(-(-size // LANES) * AROUND, np.float32),
-        clouds=np.empty(count, np.int64),
-    )
-    vertices = np.empty(BLOCK * count, np.float32)
-    parts = Parts(
-        balls=np.empty(4 * count),
-        links=np.empty(3 * count, np.int64),
-        shapes=np.empty(3 * count, np.int64),
-        numbers=np.empty(PART * count),
-        vertices=vertices,
-    )
-    blocks = primitive_tables(np.frombuffer(placed), obstacles, parts)
-    return obstacles, parts._replace(vertices=vertices[: BLOCK * blocks])
+def _primitives(placed: bytes, owners: np.ndarray) -> LaneScene:
+    """Tables of primitives, `PLACED` one after the other, with boxes for as many obstacles as there are owners."""
+    layout = scene_memory(len(placed) // PLACED.size, len(owners))
+    memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
+    begins = primitive_tables(np.frombuffer(placed), layout.offsets, memory, words)
+    memory.setflags(write=False)
+
+    def made() -> tuple[LaneObstacles, Parts]:
+        views = layout.views(memory, begins)
+        obstacles = LaneObstacles(len(owners), *(views[name] for name in LaneObstacles._fields[1:]))
+        return obstacles, Parts(**{name: views[name] for name in Parts._fields})
+
+    return LaneScene(owners, words, made)
 
 
 def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tuple[LaneObstacles, Parts]:
@@ -127,7 +122,8 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
     links += (links >= 0) * np.repeat(first[:, [1, 1, 2]], sizes[:, 1], axis=0)
     shapes[:, 1] += np.repeat(first[:, 3], sizes[:, 2])
     index = np.arange(n, n + len(places))
-    obstacles.boxes.reshape(-1, 6, LANES)[index // LANES, :, index % LANES] = boxes
+    all_boxes = obstacles.boxes.copy()
+    all_boxes.reshape(-1, 6, LANES)[index // LANES, :, index % LANES] = boxes
     return LaneObstacles(
         size=obstacles.size,
         kinds=np.concatenate([obstacles.kinds, places[:, 0]]),
@@ -135,7 +131,7 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         roots=np.concatenate([obstacles.roots, places[:, 2]]),
         tested=obstacles.tested,
         primitives=np.concatenate([obstacles.primitives, primitives.ravel()]),
-        boxes=obstacles.boxes,
+        boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
     ), Parts(*map(np.concatenate, zip(parts, (balls, links.ravel(), shapes.ravel(), numbers, vertices), strict=True)))
 

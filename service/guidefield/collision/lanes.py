@@ -86,8 +86,8 @@ class Lanes:
             parts=robot.parts,
             fractions=FRACTIONS,
             nv=self.world.group.nv,
-            obstacles=scene.obstacles._replace(tested=views["tested"]),
-            scene=scene.parts,
+            obstacles=scene.tables[0]._replace(tested=views["tested"]),
+            scene=scene.tables[1],
             scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
             block=views["block"],
             axes=int(layout.offsets[-1]),
@@ -142,4 +142,4 @@ def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:
     own = world.pairs[: world.n_self]
     robot, words = _robot(world.group, own.tobytes())
     scene = lane_scene(world.scene)
-    return robot, words, scene, lane_memory(robot, len(world.group.lower), len(own), scene.obstacles.size)
+    return robot, words, scene, lane_memory(robot, len(world.group.lower), len(own), len(scene.owners))

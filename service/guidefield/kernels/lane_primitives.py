@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 import struct
+from typing import NamedTuple
 
 import numpy as np
 from numba import int64, types
 
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE, Floats32
-from guidefield.kernels.lane_tables import AROUND, LaneObstacles
-from guidefield.kernels.lanes import FLOATS_OUT, INTEGERS_OUT, LANES
-from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, Parts
-from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.lane_tables import AROUND, LANE_OBSTACLES, LaneObstacles
+from guidefield.kernels.lane_words import LINE, SCENE_WORDS
+from guidefield.kernels.lanes import INTEGERS_OUT, LANES, pointers
+from guidefield.kernels.packing import Words, unpacked
+from guidefield.kernels.separation import BLOCK, PART, PARTS, POLYTOPE, Parts
+from guidefield.kernels.signatures import VECTOR, Floats, compiled, inlined
+from guidefield.kernels.tree_kinematics import INDICES
 
 CORNERS = 8
 """Of a box."""
@@ -23,8 +27,15 @@ PLACED = struct.Struct("12d")
 
 _PLACED = PLACED.size // 8
 
-_OBSTACLES_OUT = types.NamedTuple([int64, *[INTEGERS_OUT] * 4, *[FLOATS_OUT] * 2, INTEGERS_OUT], LaneObstacles)
-_PARTS_OUT = types.NamedTuple([VECTOR_OUT, INTEGERS_OUT, INTEGERS_OUT, VECTOR_OUT, FLOATS_OUT], Parts)
+
+class _Scene(NamedTuple):
+    """Obstacles and their shapes."""
+
+    obstacles: LaneObstacles
+    parts: Parts
+
+
+_scene_of = unpacked(types.NamedTuple([LANE_OBSTACLES, PARTS], _Scene))
 
 
 @inlined
@@ -105,26 +116,33 @@ def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
             row[6 + k] = placed[at + 8 + k]
 
 
-@compiled(int64(VECTOR, _OBSTACLES_OUT, _PARTS_OUT))
-def primitive_tables(placed: Floats, obstacles: LaneObstacles, parts: Parts) -> int:
+@compiled(int64(VECTOR, INDICES, INTEGERS_OUT, INTEGERS_OUT))
+def primitive_tables(placed: Floats, offsets: Words, memory: Words, words: Words) -> int:
     """Tables of primitives each of which is an obstacle: one node and one part each, and a block of vertices of a box.
 
     Args:
         placed: How they are declared, `PLACED` one after the other.
-        obstacles: Gets them; boxes that are left hold nothing. What is tested isn't looked at.
-        parts: Their shapes; vertices as if all were boxes.
+        offsets: For how many obstacles there are boxes, then where in the memory each other field of `LaneObstacles` is
+            and of `Parts` [bytes], vertices as if all were boxes; shape (SCENE_WORDS,).
+        memory: All zero; gets the tables, from where a line of the cache begins. What is tested isn't there.
+        words: Gets their words, shape (SCENE_WORDS,).
 
     Returns:
-        How many blocks of vertices there are.
+        Where that is [bytes].
     """
+    begins = -memory.ctypes.data % LINE
+    for k in range(1, SCENE_WORDS):
+        words[k] = memory.ctypes.data + begins + offsets[k]
+    words[0] = offsets[0]
+    obstacles, parts = _scene_of(pointers(words))
     boxes, blocks, row = obstacles.boxes, 0, np.empty(PRIMITIVE)
-    for block in range(len(boxes) // AROUND):
+    for block in range((obstacles.size + LANES - 1) // LANES):
         for k in range(AROUND):
             boxes[AROUND * block + k] = math.inf if k < AROUND // 2 else -math.inf
     for i in range(len(placed) // _PLACED):
         kind = int(placed[_PLACED * i])
         _write_row(kind, placed, _PLACED * i, row)
-        obstacles.kinds[i], obstacles.whole[i], obstacles.roots[i], obstacles.clouds[i] = kind, 1, i, 0
+        obstacles.kinds[i], obstacles.whole[i], obstacles.roots[i] = kind, 1, i
         for k in range(PRIMITIVE):
             obstacles.primitives[PRIMITIVE * i + k] = row[k]
         _box_about(kind, row, boxes, AROUND * (i // LANES) + i % LANES)
@@ -133,12 +151,10 @@ def primitive_tables(placed: Floats, obstacles: LaneObstacles, parts: Parts) -> 
         parts.balls[4 * i + 3] = _radius(kind, row)
         parts.links[3 * i], parts.links[3 * i + 1], parts.links[3 * i + 2] = -1, -1, i
         parts.shapes[3 * i], parts.shapes[3 * i + 1], parts.shapes[3 * i + 2] = kind, blocks, 0
-        for k in range(PART):
-            parts.numbers[PART * i + k] = 0.0
         if kind == BOX:
             parts.shapes[3 * i], parts.shapes[3 * i + 2] = POLYTOPE, 1
             _corners(row, parts.vertices, BLOCK * blocks)
             blocks += 1
         else:
             _round(kind, row, parts.numbers, PART * i)
-    return blocks
+    return begins

@@ -1,65 +1,24 @@
-# ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
-"""The words of a world, written by kernels: `packed` asks Python for each address, two microseconds for each array."""
+"""The words of a world and what its memory holds at first, written by a kernel: one call instead of many arrays."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from llvmlite import ir
-from numba import int64, types, void
-from numba.core import cgutils
-from numba.extending import intrinsic
+from numba import int64
 
-from guidefield.kernels.lane_tables import HITS, LANE_OBSTACLES, LaneObstacles, Scratch
+from guidefield.kernels.lane_tables import HITS, LaneObstacles, Scratch
 from guidefield.kernels.lanes import INTEGERS_OUT
 from guidefield.kernels.packing import Words
-from guidefield.kernels.separation import PARTS
+from guidefield.kernels.separation import Parts
 from guidefield.kernels.signatures import INDEX_MATRIX, compiled
 from guidefield.kernels.tree_kinematics import INDICES
 
 LINE = 64
 """Bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get."""
 
-
-@intrinsic
-def _write_addresses(typing: Any, value: Any, words: Any) -> Any:
-    """Write what `packed` makes of a tuple to an array."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        word = ir.IntType(64)
-        target = cgutils.create_struct_proxy(sig.args[1])(context, builder, args[1]).data
-        count = 0
-
-        def write(kind: Any, value: Any) -> None:
-            nonlocal count
-            if isinstance(kind, types.BaseTuple):
-                for index, field in enumerate(kind.types):
-                    write(field, builder.extract_value(value, index))
-                return
-            if isinstance(kind, types.Array):
-                value = builder.ptrtoint(cgutils.create_struct_proxy(kind)(context, builder, value).data, word)
-            builder.store(value, builder.gep(target, [ir.Constant(word, count)]))
-            count += 1
-
-        write(sig.args[0], args[0])
-        return context.get_dummy_value()
-
-    return types.void(value, words), generate
-
-
-_SCENE = types.Tuple([LANE_OBSTACLES, PARTS])
-
-SCENE_WORDS = len(LANE_OBSTACLES.types) + len(PARTS.types)
+SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)
 """How many words obstacles and their shapes are."""
 
 _TESTED = LaneObstacles._fields.index("tested")
-
-
-@compiled(void(_SCENE, INTEGERS_OUT))
-def scene_words(scene: Any, words: Words) -> None:
-    """Write the words of obstacles and their shapes, shape (SCENE_WORDS,), as `packed` would."""
-    _write_addresses(scene, words)
 
 
 MEMORY_WORDS = len(Scratch._fields) + 2
