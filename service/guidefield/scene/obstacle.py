@@ -26,6 +26,7 @@ from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness
 from guidefield.scene.mesh import MOST_FACES, MeshSurface, bvh, crossing_warnings, faces, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.primitives import PRIMITIVES
+from guidefield.scene.recipe import Recipe
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +35,7 @@ class Obstacle:
 
     Attributes:
         message: Its declaration.
-        body: Makes Coal geometry in its own frame, and ``T_world_shape``.
-        solid: Whether it has an inside; else it is a thin surface.
-        convex: Whether Coal judges it as one convex body: distances are signed then.
-        surface: Makes a triangulation in its own frame: vertices (v, 3) [m] and triangles (t, 3).
-        charged: Makes its share of the field, of ``T_world_shape``.
+        recipe: Makes the rest of it.
         placed: What lanes' kernels know it by, `PLACED`, if it is a primitive; else empty.
         warnings: What was odd about it but harmless.
         motion: How it moves; None at rest.
@@ -46,11 +43,7 @@ class Obstacle:
     """
 
     message: messages.Obstacle
-    body: Callable[[], tuple[Any, Any]]
-    solid: bool
-    convex: bool
-    surface: Callable[[], tuple[np.ndarray, np.ndarray]]
-    charged: Callable[[Any], Charges]
+    recipe: Recipe
     placed: bytes = b""
     warnings: tuple[str, ...] = ()
     motion: ObstacleMotion | None = None
@@ -66,9 +59,19 @@ class Obstacle:
         """Charge per area."""
         return self.message.charge
 
+    @property
+    def solid(self) -> bool:
+        """Whether it has an inside; else it is a thin surface."""
+        return self.recipe.solid
+
+    @property
+    def convex(self) -> bool:
+        """Whether Coal judges it as one convex body: distances are signed then."""
+        return self.recipe.convex
+
     @cached_property
     def _body(self) -> tuple[Any, Any]:
-        return self.body()
+        return self.recipe.body(self.message)
 
     @property
     def shape(self) -> Any:
@@ -93,7 +96,7 @@ class Obstacle:
 
     @cached_property
     def _triangulation(self) -> tuple[np.ndarray, np.ndarray]:
-        vertices, triangles = self.surface()
+        vertices, triangles = self.recipe.surface(self.message)
         made = moved(self.placement, vertices), np.array(triangles)
         for array in made:
             array.setflags(write=False)
@@ -112,7 +115,7 @@ class Obstacle:
     @cached_property
     def charges(self) -> Charges:
         """Its share of the field, for a charge of 1 per area."""
-        made = self.charged(self.placement)
+        made = self.recipe.charged(self.message, self.placement)
         for array in vars(made).values():
             array.setflags(write=False)
         return made
@@ -175,8 +178,8 @@ class _UnusableError(Exception):
 
 
 def _primitive(message: Any) -> Obstacle:
-    body, surface, charged, placed = PRIMITIVES[type(message)](message)
-    return Obstacle(message, body, True, True, surface, charged, placed)
+    recipe, placed = PRIMITIVES[type(message)]
+    return Obstacle(message, recipe, placed(message))
 
 
 def _mesh(message: messages.Mesh) -> Obstacle:
@@ -205,7 +208,8 @@ def _polygon(message: messages.Polygon) -> Obstacle:
     sheet = _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
     if bulges(flat.corners):
         quads, rest = convex_quads(flat.vertices)
-        return dataclasses.replace(sheet, charged=lambda _: Charges(triangles=rest, quads=quads))
+        recipe = sheet.recipe._replace(charged=lambda *_: Charges(triangles=rest, quads=quads))
+        return dataclasses.replace(sheet, recipe=recipe)
     return sheet
 
 
@@ -214,15 +218,13 @@ def _point_cloud(message: messages.PointCloud) -> Obstacle:
     sort_for_tree(points)
     points.setflags(write=False)
     cloud, shape = Cloud(points, message.radius), bvh(*cloud_specks(points))
-    return Obstacle(
-        message=message,
-        body=lambda: (shape, pin.SE3.Identity()),
-        solid=True,
+    recipe = Recipe(
+        body=lambda _: (shape, pin.SE3.Identity()),
+        surface=lambda _: cloud_surface(points, cloud.radius),
+        charged=lambda *_: cloud_charges(points, cloud.radius),
         convex=False,
-        surface=lambda: cloud_surface(points, cloud.radius),
-        charged=lambda _: cloud_charges(points, cloud.radius),
-        cloud=cloud,
     )
+    return Obstacle(message, recipe, cloud=cloud)
 
 
 BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
@@ -236,15 +238,15 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
 
 def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -> Obstacle:
     shape = bvh(surface.vertices, surface.triangles) if surface.hull is None else surface.hull
-    return Obstacle(
-        message=message,
-        body=lambda: (shape, placement),
+    recipe = Recipe(
+        body=lambda _: (shape, placement),
+        surface=lambda _: (surface.vertices, surface.triangles),
+        charged=lambda *_: Charges(triangles=moved(placement, surface.vertices)[surface.triangles]),
         solid=surface.solid,
         convex=surface.hull is not None,
-        surface=lambda: (surface.vertices, surface.triangles),
-        charged=lambda _: Charges(triangles=moved(placement, surface.vertices)[surface.triangles]),
-        warnings=tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings),
     )
+    warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings)
+    return Obstacle(message, recipe, warnings=warnings)
 
 
 def _points(points: messages.Points) -> np.ndarray:
