@@ -14,6 +14,7 @@ from guidefield.collision.lanes import Lanes
 from guidefield.kernels import lane_nodes, lane_tree as kernel
 from guidefield.kernels.lane_buckets import buckets_for
 from guidefield.kernels.lane_sieve import SIEVE
+from guidefield.kernels.lane_words import LINE
 from guidefield.kernels.lanes import LANES
 from guidefield.kernels.packing import Words, packed
 from guidefield.planner.enclosed import can_be_left
@@ -142,6 +143,14 @@ def held_by(search: lane_nodes.Search) -> tuple[np.ndarray, ...]:
     return nodes, *(array.reshape(2, -1) for array in (search.parents, search.domains, search.failed))
 
 
+def _from_a_line(size: int) -> np.ndarray:
+    """So many float32, all 0, the first of which is where a line of the cache begins."""
+    floats = LINE // 4
+    memory = np.zeros(size + floats, np.float32)
+    begin = -memory.ctypes.data % LINE // 4
+    return memory[begin : begin + size]
+
+
 @dataclass(frozen=True, eq=False)
 class _Room:
     """Memory of two trees.
@@ -159,6 +168,8 @@ class _Room:
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
         """Room for so many nodes in each tree."""
+        ends_of = np.cumsum((nv, nv, nv, 2)) * LANES
+        samples, origins, ends, near, longest = np.split(_from_a_line((3 * nv + 3) * LANES), ends_of)
         # sixteen more: the nearest node is looked for sixteen at a time
         search = lane_nodes.Search(
             nv=nv,
@@ -173,12 +184,12 @@ class _Room:
             target=np.zeros(nv, np.float32),
             origin=np.zeros(nv, np.float32),
             reached=np.zeros(nv, np.float32),
-            samples=np.zeros(nv * LANES, np.float32),
-            near=np.zeros(2 * LANES, np.float32),
+            samples=samples,
+            near=near,
             grown=np.zeros(2 * LANES, np.int64),
-            longest=np.zeros(LANES, np.float32),
-            origins=np.zeros(nv * LANES, np.float32),
-            ends=np.zeros(nv * LANES, np.float32),
+            longest=longest,
+            origins=origins,
+            ends=ends,
             hits=np.full(3 * SIEVE, -1, np.int64),
             path=np.empty(2 * nv * capacity),
             buckets=buckets_for(nv, capacity if capacity > lane_nodes.LATE else 0),
