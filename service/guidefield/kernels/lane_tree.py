@@ -47,9 +47,8 @@ LEAST_DOMAIN = 1.0
 DOMAIN_STEP = 1e-4
 """By which fraction that radius grows when an extension succeeds, and shrinks when it fails."""
 
-PATIENCE, PATIENCE_ALONE = 2, 16
-"""After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up. The
-second number holds while extensions are judged one by one, when nothing tells which of them are hopeless."""
+PATIENCE = 16
+"""After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
 
 BALANCE = 1.1
 """A tree that is so many times smaller than the other grows again; else they take turns."""
@@ -90,13 +89,13 @@ def _connected(
 
 
 @lane_part
-def _taken(search: Search, tree: int, patience: int) -> int:
+def _taken(search: Search, tree: int) -> int:
     """Mask of the sixteen samples that are extended to: those in the domains of their nodes, and some others."""
     near, domains, first, refused, taken = search.near, search.domains, tree * search.capacity, 0, 0
     refused = search.counters[REFUSED]
     for k in range(LANES):
         domain = domains[first + int(near[LANES + k])]
-        passed_by = (near[k] > domain * domain) & (refused < patience)
+        passed_by = (near[k] > domain * domain) & (refused < PATIENCE)
         refused = refused + 1 if passed_by else 0
         taken |= (0 if passed_by else 1) << k
     search.counters[REFUSED] = refused
@@ -111,14 +110,13 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
     but not for ever. Those that are left when the batch is full are drawn again.
     """
     counters, grown, nv, drawn, chosen = search.counters, search.grown, search.nv, 0, 0
-    patience = PATIENCE if batch > 1 else PATIENCE_ALONE
     while chosen < batch:
         tree = 1 - counters[ACTIVE]
         if counters[SIZE + 1 - tree] * BALANCE <= counters[SIZE + tree]:  # the other is smaller: it goes on
             tree = 1 - tree
         next_samples(sampling, nv, search.places, search.samples)
         nearest_to_each(search, tree, sampling)
-        taken, used = _taken(search, tree, patience), LANES
+        taken, used = _taken(search, tree), LANES
         while taken:
             k = first_lane(taken)
             taken &= taken - 1
