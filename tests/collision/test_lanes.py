@@ -193,6 +193,10 @@ def test_a_straight_path_loses_its_inner_points() -> None:
     z = free[~lanes.touching(free)][0]
     line = z + np.linspace(0.0, 0.02, 7)[:, None]
     np.testing.assert_array_equal(lanes.shortened(line, 32.0), line[[0, -1]])
+    # however it lies in memory, and where nothing can be left out
+    np.testing.assert_array_equal(lanes.shortened(np.asfortranarray(line), 32.0), line[[0, -1]])
+    for few in (line[:1], line[:2]):
+        np.testing.assert_array_equal(lanes.shortened(few, 32.0), few)
 
 
 def test_allowed_contacts_are_allowed() -> None:
