@@ -46,7 +46,8 @@ PART = 16
 BLOCK = 3 * LANES
 """Floats of sixteen vertices: x, y, z of all."""
 
-ROUNDS = 32
+ROUNDS, BALL_ROUNDS = 32, 1
+"""How long GJK goes on with two parts, and where one of them is but a ball."""
 
 WORK = 512
 """Numbers of scratch space: simplex, poses of a and b, the last separating axis, a stack."""
@@ -149,9 +150,12 @@ def _support(
     )
 
 
-@lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER))
-def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats) -> bool:
-    """Whether two parts, placed by the poses in `work`, are farther apart than a margin; tries the last axis first."""
+@lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER, types.int64))
+def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats, most: int) -> bool:
+    """Whether two parts, placed by the poses in `work`, are shown to be farther apart than a margin in so many rounds.
+
+    The last axis is tried first.
+    """
     shapes_a, numbers_a, vertices_a = a.shapes, a.numbers, a.vertices
     shapes_b, numbers_b, vertices_b = b.shapes, b.numbers, b.vertices
     vx, vy, vz = work[AXIS], work[AXIS + 1], work[AXIS + 2]
@@ -163,7 +167,7 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
     square, count = vx * vx + vy * vy + vz * vz, 0
     if not square > 1e-20:
         vx, vy, vz, square = 1.0, 0.0, 0.0, 1.0
-    for rounds in range(ROUNDS):
+    for rounds in range(most):
         ax, ay, az = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -vx, -vy, -vz)
         bx, by, bz = _support(shapes_b, numbers_b, vertices_b, part_b, work, _POSE_B, vx, vy, vz)
         wx, wy, wz = ax - bx, ay - by, az - bz
@@ -272,7 +276,9 @@ def bodies_apart(
         if part_b >= 0:
             _place(b, part_b, pose_b, work, _POSE_B)
             radius_b = b.numbers[PART * part_b + 15]
-        if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, radius_a + radius_b + margin, work):
+        # a ball alone tells little: its children are soon asked
+        most = ROUNDS if part_a >= 0 and part_b >= 0 else BALL_ROUNDS
+        if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, radius_a + radius_b + margin, work, most):
             continue
         leaf_a, leaf_b = a.links[3 * node_a] < 0, b.links[3 * node_b] < 0
         if leaf_a and leaf_b:
@@ -293,4 +299,4 @@ def parts_apart(
     _place(a, part_a, pose_a, work, _POSE_A)
     _place(b, part_b, pose_b, work, _POSE_B)
     margin += a.numbers[PART * part_a + 15] + b.numbers[PART * part_b + 15]
-    return bool(_apart(a, part_a, b, part_b, margin, work))
+    return bool(_apart(a, part_a, b, part_b, margin, work, ROUNDS))
