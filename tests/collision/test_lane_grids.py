@@ -32,6 +32,7 @@ def unjudge(lanes: Lanes, room: int | None = None) -> None:
     cells, grids = lanes.tables.bodies.cells, lanes.tables.bodies.grids.reshape(-1, GRID_PLACES)
     largest = [np.prod(row[1:START:3] >> row[LEVELS] * row[DIVIDED]) if row[1] > 0 else 0 for row in grids]
     cells[:] = UNJUDGED
+    lanes.tables.bodies.apart[:] = 0
     cells[0] = CHILDREN + sum(largest) if room is None else len(cells) - room
 
 

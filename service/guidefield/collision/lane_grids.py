@@ -34,11 +34,13 @@ class Grids(NamedTuple):
         grids: (GRID_PLACES * meetings,).
         grid_numbers: (GRID_NUMBERS * meetings,) float32.
         cells: (CHILDREN + largest cells + ROOM,) int32, nothing judged yet.
+        apart: uint32, a bit for each of these up to the last of the largest.
     """
 
     grids: np.ndarray
     grid_numbers: np.ndarray
     cells: np.ndarray
+    apart: np.ndarray
 
 
 class _Side(NamedTuple):
@@ -99,6 +101,7 @@ def lane_grids(
         np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
         np.array(values, np.float32).reshape(-1, GRID_NUMBERS).ravel(),
         known,
+        np.zeros(cells // 32 + 1, np.uint32),
     )
 
 

@@ -141,8 +141,9 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
         grids=grids.grids,
         grid_numbers=grids.grid_numbers,
         cells=grids.cells,
+        apart=grids.apart,
     )
-    for array in bodies[5:-1]:
+    for array in bodies[5:-2]:
         array.setflags(write=False)
     return LaneRobot(lane_joints, bodies, parts, int(places[-1]))
 

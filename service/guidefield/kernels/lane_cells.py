@@ -9,11 +9,14 @@ them lie deeper in each other. The verdict hangs on nothing else, so that no ans
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 from numba import boolean, int64, types
 
 from guidefield.kernels.claim import claimed
 from guidefield.kernels.lane_axes import one_pose
-from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements
+from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
     BAND,
@@ -170,8 +173,8 @@ def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, c
     """What is known of a meeting's bodies at the configuration of a lane, by the smallest cell that has to be asked."""
     grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
     a, b, c = int(places[chosen]), int(places[LANES + chosen]), int(places[2 * LANES + chosen])
-    divided, at = grids[place + DIVIDED], grids[place + START] + int(places[GRID_SIDES * LANES + chosen])
-    shift, last = divided * grids[place + LEVELS], (1 << divided) - 1
+    divided, largest = grids[place + DIVIDED], grids[place + START] + int(places[GRID_SIDES * LANES + chosen])
+    shift, last, at = divided * grids[place + LEVELS], (1 << divided) - 1, largest
     while True:
         known = int(cells[at])
         if known == UNJUDGED:
@@ -180,6 +183,9 @@ def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, c
                 known = max(UNKNOWN, claimed(cells, CHILDREN, bodies.n_cells))
             cells[at] = known
         if known <= TOUCHING:
+            if known == APART and at == largest:
+                # a bit that another thread sets at the same time may be lost: it is set when the cell is asked again
+                bodies.apart[at >> 5] |= np.uint32(1) << np.uint32(at & 31)
             return known
         shift -= divided
         at = known + grids[place + 2] * (a >> shift & last)
@@ -187,12 +193,13 @@ def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, c
 
 
 @lane_part
-def _apart_by_largest(cells: Integers, start: int, places: Floats32) -> int:
+def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
     """The lanes whose largest cell keeps the bodies apart; without a branch, as most of the time goes by for memory."""
-    apart = 0
+    mask = 0
     for k in range(LANES):
-        apart |= int(cells[start + int(places[GRID_SIDES * LANES + k])] == APART) << k
-    return apart
+        cell = start + int(places[GRID_SIDES * LANES + k])
+        mask |= (int(apart[cell >> 5]) >> (cell & 31) & 1) << k
+    return mask
 
 
 @lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, FLOAT_POINTER, SCRATCH_MEMORY))
@@ -224,7 +231,7 @@ def left_of_cells(
         store(places, side * LANES, index)
         cells = cells * (count * share) + rint(index * share + down)
     store(places, GRID_SIDES * LANES, cells)
-    left, mask = mask & ~inside, inside & ~_apart_by_largest(bodies.cells, grids[place + START], places)
+    left, mask = mask & ~inside, inside & ~_apart_by_largest(bodies.apart, grids[place + START], places)
     while mask:
         chosen = first_lane(mask)
         mask &= mask - 1

@@ -81,6 +81,8 @@ class LaneBodies(NamedTuple):
             past each other.
         cells: (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the
             kernels. The first number says from where on the array is free.
+        apart: A bit for each number up to the last of the largest cells', set where a cell is known to keep the bodies
+            apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
     """
 
     size: int
@@ -109,6 +111,7 @@ class LaneBodies(NamedTuple):
     inner: np.ndarray
     grid_numbers: np.ndarray
     cells: np.ndarray
+    apart: np.ndarray
 
 
 class LaneObstacles(NamedTuple):
@@ -167,9 +170,9 @@ class Scratch(NamedTuple):
     hits: np.ndarray
 
 
-_CELLS = types.Array(types.int32, 1, "C")
+_CELLS, _BITS = (types.Array(kind, 1, "C") for kind in (types.int32, types.uint32))
 
-LANE_BODIES = types.NamedTuple([*[types.int64] * 5, *[INDICES] * 13, *[FLOATS] * 7, _CELLS], LaneBodies)
+LANE_BODIES = types.NamedTuple([*[types.int64] * 5, *[INDICES] * 13, *[FLOATS] * 7, _CELLS, _BITS], LaneBodies)
 LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, INDICES], LaneObstacles)
 SCRATCH = types.NamedTuple(
     [*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3, INTEGERS_OUT], Scratch
