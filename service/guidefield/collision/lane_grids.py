@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
 from guidefield.kernels.lane_tables import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
 
-LARGEST = (1, 1 << 12, 1 << 16, 1 << 15)
+LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)
 """The largest cells of a grid over so many coordinates, at most."""
 
 DIVIDED = (0, 6, 3, 2)
