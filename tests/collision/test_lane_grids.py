@@ -30,10 +30,10 @@ def alone(planned: PlanningGroup) -> tuple[World, Lanes]:
 def unjudge(lanes: Lanes, room: int | None = None) -> None:
     """Forget all verdicts; leave room for so many cells that others are divided into, all there is unless told."""
     cells, grids = lanes.tables.bodies.cells, lanes.tables.bodies.grids.reshape(-1, GRID_PLACES)
-    largest = [np.prod(row[1:START:3] >> row[LEVELS] * row[DIVIDED]) if row[1] > 0 else 0 for row in grids]
+    ends = [row[START] + np.prod(row[1:START:3] >> row[LEVELS] * row[DIVIDED]) for row in grids if row[1] > 0]
     cells[:] = UNJUDGED
     lanes.tables.bodies.apart[:] = 0
-    cells[0] = CHILDREN + sum(largest) if room is None else len(cells) - room
+    cells[0] = max(ends, default=CHILDREN) if room is None else len(cells) - room
 
 
 def judged(bodies: LaneBodies) -> dict[tuple[int, ...], int]:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from guidefield.collision.lane_memory import LaneMemory, lane_memory
+from guidefield.collision.lane_never import without_never_touching
 from guidefield.collision.lane_robot import LaneRobot, lane_robot, turned_from
 from guidefield.collision.lane_scene import LaneScene, lane_scene
 from guidefield.collision.world import World
@@ -42,7 +43,8 @@ def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
 def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The same, wherever the group starts."""
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
-    return _with_words(lane_robot(group, coverage(group.robot).shapes, pairs_of_bodies), group)
+    robot = lane_robot(group, coverage(group.robot).shapes, pairs_of_bodies)
+    return _with_words(without_never_touching(robot, group.nv), group)
 
 
 def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:

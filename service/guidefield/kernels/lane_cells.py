@@ -131,8 +131,8 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     return True
 
 
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
-def _judged(
+@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, types.float64, SCRATCH_MEMORY))
+def judged(
     joints: LaneJoints,
     bodies: LaneBodies,
     parts: Parts,
@@ -141,11 +141,22 @@ def _judged(
     b: int,
     c: int,
     shift: int,
+    besides: float,
     scratch: Scratch,
 ) -> int:
     """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are.
 
-    The cell is that of the smallest cell with the indices a, b, c whose sides are 2^shift as long.
+    Args:
+        joints: The robot's joints.
+        bodies: Its bodies.
+        parts: Their shapes.
+        meeting: Which one.
+        a: Index of one of the smallest cells in it along the first coordinate.
+        b: Along the second.
+        c: Along the third.
+        shift: The cell's sides are 2^shift as long as those of the smallest.
+        besides: What bodies have to keep besides, or to lie in each other [m], at least `BAND`.
+        scratch: Memory.
     """
     grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
     for side in range(GRID_SIDES):
@@ -156,8 +167,8 @@ def _judged(
     lane_placements(joints, scratch.middle, scratch.middle_poses)
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting]], 0, scratch.pose_a)
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting + 1]], 0, scratch.pose_b)
-    divisions = grids[place + LEVELS] * grids[place + DIVIDED] - shift
-    verdict, moved = APART, numbers[at + 3 * GRID_SIDES] / (1 << divisions) + BAND
+    divisions = grids[place + LEVELS] * grids[place + DIVIDED]
+    verdict, moved = APART, numbers[at + 3 * GRID_SIDES] * (1 << shift) / (1 << divisions) + besides
     for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
         first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
         if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
@@ -178,7 +189,7 @@ def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, c
     while True:
         known = int(cells[at])
         if known == UNJUDGED:
-            known = _judged(joints, bodies, parts, meeting, a, b, c, shift, scratch)
+            known = judged(joints, bodies, parts, meeting, a, b, c, shift, BAND, scratch)
             if known == UNKNOWN and shift > 0:
                 known = max(UNKNOWN, claimed(cells, CHILDREN, bodies.n_cells))
             cells[at] = known
