@@ -96,11 +96,7 @@ def _farthest_vertex(
         best = where_below(best, along, along, best)
     winner = first_lane(ALL_LANES & ~below(best, splat(largest_lane(best))))
     place = (first + int(lane(at, winner))) * BLOCK + winner
-    return (
-        float(vertices[place]),
-        float(vertices[place + 16]),
-        float(vertices[place + 32]),
-    )
+    return float(vertices[place]), float(vertices[place + 16]), float(vertices[place + 32])
 
 
 @lane_part
