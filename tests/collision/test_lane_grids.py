@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.collision.lane_grids import MOST_LARGEST, ROOM
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.kernels.lane_cells import APART, DIVIDED, LEVELS, START, TOUCHING, UNJUDGED, UNKNOWN
@@ -127,10 +128,13 @@ def test_without_room_for_more_cells_the_bodies_decide(room: int) -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", ["prismatic", "revolute"])
-def test_a_follower_that_nothing_moves_has_an_end(kind: str) -> None:
+@pytest.mark.parametrize("factor", ["0", "1e-12"])
+def test_a_follower_that_hardly_moves_has_an_end(kind: str, factor: str) -> None:
     text = box_arm("continuous slide y", 3).text.replace(
-        '<joint name="j2" type="prismatic">', f'<joint name="j2" type="{kind}"><mimic joint="j1" multiplier="0"/>'
+        '<joint name="j2" type="prismatic">',
+        f'<joint name="j2" type="{kind}"><mimic joint="j1" multiplier="{factor}"/>',
     )
     world, lanes = alone(grouped(UrdfText(text=text)))
+    assert len(lanes.tables.bodies.cells) <= MOST_LARGEST + ROOM
     zs = draw(world.group, 200, 3)
     np.testing.assert_array_equal(lanes.touching(zs), [world.in_collision(world.group.from_chart(z)) for z in zs])

@@ -9,10 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.lane_kinematics import JOINT, SLIDING, TURNING, LaneJoints
-from guidefield.kernels.lane_tables import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
+from guidefield.kernels.lane_tables import BAND, CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
 
 LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)
 """The largest cells of a grid over so many coordinates, at most."""
+
+MOST_LARGEST = 1 << 22
+"""The largest cells of all grids of a robot, at most, but for such as have few: where many pairs meet they are coarser."""
+
+FEW = 1 << 10
+"""As many a grid may always have."""
 
 DIVIDED = (0, 6, 3, 2)
 """By how many powers of 2 a cell's sides are divided, by how many coordinates there are: into `CHILDREN` children."""
@@ -73,15 +79,19 @@ def lane_grids(
             many cells of three take longer to judge than they save.
     """
     numbers = joints.numbers.reshape(-1, JOINT)
-    places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
+    every: list[list[_Side] | None] = []
     for (a, b), allowed in zip(meetings[:, :2].tolist(), most.tolist(), strict=True):
         way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
         sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
-        if sides is None or len(sides) > allowed:
+        every.append(None if sides is None or len(sides) > allowed else sides)
+    share = max(FEW, MOST_LARGEST // max(1, sum(sides is not None for sides in every)))
+    places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
+    for sides in every:
+        if sides is None:
             places.append([0] * GRID_PLACES)
             values.append([0.0] * GRID_NUMBERS)
             continue
-        place, row, moved, counts = [], [], 0.0, _counts(sides)
+        place, row, moved, counts = [], [], 0.0, _counts(sides, min(share, LARGEST[len(sides)]))
         for side, count in zip(sides, counts, strict=True):
             moved += SLACK * side.lever * 0.5 * side.width / count
         divided = DIVIDED[len(sides)]
@@ -105,11 +115,15 @@ def lane_grids(
     )
 
 
-def _counts(sides: list[_Side]) -> list[int]:
+def _counts(sides: list[_Side], most: int) -> list[int]:
     """How many of the largest cells lie along each coordinate: a step along any moves bodies about as far."""
-    ways = np.array([side.lever * side.width for side in sides])
-    share = (LARGEST[len(sides)] / ways.prod()) ** (1.0 / max(len(sides), 1))
-    return [max(1, int(count)) for count in ways * share]
+    ways, counts = np.array([max(side.lever * side.width, BAND) for side in sides]), [1] * len(sides)
+    ascending = np.argsort(ways).tolist()
+    for k, side in enumerate(ascending):
+        further = ways[ascending[k:]]
+        counts[side] = min(most, max(1, int((most / further.prod()) ** (1.0 / len(further)) * ways[side])))
+        most //= counts[side]
+    return counts
 
 
 def _way(parents: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]]:
