@@ -15,7 +15,7 @@ LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)
 """The largest cells of a grid over so many coordinates, at most."""
 
 MOST_LARGEST = 1 << 22
-"""The largest cells of all grids of a robot, at most, but for such as have few: where many pairs meet they are coarser."""
+"""The largest cells of all grids of a robot, at most, but for such as have few: many grids have fewer each."""
 
 FEW = 1 << 10
 """As many a grid may always have."""
