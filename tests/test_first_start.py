@@ -43,7 +43,7 @@ def package(folder: Path, result: str) -> Path:
     kernels.mkdir(parents=True)
     (kernels.parent / "__init__.py").touch()
     shutil.copy(HERE / "first_start.py", kernels.parent)
-    for name in ("__init__", "ahead", "cache", "signatures"):
+    for name in ("__init__", "ahead", "cache", "compilers", "quick_typing", "signatures"):
         shutil.copy(HERE / "kernels" / f"{name}.py", kernels)
     imported = "from guidefield.kernels.callee import callee"
     (kernels / "a_caller.py").write_text(KERNEL.format(imported=imported, name="a_caller", result="callee(x) + 1.0"))

@@ -14,7 +14,10 @@ from guidefield.potential import Precision, RobotField
 from guidefield.robot.selection import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
+from tests.kernels.parts import from_python
 from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot
+
+capsule_field = from_python(capsule_at)
 
 GROUPS = {
     **{name: lambda name=name: group(name) for name in ARMS},
@@ -106,7 +109,7 @@ def _self_repulsion_by_points(field: RobotField, q: np.ndarray) -> tuple[float, 
         shape, joint = field.charged.capsules[capsule], int(field.charged.capsule_joints[capsule])
         ends = np.r_[data.oMi[joint].act(shape[:3]), data.oMi[joint].act(shape[3:6])]
         for i in range(first, past):
-            phi, *gradient = capsule_at(*positions[i], *ends, shape[6])
+            phi, *gradient = capsule_field(*positions[i], *ends, shape[6])
             total += field.charged.weights[i] * phi
             push = -field.charged.weights[i] * np.array(gradient)
             for sign, which in ((1.0, int(field.charged.point_joints[i])), (-1.0, joint)):

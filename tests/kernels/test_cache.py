@@ -41,7 +41,7 @@ def package(tmp_path: Path) -> Path:
     sources.mkdir(parents=True)
     (sources.parent / "__init__.py").touch()
     shutil.copy(KERNELS.parent / "first_start.py", sources.parent)
-    for name in ("__init__.py", "cache.py", "signatures.py"):
+    for name in ("__init__.py", "cache.py", "compilers.py", "quick_typing.py", "signatures.py"):
         shutil.copy(KERNELS / name, sources)
     (sources / "callee.py").write_text("import numba\n@numba.njit(cache=True)\ndef callee():\n    return 1\n")
     (sources / "caller.py").write_text(

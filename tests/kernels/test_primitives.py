@@ -9,7 +9,10 @@ from hypothesis import assume, given, settings, strategies as st
 from guidefield.geometry import surfaces
 from guidefield.kernels.primitives import CAPSULE_SHELL, capsule_at
 from tests.kernels.evaluation import Field, field, gradient_by_differences, rigid_motions, vectors
+from tests.kernels.parts import from_python
 from tests.oracles import EPS, SolidCase, distance_to_segment, solid_cases
+
+capsule_field = from_python(capsule_at)
 
 laws = settings(deadline=None, max_examples=60)
 
@@ -25,7 +28,7 @@ def sphere(point: np.ndarray, radius: float = RADIUS, charge: float = 1.0) -> Fi
 
 
 def capsule(point: np.ndarray, p0: np.ndarray, p1: np.ndarray, radius: float) -> tuple[float, np.ndarray]:
-    potential, *gradient = capsule_at(*map(float, (*point, *p0, *p1, radius)))
+    potential, *gradient = capsule_field(*map(float, (*point, *p0, *p1, radius)))
     return potential, np.array(gradient)
 
 

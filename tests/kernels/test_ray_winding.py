@@ -6,6 +6,9 @@ import pytest
 from guidefield.geometry.solid import solid
 from guidefield.kernels.ray_winding import ray_direction, ray_winding
 from tests.geometry import solids
+from tests.kernels.parts import from_python
+
+direction_of_ray = from_python(ray_direction)
 
 BODIES = {
     "ring": solids.torus(),
@@ -52,7 +55,7 @@ def test_a_ray_through_a_corner_or_an_edge_is_not_believed(seed: int) -> None:
     vertices, triangles = mesh = solids.lying(solids.torus(around=8, across=6), seed)
     middles = vertices[triangles[:, :2]].mean(axis=1)
     for k in range(2):
-        direction = np.array(ray_direction(k))
+        direction = np.array(direction_of_ray(k))
         points = np.vstack([vertices, middles]) - 0.02 * direction
         points = points[solids.distance(points, mesh) > 1e-6]
         assert (windings(points, mesh) == np.rint(solids.winding(points, mesh))).all()

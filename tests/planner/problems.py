@@ -11,7 +11,7 @@ from guidefield.collision.world import World
 from guidefield.messages import codec, scene as messages
 from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
 from guidefield.planner.trace import Event
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.configuration import configuration_from_wire
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.kinematics import Kinematics
@@ -75,7 +75,7 @@ def problem(
         group=planned,
         scene=scene,
         world=World.build(planned, scene),
-        robot_field=RobotField(planned, scene),
+        robot_field=RobotField(planned, scene, Precision.SINGLE),
         kinematics=Kinematics(planned),
         q_start=rest(planned) if q_start is None else q_start,
         goal=goal or LastPlaneGoal(),

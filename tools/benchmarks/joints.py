@@ -25,7 +25,7 @@ from guidefield.planner import lane_tree
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.connect import LANE_RESOLUTION, connect
 from guidefield.planner.problem import Budget, LastPlaneGoal, Problem
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.meshes import CATALOG_PACKAGE, catalog_share
@@ -80,7 +80,8 @@ def mobile(title: str, count: int = 6) -> tuple[Problem, Ways]:
         if not world.in_collision(q):
             free.append(group.chart(q))
     problem = Problem(
-        group=group, scene=scene, world=world, robot_field=RobotField(group, scene), kinematics=Kinematics(group),
+        group=group, scene=scene, world=world,
+        robot_field=RobotField(group, scene, Precision.SINGLE), kinematics=Kinematics(group),
         q_start=group.q_origin, goal=LastPlaneGoal(),
     )  # fmt: skip
     return problem, list(zip(free[::2], free[1::2], strict=True))

@@ -29,7 +29,7 @@ from guidefield.planner.plan import Plan, plan
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.quality import END_STRETCH, figures
 from guidefield.planner.trace import Event, StageEntered, StageLeft
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.kinematics import Kinematics
 
 JUDGED_STEP = 0.02
@@ -125,7 +125,7 @@ def _row(given: Problems, problem: dict[str, Any], vamp: dict[tuple[str, int], d
             group=group,
             scene=scene,
             world=World.build(group, scene),
-            robot_field=RobotField(group, scene),
+            robot_field=RobotField(group, scene, Precision.SINGLE),
             kinematics=Kinematics(group),
             q_start=group.from_chart(start),
             goal=ConfigurationGoal((group.from_chart(goal),)),

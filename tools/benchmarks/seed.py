@@ -218,7 +218,6 @@ def converged(scenes: Sequence[str]) -> None:
     for title in scenes:
         problem = problem_of(title)
         chain = link_chain(problem.group)
-        problem = dataclasses.replace(problem, robot_field=RobotField(problem.group, problem.scene))
         run = crossed(problem, problem.guide_planes, (Attempt(Univariate(chain), FIRST_STEP),))
         cells = []
         for plane, q in zip(problem.guide_planes, run.settled_from, strict=False):

@@ -20,7 +20,7 @@ from guidefield.planner.connect import LANE_MARGIN, LANE_RESOLUTION
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.shorter import Rounds, shorter
 from guidefield.planner.waypoints import length_of
-from guidefield.potential import RobotField
+from guidefield.potential import Precision, RobotField
 from guidefield.robot.kinematics import Kinematics
 
 SECONDS = 20.0
@@ -55,7 +55,7 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
         group=group,
         scene=scene,
         world=World.build(group, scene),
-        robot_field=RobotField(group, scene),
+        robot_field=RobotField(group, scene, Precision.SINGLE),
         kinematics=Kinematics(group),
         q_start=group.from_chart(z_start),
         goal=ConfigurationGoal((group.from_chart(z_goal),)),

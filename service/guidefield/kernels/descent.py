@@ -15,7 +15,7 @@ from numba import types
 from guidefield.kernels.chart_values import chart_values
 from guidefield.kernels.distance import TABLES as BODIES
 from guidefield.kernels.energy import ROBOT, forces, potential
-from guidefield.kernels.field_tables import TABLES, TABLES_32
+from guidefield.kernels.field_tables import TABLES_32
 from guidefield.kernels.mover import MOVER, clamp, integrate, tip_position
 from guidefield.kernels.projected_step import direction, state_room, step_room
 from guidefield.kernels.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
@@ -141,13 +141,10 @@ def _is_close(swept: Any, bodies: Any, settings: Any, z: Floats) -> bool:
 
 
 @compiled(
-    [
-        types.int64(
-            *(MOVER, ROBOT, t, SWEPT, BODIES, CONSTRAINT, GUARD, SETTINGS),
-            *(VECTOR, SCALAR, MATRIX_OUT, VECTOR_OUT, VECTOR_OUT, COUNTS_OUT),
-        )
-        for t in (TABLES, TABLES_32)
-    ]
+    types.int64(
+        *(MOVER, ROBOT, TABLES_32, SWEPT, BODIES, CONSTRAINT, GUARD, SETTINGS),
+        *(VECTOR, SCALAR, MATRIX_OUT, VECTOR_OUT, VECTOR_OUT, COUNTS_OUT),
+    )
 )
 def descend(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, constraint: Any, guard: Any, settings: Any,
@@ -158,7 +155,7 @@ def descend(
     Args:
         mover: The joints that move.
         robot: What is charged on them.
-        tables: What repels it, in double or single precision.
+        tables: What repels it, in single precision.
         swept: The robot's capsules.
         bodies: The obstacles.
         constraint: What the tip keeps.

@@ -21,6 +21,7 @@ from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from guidefield.kernels.compilers import KernelCompiler, part
 from guidefield.kernels.signatures import Kernel
 
 LANES = 16
@@ -93,7 +94,7 @@ def lane_part(kernel: Kernel) -> Kernel:
 
     Sums keep their order, unlike in the other kernels: the range reduction of angles depends on it.
     """
-    decorated: Kernel = njit(fastmath={"contract"}, error_model="numpy", forceinline=True)(kernel)
+    decorated: Kernel = part(kernel, fastmath={"contract"}, error_model="numpy")
     return decorated
 
 
@@ -101,7 +102,8 @@ def lane_kernel(signature: Any, **options: bool) -> Callable[[Kernel], Kernel]:
     """Decorator of a lane kernel of one signature: machine code from the cache, no GIL; sums keep their order."""
 
     def decorate(kernel: Kernel) -> Kernel:
-        compiled = njit(signature, cache=True, fastmath={"contract"}, error_model="numpy", nogil=True, **options)
+        common = {"cache": True, "error_model": "numpy", "nogil": True, "pipeline_class": KernelCompiler}
+        compiled = njit(signature, fastmath={"contract"}, **common, **options)
         decorated: Kernel = compiled(kernel)
         return decorated
 

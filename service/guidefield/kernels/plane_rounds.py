@@ -16,7 +16,7 @@ from guidefield.kernels.chart_values import chart_values
 from guidefield.kernels.descent import COUNTS_OUT, SETTINGS, descend
 from guidefield.kernels.distance import TABLES as BODIES
 from guidefield.kernels.energy import ROBOT
-from guidefield.kernels.field_tables import TABLES, TABLES_32
+from guidefield.kernels.field_tables import TABLES_32
 from guidefield.kernels.mover import MOVER, tip_position
 from guidefield.kernels.reach import reach
 from guidefield.kernels.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
@@ -192,12 +192,7 @@ def _straightened(
             kept[through] = 1
 
 
-@compiled(
-    [
-        types.int64(MOVER, ROBOT, t, SWEPT, BODIES, GUARD, SETTINGS, ROUNDS, types.int64, VECTOR, RECORD_OUT)
-        for t in (TABLES, TABLES_32)
-    ]
-)
+@compiled(types.int64(MOVER, ROBOT, TABLES_32, SWEPT, BODIES, GUARD, SETTINGS, ROUNDS, types.int64, VECTOR, RECORD_OUT))
 def approach(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, aim: Any, settings: Any, rounds: Any,
     most_steps: int, q: Floats, record_out: Any,
@@ -207,7 +202,7 @@ def approach(
     Args:
         mover: The joints that move.
         robot: What is charged on them.
-        tables: What repels it, in double or single precision.
+        tables: What repels it, in single precision.
         swept: The robot's capsules; they have to be its very shapes.
         bodies: The obstacles.
         aim: The plane's polygon, inset.

@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
+from guidefield.kernels.compilers import KernelCompiler, part
+
 Floats = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -39,11 +41,10 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 def inlined(kernel: Kernel) -> Kernel:
     """Decorator of the parts of kernels: compiled into each caller, so that its loops become vector loops."""
-    return cast(Kernel, njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)(kernel))
+    return cast(Kernel, part(kernel, fastmath=FASTMATH, error_model="numpy"))
 
 
 def compiled(signature: Any) -> Callable[[Kernel], Kernel]:
     """Decorator of a kernel of one signature: machine code from the cache, no GIL, division by zero gives infinity."""
-    return cast(
-        Callable[[Kernel], Kernel], njit(signature, cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
-    )
+    options = {"cache": True, "error_model": "numpy", "nogil": True, "pipeline_class": KernelCompiler}
+    return cast(Callable[[Kernel], Kernel], njit(signature, fastmath=FASTMATH, **options))

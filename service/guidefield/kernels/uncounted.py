@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from numba import njit
-
+from guidefield.kernels.compilers import part
 from guidefield.kernels.signatures import FASTMATH
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
@@ -19,9 +18,9 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 def uncounted(kernel: Kernel) -> Kernel:
     """Decorator like `inlined`, of what neither makes nor returns arrays, or is only called from such parts."""
-    return cast(Kernel, njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, _nrt=False)(kernel))
+    return cast(Kernel, part(kernel, fastmath=FASTMATH, error_model="numpy", _nrt=False))
 
 
 def counted(kernel: Kernel) -> Kernel:
     """Decorator like `inlined`, of what makes arrays and is called from parts that don't count."""
-    return cast(Kernel, njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, _nrt=True)(kernel))
+    return cast(Kernel, part(kernel, fastmath=FASTMATH, error_model="numpy", _nrt=True))

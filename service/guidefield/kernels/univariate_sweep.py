@@ -18,7 +18,7 @@ from guidefield.kernels.chart_values import chart_values
 from guidefield.kernels.distance import TABLES as BODIES
 from guidefield.kernels.energy import JOINTS, ROBOT
 from guidefield.kernels.field import LANES
-from guidefield.kernels.field_tables import TABLES, TABLES_32
+from guidefield.kernels.field_tables import TABLES_32
 from guidefield.kernels.link_chain import CHAIN
 from guidefield.kernels.signatures import MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
 from guidefield.kernels.swept import motion_apart
@@ -141,13 +141,10 @@ def _free(
 
 
 @compiled(
-    [
-        types.int64(
-            *(CHAIN, JOINTS, INDICES, types.int64, ROBOT, t, SWEPT, BODIES, GUARD, SEARCHING),
-            *(INDICES, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX_OUT, COUNTS_OUT),
-        )
-        for t in (TABLES, TABLES_32)
-    ]
+    types.int64(
+        *(CHAIN, JOINTS, INDICES, types.int64, ROBOT, TABLES_32, SWEPT, BODIES, GUARD, SEARCHING),
+        *(INDICES, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX_OUT, COUNTS_OUT),
+    )
 )
 def sweep(
     chain: Any, joints: Any, carriers: Any, leads: int, robot: Any, tables: Any, swept: Any, bodies: Any, guard: Any,
@@ -162,7 +159,7 @@ def sweep(
         carriers: The joint that carries each link, shape (n,).
         leads: 1 where the first joint is the tip and nothing holds it.
         robot: What is charged.
-        tables: What repels it.
+        tables: What repels it, in single precision.
         swept: The robot's capsules; a motion that they can't tell is free is not taken.
         bodies: The obstacles.
         guard: Where the tip may be.

@@ -1,0 +1,15 @@
+"""Parts of kernels, compiled for Python too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+from guidefield.kernels.signatures import FASTMATH
+
+
+def from_python(part: Any) -> Callable[..., Any]:
+    """A part as a function that Python can call, compiled with the options of parts."""
+    return numba.njit(fastmath=FASTMATH, error_model="numpy")(part.py_func)
