@@ -137,7 +137,7 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
     return drawn
 
 
-@lane_step(boolean(WORLD, SEARCH, types.float64, types.float64, int64))
+@lane_part
 def _extension_free(world: LaneWorld, search: Search, clearance: float, resolution: float, slot: int) -> bool:
     """Whether an extension of the batch is free; what it reaches is then what is reached."""
     for j in range(search.nv):
