@@ -62,7 +62,7 @@ class Search(NamedTuple):
         samples: (nv * 16,) samples, coordinate by coordinate.
         near: (2 * 16,) how far each is from the node nearest to it, squared; then those nodes.
         grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
-        longest: (16,) how long they may be.
+        longest: (16,) how long they may be; then which share of the ways to their samples they are.
         origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate.
         hits: (3 * SIEVE,) what the sieve of a batch tries first.
         path: (2 * nv * capacity,) the path once the trees have met, chart point by chart point.
