@@ -31,10 +31,13 @@ class Part(CPUDispatcher):  # type: ignore[misc]  # numba is untyped
         return self.py_func(*arguments, **by_name)
 
 
-def part(function: Callable[..., Any], **options: Any) -> Part:
-    """A part of kernels from its source, with numba's options: compiled into each caller."""
+def part(function: Callable[..., Any], optimized: bool = False, **options: Any) -> Part:
+    """A part of kernels from its source, with numba's options: compiled into each caller.
+
+    Optimised before that, too, if so asked: it costs time, and a few long loops become better vector loops for it.
+    """
     options = {"nopython": True, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
-    return Part(function, targetoptions=options, pipeline_class=_PartCompiler)
+    return Part(function, targetoptions=options, pipeline_class=_OptimizedPartCompiler if optimized else _PartCompiler)
 
 
 class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -49,6 +52,13 @@ class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
+
+
+class _OptimizedPartLibrary(_PartLibrary):
+    """The same, optimised by itself as well."""
+
+    def _optimize_final_module(self) -> None:
+        JITCodeLibrary._optimize_final_module(self)
 
 
 class _KernelFlags(Flags):  # type: ignore[misc]
@@ -82,9 +92,10 @@ class _KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _PartLowering(NativeLowering):  # type: ignore[misc]
     _name = "guidefield_part_lowering"
+    library: type[_PartLibrary] = _PartLibrary
 
     def run_pass(self, state: Any) -> bool:
-        library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library, state.flags.no_compile = library, True
         super().run_pass(state)
         lowered = state["cr"]
@@ -94,6 +105,12 @@ class _PartLowering(NativeLowering):  # type: ignore[misc]
         state.reload_init.extend(library._reload_init)
         state["cr"] = lowered._replace(cfunc=key)
         return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _OptimizedPartLowering(_PartLowering):
+    _name = "guidefield_optimized_part_lowering"
+    library = _OptimizedPartLibrary
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -136,4 +153,5 @@ def _refused_shape(source: Any, target: Any) -> Any:
 # numba's own has both shapes in its message, and compiles half of what it knows of strings for that.
 arrayobj.raise_with_shape_context = _refuse_shape
 
-_PartCompiler, KernelCompiler = _compiler(_PartLowering), _compiler(_KernelLowering)
+_PartCompiler, _OptimizedPartCompiler = _compiler(_PartLowering), _compiler(_OptimizedPartLowering)
+KernelCompiler = _compiler(_KernelLowering)

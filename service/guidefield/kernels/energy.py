@@ -28,6 +28,7 @@ from guidefield.kernels.signatures import (
     Floats,
     compiled,
     inlined,
+    optimized,
 )
 from guidefield.kernels.tree_kinematics import BLOCKS, BLOCKS_OUT, INDICES, JointTable, joint_placements
 from guidefield.kernels.wrenches import gathered, give, nothing, project
@@ -150,7 +151,7 @@ def _field_forces(
     return potential
 
 
-@inlined
+@optimized
 def _repulsion(
     robot: Any, k: int, world: Any, points: Any, weights: Any, counting: Any, wrenches: Any, inertias: Any
 ) -> Any:
