@@ -18,6 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from guidefield.kernels.cache import closure, uncompiled
+from guidefield.kernels.compilers import shorten_messages
+from guidefield.kernels.quick_typing import quicken_typing
 
 Told = Callable[[str], None]
 """Told, in one sentence, how far it is."""
@@ -122,6 +124,9 @@ def _source(name: str) -> Path:
 
 
 def _compile_what_is_named() -> None:
+    # here only: a program that imports kernels may have numba compile functions of its own
+    quicken_typing()
+    shorten_messages()
     gc.disable()  # the compiler makes millions of objects, and looking through them all is a fifth of its time
     for line in sys.stdin:
         try:

@@ -150,8 +150,13 @@ def _refused_shape(source: Any, target: Any) -> Any:
     return refuse
 
 
-# numba's own has both shapes in its message, and compiles half of what it knows of strings for that.
-arrayobj.raise_with_shape_context = _refuse_shape
+def shorten_messages() -> None:
+    """Have numba leave both shapes out of what it says of such an assignment, in this process.
+
+    It compiles half of what it knows of strings for them.
+    """
+    arrayobj.raise_with_shape_context = _refuse_shape
+
 
 _PartCompiler, _OptimizedPartCompiler = _compiler(_PartLowering), _compiler(_OptimizedPartLowering)
 KernelCompiler = _compiler(_KernelLowering)
