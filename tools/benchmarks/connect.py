@@ -4,7 +4,9 @@ Usage: tools/bench connect --problems <folder> [--every N] [--sequences N] [--pe
 
 The folder is described in problems.py. *Whole call* is scene, planning and simplification, every obstacle new to the
 process; *scene known* is the scene alone with obstacles that an earlier one had. The certified path is judged once more
-on the exact meshes, `JUDGED_STEP` apart. Beside our times stand those of VAMP's rows on the same problems, scaled by
+on the exact meshes, `JUDGED_STEP` apart. Certificates come when all problems of a sequence have been planned, as the
+others' times are of planning alone: *after a certificate* is what planning takes where one has just emptied the
+processor's caches, once and not the best. Beside our times stand those of VAMP's rows on the same problems, scaled by
 Pinocchio's forward kinematics (connect_peers.py), and with `--peers` the planners of peers.py that are installed.
 All is CPU time, the best of `REPEATS`.
 """
@@ -56,6 +58,7 @@ class Row:
         scene: World and tables built, every obstacle new.
         known: The same with known obstacles.
         plan, simplify, call: Tree, shortcuts, and those with the new scene.
+        after: Tree, once, where a certificate came before.
         certificate: The certificate, with new plans where it refused.
         iterations: Samples drawn.
         length: Of the simplified path in the chart.
@@ -72,6 +75,7 @@ class Row:
     plan: float
     simplify: float
     call: float
+    after: float
     certificate: float
     iterations: int
     length: float
@@ -99,7 +103,10 @@ def _robot(folder: Path, robot: str, every: int, sequences: int, seconds: float)
     kinematics = kinematics_us(Problems.load(folder, "panda", len(given.problems)).group)
     print(f"\n{robot}: {len(given.problems)} problems; Pinocchio's forward kinematics of a Panda: {kinematics:.2f} us")
     _row(given, given.problems[0], 0)  # compiles, and makes the robot's tables
-    of_sequence = [[_row(given, problem, sequence) for problem in given.problems] for sequence in range(sequences)]
+    of_sequence = []
+    for sequence in range(sequences):
+        planned = [_planned(given, problem, sequence) for problem in given.problems]
+        of_sequence.append([_judged(given, *one, sequence) for one in zip(given.problems, planned, strict=True)])
     for sequence, rows in enumerate(of_sequence):
         _print(f"sequence {sequence}", rows)
     keys = [(row.problem_set, row.index) for row in of_sequence[0]]
@@ -111,6 +118,20 @@ def _robot(folder: Path, robot: str, every: int, sequences: int, seconds: float)
 
 
 def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
+    return _judged(given, problem, _planned(given, problem, sequence), sequence)
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What planning a problem took, as `Row` says, and the simplified path."""
+
+    times: dict[str, float]
+    path: np.ndarray | None
+    iterations: int
+    rng: np.random.Generator
+
+
+def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planned:
     z_start, z_goal = given.ends(problem)
     message = scene_message(problem)
     scene = known = plan = simplify = call = np.inf
@@ -133,6 +154,17 @@ def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
         known = min(known, time.thread_time() - began)
         if call > LONG:
             break
+    times = {"scene": scene, "known": known, "plan": plan, "simplify": simplify, "call": call}
+    return _Planned(times, path, found.iterations, rng)
+
+
+def _judged(given: Problems, problem: dict[str, Any], planned: _Planned, sequence: int) -> Row:
+    z_start, z_goal = given.ends(problem)
+    world = World.build(given.group, build(scene_message(problem)))
+    lanes, path, rng = Lanes.build(world), planned.path, planned.rng
+    began = time.thread_time()
+    _grown(lanes, z_start, z_goal, LANE_RESOLUTION, np.random.default_rng(sequence))
+    after = time.thread_time() - began
     began, refused, resolution = time.thread_time(), 0, LANE_RESOLUTION
     while path is not None and not certify(world, polyline(path)).free:
         refused += 1
@@ -146,13 +178,10 @@ def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
     return Row(
         problem_set=problem["set"],
         index=problem["index"],
-        scene=1e6 * scene,
-        known=1e6 * known,
-        plan=1e6 * plan,
-        simplify=1e6 * simplify,
-        call=1e6 * call,
+        **{name: 1e6 * seconds for name, seconds in planned.times.items()},
+        after=1e6 * after,
         certificate=1e6 * certificate,
-        iterations=found.iterations,
+        iterations=planned.iterations,
         length=np.nan if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
         rate=np.nan if path is None else _rate(lanes, path),
         refused=refused,
@@ -211,6 +240,7 @@ def _print(title: str, rows: list[Row]) -> None:
         ("scene, new, us", "scene"),
         ("scene known, us", "known"),
         ("planning, us", "plan"),
+        ("planning after a certificate, once, us", "after"),
         ("simplification, us", "simplify"),
         ("whole call, us", "call"),
         ("certificate, with new plans where it refused, us", "certificate"),
