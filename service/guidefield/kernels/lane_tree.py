@@ -50,7 +50,7 @@ DOMAIN_STEP = 1e-4
 PATIENCE = 16
 """After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""
 
-BALANCE = 1.1
+BALANCE = 1.0
 """A tree that is so many times smaller than the other grows again; else they take turns."""
 
 STUBBORN, SHORTEST = 2000, 4
