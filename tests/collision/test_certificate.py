@@ -207,12 +207,12 @@ def sliding_along(gap: float):
 
 def test_what_passes_closer_than_the_floor_is_undecided():
     start, end = np.array([0.05]), np.array([0.12])
-    verdict = motion_free(sliding_along(5e-5), start, end)
+    verdict = motion_free(sliding_along(5e-6), start, end)
     assert verdict.reason == "undecided"
     assert not verdict.free
     assert verdict.pair == ("l1", "wall")
-    assert motion_free(sliding_along(5e-5), start, end, floor=1e-5).free
-    assert motion_free(sliding_along(3e-4), start, end).free
+    assert motion_free(sliding_along(5e-6), start, end, floor=1e-6).free
+    assert motion_free(sliding_along(3e-5), start, end).free
 
 
 @pytest.mark.parametrize(

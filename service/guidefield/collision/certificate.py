@@ -64,7 +64,7 @@ def certify(
     world: World,
     pieces: np.ndarray,
     min_clearance: float = 0.0,
-    floor: float = 1e-4,
+    floor: float = 1e-5,
     stopped: Callable[[], object] = lambda: None,
 ) -> Verdict:
     """Judge a motion.
@@ -100,7 +100,7 @@ def certify(
 
 
 def motion_free(
-    world: World, z0: np.ndarray, z1: np.ndarray, min_clearance: float = 0.0, floor: float = 1e-4
+    world: World, z0: np.ndarray, z1: np.ndarray, min_clearance: float = 0.0, floor: float = 1e-5
 ) -> Verdict:
     """Judge the straight motion between two points, each of shape (nv,), of the group's chart; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
