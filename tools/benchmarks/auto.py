@@ -20,15 +20,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.guided import SIDE, square_about
+from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.auto_planes import derive
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.problem import Budget, LastPlaneGoal, Problem
+from guidefield.planner.problem import Budget, LastPlaneGoal
 from guidefield.planner.tip_reach import tip_radius
-from guidefield.potential import Precision, RobotField
-from guidefield.robot.kinematics import Kinematics
 
 
 def run(arguments: list[str]) -> None:
@@ -48,21 +46,11 @@ def run(arguments: list[str]) -> None:
 
 def _planned(given: Problems, declared: dict[str, Any], asked: argparse.Namespace) -> tuple[Plan, float]:
     """What came of a problem, and the time it took [s]."""
-    group, scene = given.group, scene_of(declared)
+    group, budget = given.group, Budget(time.monotonic() + asked.seconds)
     start, goal = (group.from_chart(z) for z in given.ends(declared))
-    kinematics = Kinematics(group)
-    problem = Problem(
-        group=group,
-        scene=scene,
-        world=World.build(group, scene),
-        robot_field=RobotField(group, scene, Precision.SINGLE),
-        kinematics=kinematics,
-        q_start=start,
-        goal=LastPlaneGoal(),
-        budget=Budget(time.monotonic() + asked.seconds),
-    )
+    problem = posed(group, scene_of(declared), start, LastPlaneGoal(), budget=budget)
     half = SIDE * tip_radius(problem) if asked.side is None else 5e-4 * asked.side
-    last = square_about(kinematics.frame_placement(goal, group.tip_id), half)
+    last = square_about(problem.kinematics.frame_placement(goal, group.tip_id), half)
     began = time.process_time()
     derived = derive(problem, last) or ()
     problem = dataclasses.replace(problem, guide_planes=(*derived, last), derived_planes=len(derived))

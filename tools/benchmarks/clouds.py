@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
@@ -24,9 +25,7 @@ from guidefield.messages.values import Float32Array
 from guidefield.planner import lane_tree
 from guidefield.planner.connect import LANE_RESOLUTION
 from guidefield.planner.plan import Planner, plan
-from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
-from guidefield.potential import Precision, RobotField
-from guidefield.robot.kinematics import Kinematics
+from guidefield.planner.problem import Budget, ConfigurationGoal
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
@@ -106,16 +105,8 @@ def _planned(given: Problems, problem: dict[str, Any], scene: Scene) -> Times:
         rng = np.random.default_rng(0)
         found = lane_tree.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, budget)
         times[name] = _since(began) if found.path is not None else np.nan
-    asked = Problem(
-        group=group,
-        scene=scene,
-        world=World.build(group, scene),
-        robot_field=RobotField(group, scene, Precision.SINGLE),
-        kinematics=Kinematics(group),
-        q_start=group.from_chart(z_start),
-        goal=ConfigurationGoal((group.from_chart(z_goal),)),
-        budget=Budget(time.monotonic() + SECONDS),
-    )
+    q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
+    asked = posed(group, scene, q_start, goal, budget=Budget(time.monotonic() + SECONDS))
     began = time.process_time()
     planned = plan(asked, Planner.AUTO)
     times["plan"] = _since(began)

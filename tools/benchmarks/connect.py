@@ -102,7 +102,8 @@ def _robot(folder: Path, robot: str, every: int, sequences: int, seconds: float)
     given = Problems.load(folder, robot, every)
     kinematics = kinematics_us(Problems.load(folder, "panda", len(given.problems)).group)
     print(f"\n{robot}: {len(given.problems)} problems; Pinocchio's forward kinematics of a Panda: {kinematics:.2f} us")
-    _row(given, given.problems[0], 0)  # compiles, and makes the robot's tables
+    first = given.problems[0]
+    _judged(given, first, _planned(given, first, 0), 0)  # compiles, and makes the robot's tables
     of_sequence = []
     for sequence in range(sequences):
         planned = [_planned(given, problem, sequence) for problem in given.problems]
@@ -115,10 +116,6 @@ def _robot(folder: Path, robot: str, every: int, sequences: int, seconds: float)
     beside_vamp(given, dict(zip(keys, np.column_stack([plans, calls]).tolist(), strict=True)), kinematics)
     if seconds > 0.0:
         beside(given, seconds, dict(zip(keys, calls.tolist(), strict=True)))
-
-
-def _row(given: Problems, problem: dict[str, Any], sequence: int) -> Row:
-    return _judged(given, problem, _planned(given, problem, sequence), sequence)
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.posed import posed
 from benchmarks.problems import Problems, scene_of
-from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.auto_planes import derive
 from guidefield.planner.guide import cross
-from guidefield.planner.problem import LastPlaneGoal, Problem
+from guidefield.planner.problem import LastPlaneGoal
 from guidefield.planner.tip_reach import tip_radius
-from guidefield.potential import Precision, RobotField
-from guidefield.robot.kinematics import Kinematics
 from guidefield.scene.guide_plane import GuidePlane, build
 
 SIDE = 1.05
@@ -43,15 +41,12 @@ def square_about(placement: pin.SE3, half: float) -> GuidePlane:
 
 def solved(problems: Problems, declared: dict) -> tuple[bool, bool, float, float, str]:
     """Whether the planes were crossed; whether the ends keep their distance; seconds of deriving and of crossing."""
-    group, scene = problems.group, scene_of(declared)
+    group = problems.group
     start, goal = (group.from_chart(z) for z in problems.ends(declared))
-    world, kinematics = World.build(group, scene), Kinematics(group)
+    problem = posed(group, scene_of(declared), start, LastPlaneGoal())
+    world = problem.world
     kept = all(world.clearance(q).obstacle_distance >= KEPT and not world.contacts(q) for q in (start, goal))
-    problem = Problem(
-        group=group, scene=scene, world=world, robot_field=RobotField(group, scene, Precision.SINGLE),
-        kinematics=kinematics, q_start=start, goal=LastPlaneGoal(),
-    )  # fmt: skip
-    last = square_about(kinematics.frame_placement(goal, group.tip_id), SIDE * tip_radius(problem))
+    last = square_about(problem.kinematics.frame_placement(goal, group.tip_id), SIDE * tip_radius(problem))
     begin = time.process_time()
     derived = derive(problem, last)
     between, q = time.process_time(), start

@@ -15,9 +15,9 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.posed import posed
 from benchmarks.seed import SCENES, crossed, problem_of
 from guidefield.collision.lanes import Lanes
-from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
@@ -25,9 +25,7 @@ from guidefield.planner import lane_tree
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.connect import LANE_RESOLUTION, connect
 from guidefield.planner.problem import Budget, LastPlaneGoal, Problem
-from guidefield.potential import Precision, RobotField
 from guidefield.robot.catalog import Catalog
-from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.meshes import CATALOG_PACKAGE, catalog_share
 from guidefield.robot.selection import select
 from guidefield.scene.scene import Scene, build
@@ -74,16 +72,12 @@ def mobile(title: str, count: int = 6) -> tuple[Problem, Ways]:
     if words:
         names = [name for name in names if name == "root_joint" or any(word in name for word in words.split())]
     group = select(robot, names, None, robot.rest, pin.SE3.Identity())
-    world, rng, free = World.build(group, scene), np.random.default_rng(4), []
+    problem = posed(group, scene, group.q_origin, LastPlaneGoal())
+    world, rng, free = problem.world, np.random.default_rng(4), []
     while len(free) < 2 * count:
         q = group.random(rng)
         if not world.in_collision(q):
             free.append(group.chart(q))
-    problem = Problem(
-        group=group, scene=scene, world=world,
-        robot_field=RobotField(group, scene, Precision.SINGLE), kinematics=Kinematics(group),
-        q_start=group.q_origin, goal=LastPlaneGoal(),
-    )  # fmt: skip
     return problem, list(zip(free[::2], free[1::2], strict=True))
 
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers
+from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.collision.world import World
 from guidefield.errors import Status
@@ -29,8 +30,6 @@ from guidefield.planner.plan import Plan, plan
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.quality import END_STRETCH, figures
 from guidefield.planner.trace import Event, StageEntered, StageLeft
-from guidefield.potential import Precision, RobotField
-from guidefield.robot.kinematics import Kinematics
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""
@@ -121,30 +120,21 @@ def _row(given: Problems, problem: dict[str, Any], vamp: dict[tuple[str, int], d
     seconds: dict[str, float] = {}
     for _ in range(REPEATS):
         clock, began = _StageClock(), time.thread_time()
-        posed = Problem(
-            group=group,
-            scene=scene,
-            world=World.build(group, scene),
-            robot_field=RobotField(group, scene, Precision.SINGLE),
-            kinematics=Kinematics(group),
-            q_start=group.from_chart(start),
-            goal=ConfigurationGoal((group.from_chart(goal),)),
-            budget=Budget(time.monotonic() + SECONDS),
-            observer=clock,
-        )
+        q_start, to = group.from_chart(start), ConfigurationGoal((group.from_chart(goal),))
+        asked = posed(group, scene, q_start, to, budget=Budget(time.monotonic() + SECONDS), observer=clock)
         loaded = time.thread_time() - began
-        made = plan(posed)
+        made = plan(asked)
         whole = sum(spent for name, spent in clock.seconds.items() if name != "ends")
         for name, spent in {**clock.seconds, "load": loaded, "whole": whole}.items():
             seconds[name] = min(seconds.get(name, np.inf), 1e3 * spent)
         if whole > 1.0:
             break
-    return _measured(f"{problem['set']} {problem['index']}", posed, made, problem, vamp, seconds)
+    return _measured(f"{problem['set']} {problem['index']}", asked, made, problem, vamp, seconds)
 
 
 def _measured(
     name: str,
-    posed: Problem,
+    asked: Problem,
     made: Plan,
     problem: dict[str, Any],
     vamp: dict[tuple[str, int], dict[str, Any]],
@@ -154,9 +144,9 @@ def _measured(
     if made.trajectory is None or made.status is not Status.SUCCESS:
         return row
     fine = np.linspace(0.0, made.trajectory.duration, 40 * len(made.trajectory.times))
-    row.judged = judged(posed.world, made.trajectory.evaluate(fine)[0])
+    row.judged = judged(asked.world, made.trajectory.evaluate(fine)[0])
     row.relative_length = _relative(row.judged, problem, vamp)
-    row.smoothness, row.duration = figures(made.trajectory, posed.kinematics).smoothness, made.trajectory.duration
+    row.smoothness, row.duration = figures(made.trajectory, asked.kinematics).smoothness, made.trajectory.duration
     return row
 
 

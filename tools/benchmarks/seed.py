@@ -18,7 +18,7 @@ from unittest.mock import patch
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.world import World
+from benchmarks.posed import posed
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner import rounds
@@ -32,10 +32,8 @@ from guidefield.planner.rounds import FIRST_STEP, Attempt
 from guidefield.planner.steps import Walker
 from guidefield.planner.trace import Event, Step
 from guidefield.planner.univariate import Univariate
-from guidefield.potential import Precision, RobotField
 from guidefield.robot.catalog import Catalog
 from guidefield.robot.configuration import configuration_from_wire
-from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.link_chain import link_chain
 from guidefield.robot.selection import select
 from guidefield.scene import guide_plane, library
@@ -104,11 +102,7 @@ def problem_of(title: str) -> Problem:
     planes = scene.guide_planes
     if isinstance(request.guide_planes, list):
         planes = tuple(guide_plane.build(message, index) for index, message in enumerate(request.guide_planes))
-    return Problem(
-        group=group, scene=scene, world=World.build(group, scene),
-        robot_field=RobotField(group, scene, Precision.SINGLE),
-        kinematics=Kinematics(group), q_start=group.part_of(q), goal=LastPlaneGoal(), guide_planes=planes,
-    )  # fmt: skip
+    return posed(group, scene, group.part_of(q), LastPlaneGoal(), guide_planes=planes)
 
 
 def crossed(problem: Problem, planes: Sequence[GuidePlane], attempts: Sequence[Attempt]) -> Run:

@@ -13,15 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.collision.world import World
 from guidefield.planner import lane_tree
 from guidefield.planner.connect import LANE_MARGIN, LANE_RESOLUTION
-from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
+from guidefield.planner.problem import Budget, ConfigurationGoal
 from guidefield.planner.shorter import Rounds, shorter
 from guidefield.planner.waypoints import length_of
-from guidefield.potential import Precision, RobotField
-from guidefield.robot.kinematics import Kinematics
 
 SECONDS = 20.0
 """Budget of one problem."""
@@ -50,17 +48,9 @@ def run(arguments: list[str]) -> None:
 def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | None:
     """Share of the first path's length that is left, and seconds; None where there is no first path."""
     z_start, z_goal = given.ends(declared)
-    group, scene, rng = given.group, scene_of(declared), np.random.default_rng(0)
-    problem = Problem(
-        group=group,
-        scene=scene,
-        world=World.build(group, scene),
-        robot_field=RobotField(group, scene, Precision.SINGLE),
-        kinematics=Kinematics(group),
-        q_start=group.from_chart(z_start),
-        goal=ConfigurationGoal((group.from_chart(z_goal),)),
-        budget=Budget(time.monotonic() + SECONDS),
-    )
+    group, rng = given.group, np.random.default_rng(0)
+    q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
+    problem = posed(group, scene_of(declared), q_start, goal, budget=Budget(time.monotonic() + SECONDS))
     lanes = problem.lanes
     found = lane_tree.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, problem.budget)
     if found.path is None:

@@ -1,0 +1,28 @@
+"""Problems for the planner as the benchmarks pose them: in single precision, as requests are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.planner.problem import Goal, Problem
+from guidefield.potential import Precision, RobotField
+from guidefield.robot.group import PlanningGroup
+from guidefield.robot.kinematics import Kinematics
+from guidefield.scene.scene import Scene
+
+
+def posed(group: PlanningGroup, scene: Scene, q_start: np.ndarray, goal: Goal, **rest: Any) -> Problem:
+    """A problem, the tables of its world made anew; `rest` is what else `Problem` takes."""
+    return Problem(
+        group=group,
+        scene=scene,
+        world=World.build(group, scene),
+        robot_field=RobotField(group, scene, Precision.SINGLE),
+        kinematics=Kinematics(group),
+        q_start=q_start,
+        goal=goal,
+        **rest,
+    )
