@@ -38,13 +38,24 @@ def _pid(pool: Pool) -> int:
     return int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1])
 
 
-def _await(path: Path) -> int:
+def await_begun(path: Path) -> int:
     """The process id that a worker left in a file when it began its job."""
     deadline = time.monotonic() + PATIENCE
     while not path.exists() or not path.read_text():
         assert time.monotonic() < deadline, "the worker did not begin"
         time.sleep(0.01)
     return int(path.read_text())
+
+
+def closing_ends(pool: Pool, job: str, begun: Path) -> None:
+    """Close a pool whose worker is at a job that marks its beginning in a file: both end, and that is the reason."""
+    running = pool.submit(Task((job, str(begun)), PATIENCE))
+    pid = await_begun(begun)
+    pool.close(0.1)
+    with pytest.raises(WorkerCrashed, match="the service is shutting down"):
+        running.result(0)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
 
 
 def test_answers_come_back_as_the_worker_gave_them(pool: Pool) -> None:
@@ -59,7 +70,7 @@ def test_work_is_done_in_another_process_that_stays(pool: Pool) -> None:
 def test_a_killed_worker_costs_its_own_request_and_no_other(pool: Pool, tmp_path: Path) -> None:
     doomed = pool.submit(Task(("mark", str(tmp_path / "begun")), PATIENCE))
     patient = pool.submit(Task(("echo", "next"), PATIENCE))
-    os.kill(_await(tmp_path / "begun"), signal.SIGKILL)
+    os.kill(await_begun(tmp_path / "begun"), signal.SIGKILL)
     with pytest.raises(WorkerCrashed, match="died"):
         doomed.result(PATIENCE)
     assert patient.result(PATIENCE) == (True, b"next")
@@ -131,20 +142,14 @@ def test_closing_finishes_what_runs_and_refuses_what_waits() -> None:
 
 def test_closing_ends_what_outlasts_the_grace(tmp_path: Path) -> None:
     pool = _started(1)
-    running = pool.submit(Task(("mark", str(tmp_path / "begun")), PATIENCE))
-    pid = _await(tmp_path / "begun")
-    pool.close(0.1)
-    with pytest.raises(WorkerCrashed, match="the service is shutting down"):
-        running.result(0)
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
+    closing_ends(pool, "mark", tmp_path / "begun")
     assert pool.crashes == 0
 
 
 def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path) -> None:
     pool = _started(1)
     running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
-    _await(tmp_path / "begun")
+    await_begun(tmp_path / "begun")
     pool.close(1.0)
     assert running.result(0) == (True, b"cancelled")
 

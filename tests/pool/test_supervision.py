@@ -21,7 +21,7 @@ from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Task
 from tests import worker_setups
 from tests.journeys.service import await_death
-from tests.pool.test_pool import PATIENCE, _await
+from tests.pool.test_pool import PATIENCE, await_begun, closing_ends
 
 MEMORY = 300 * 2**20
 """A worker of the tests may have so much [bytes]; it has less than 100 MiB when it begins."""
@@ -44,11 +44,11 @@ def test_a_job_that_is_worked_on_is_told_to_end_and_the_next_is_not(pool: Pool, 
     crashes = pool.crashes
     running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
     following = pool.submit(Task(("until_cancelled", str(tmp_path / "next")), PATIENCE))
-    _await(tmp_path / "begun")
+    await_begun(tmp_path / "begun")
     assert pool.busy == 1
     pool.cancel(running, lambda: (False, b"never asked for"))
     assert running.result(PATIENCE) == (True, b"cancelled")
-    _await(tmp_path / "next")
+    await_begun(tmp_path / "next")
     time.sleep(0.1)
     assert not following.done()
     pool.cancel(following, lambda: (False, b"never asked for"))
@@ -59,7 +59,7 @@ def test_a_job_that_is_worked_on_is_told_to_end_and_the_next_is_not(pool: Pool, 
 def test_a_job_that_waits_is_withdrawn(pool: Pool, tmp_path: Path) -> None:
     running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
     waiting = pool.submit(Task(("until_cancelled", str(tmp_path / "never")), PATIENCE))
-    _await(tmp_path / "begun")
+    await_begun(tmp_path / "begun")
     pool.cancel(waiting, lambda: (True, b"withdrawn"))
     assert waiting.result(0) == (True, b"withdrawn")
     pool.cancel(running, lambda: (True, b"never asked for"))
@@ -148,13 +148,7 @@ def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(tmp_p
     pool = Pool(worker_setups.obedient, workers=1)
     pool.start()
     assert pool.ready(PATIENCE)
-    running = pool.submit(Task(("stuck", str(tmp_path / "begun")), PATIENCE))
-    pid = _await(tmp_path / "begun")
-    pool.close(0.1)
-    with pytest.raises(WorkerCrashed, match="the service is shutting down"):
-        running.result(0)
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
+    closing_ends(pool, "stuck", tmp_path / "begun")
 
 
 def test_closing_leaves_a_slot_behind_whose_listener_does_not_come_back(
@@ -200,7 +194,7 @@ def test_a_worker_in_a_native_call_ends_with_its_parent(tmp_path: Path) -> None:
     parent.write_text(LEFT_ALONE)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     with subprocess.Popen([sys.executable, str(parent), str(tmp_path / "begun")], env=environment) as process:
-        pid = _await(tmp_path / "begun")
+        pid = await_begun(tmp_path / "begun")
         process.kill()
     await_death(pid)
 

@@ -36,11 +36,8 @@ def without_never_touching(robot: LaneRobot, nv: int) -> LaneRobot:
         bodies.grids.reshape(-1, GRID_PLACES),
         bodies.grid_numbers.reshape(-1, GRID_NUMBERS),
     )
-    meetings, grids, numbers = (_frozen(row[~never].ravel()) for row in rows)
+    meetings, grids, numbers = (row[~never].ravel() for row in rows)
+    for array in (meetings, grids, numbers):
+        array.setflags(write=False)
     left = bodies._replace(n_meetings=len(meetings) // 4, meetings=meetings, grids=grids, grid_numbers=numbers)
     return dataclasses.replace(robot, bodies=left)
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array.setflags(write=False)
-    return array
