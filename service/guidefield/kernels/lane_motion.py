@@ -88,6 +88,9 @@ FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
 FRACTIONS.setflags(write=False)
 """1 to 16: what a sample's place on a motion is made of."""
 
+EXACT = 1e-3
+"""A share of a block: motions that are as long as whole blocks get no more for being rounded up to float32."""
+
 
 @lane_part
 def _touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
@@ -124,7 +127,7 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
     nv, square, block = world.nv, 0.0, world.block
     for j in range(nv):
         square += (z1[j] - z0[j]) ** 2
-    blocks = max(1, math.ceil(math.sqrt(square) * resolution / LANES))
+    blocks = max(1, math.ceil(math.sqrt(square) * resolution / LANES - EXACT))
     for k in range(blocks):
         place = load(world.fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
         for j in range(nv):
