@@ -1,11 +1,18 @@
-"""How the tests draw their examples: afresh on a developer's machine, always the same where CI says so."""
+"""What holds for every test: which examples are drawn, and what a terminal is like."""
 
 from __future__ import annotations
 
 import os
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("ci", derandomize=True, print_blob=True)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+# The same examples every time, or those of another day: `tools/test --hypothesis-profile=afresh`.
+UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("the-same", UNHURRIED, derandomize=True)
+settings.register_profile("afresh", UNHURRIED, derandomize=False, print_blob=True)
+settings.load_profile("the-same")
+
+# What is printed is neither coloured nor cut, whatever the tests are started from.
+for name in ("FORCE_COLOR", "GITHUB_ACTIONS", "PY_COLORS", "TERMINAL_WIDTH", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+    os.environ.pop(name, None)
+os.environ["COLUMNS"] = "120"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.cli.loopback import free_port
 from tests.journeys.service import running_service
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
@@ -27,7 +26,7 @@ def test_the_readme_does_what_it_says(
     (tmp_path / "my_robot.urdf").write_text(ARM)
     monkeypatch.chdir(tmp_path)
     if "Client" in block:
-        with running_service(tmp_path / "data", "--workers", "1", endpoint=f"tcp/127.0.0.1:{free_port()}") as service:
+        with running_service(tmp_path / "data", "--workers", "1", "--prepare", "ur5") as service:
             assert "tcp/127.0.0.1:7447" in block
             exec(block.replace("tcp/127.0.0.1:7447", service.endpoint), {})
     else:

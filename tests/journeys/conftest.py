@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from guidefield import Client
-from tests.journeys.service import PlainClient, Service, plain_client, running_service
+from tests.journeys.service import CONNECTED_WITHIN, PlainClient, Service, plain_client, running_service
 
 
 @pytest.fixture(scope="module")
@@ -24,5 +24,5 @@ def wire(service: Service) -> Iterator[PlainClient]:
 
 @pytest.fixture(scope="module")
 def client(service: Service) -> Iterator[Client]:
-    with Client.connect(service.endpoint) as client:
+    with Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
         yield client

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from guidefield.cli.loopback import LOOPBACK, free_port
 
 STARTED_WITHIN = 300.0
 """The first start ever compiles the kernels [s]."""
+CONNECTED_WITHIN = 60.0
+"""How long a client tries to reach a service that is there [s]."""
 ENDED_WITHIN = 60.0
 """Longer than any end takes, one by force too [s]."""
 ANSWERED_WITHIN = 300.0
@@ -43,7 +45,7 @@ LONG: dict[str, Any] = {
     "allowed_planning_time": 60.0,
     "recording": "off",
 }
-"""From one side of a wall to the other: a search that goes on until it gives up, after seconds, or somebody ends it."""
+"""From one side of a wall to the other: a search that goes on, for most of a minute, until somebody ends it."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,18 @@ class Service:
 
 
 @contextlib.contextmanager
-def running_service(data: Path, *options: str, endpoint: str | None = None) -> Iterator[Service]:
+def running_service(data: Path, *options: str, at: str = f"tcp/{LOOPBACK}") -> Iterator[Service]:
     """A service on a free loopback port; ends with the block by itself when it is told to, if it hasn't ended."""
-    endpoint = endpoint or f"tcp/{LOOPBACK}:{free_port()}"
-    command = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--data", str(data), *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-m", "guidefield", "serve", "--data", str(data), *options]
+    with (
+        free_port() as port,
+        subprocess.Popen([*command, "--listen", f"{at}:{port}"], stdout=subprocess.PIPE, text=True) as process,
+    ):
         assert process.stdout is not None
         try:
             ready = next((line for line in process.stdout if line.startswith("ready")), None)
             assert ready, "the service ended before it was ready"
-            yield Service(process, endpoint, data)
+            yield Service(process, f"{at}:{port}", data)
         finally:
             _end(process)
 
@@ -149,12 +153,17 @@ def plain_client(endpoint: str) -> Iterator[PlainClient]:
         yield PlainClient(session)
 
 
-def await_death(pid: int, within: float = 30.0) -> None:
+def await_that(what: Callable[[], object]) -> None:
+    """Wait until something is so."""
+    deadline = time.monotonic() + ANSWERED_WITHIN
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def await_death(pid: int) -> None:
     """Wait until a process is gone."""
-    deadline = time.monotonic() + within
-    while Path(f"/proc/{pid}").exists() and _state(pid) != "Z":
-        assert time.monotonic() < deadline, f"process {pid} lives on"
-        time.sleep(0.05)
+    await_that(lambda: not Path(f"/proc/{pid}").exists() or _state(pid) == "Z")
 
 
 def _state(pid: int) -> str:

@@ -6,14 +6,13 @@ import concurrent.futures
 import contextlib
 import socket
 import threading
-import time
 from collections.abc import Iterator
 
 import msgspec
 import pytest
 
 from guidefield import Client, MalformedRequest
-from tests.journeys.service import ANSWERED_WITHIN, LONG, Service
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, await_that
 
 
 class Link:
@@ -59,17 +58,11 @@ def _carry(one: socket.socket, other: socket.socket) -> None:
 
 
 @pytest.fixture
-def link(service: Service) -> Iterator[Link]:
+def link(service: Service, monkeypatch: pytest.MonkeyPatch) -> Iterator[Link]:
+    monkeypatch.setattr("guidefield.client.exchange.RETURN_WITHIN", ANSWERED_WITHIN)
     link = Link(service.endpoint)
     yield link
     link.close()
-
-
-def _await_busy(client: Client) -> None:
-    deadline = time.monotonic() + ANSWERED_WITHIN
-    while client.info().busy == 0:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("named", [False, True])
@@ -78,11 +71,11 @@ def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
 ) -> None:
     run_id = f"cut-{named}"
     with (
-        Client.connect(link.endpoint, instance=client.instance if named else None) as far,
+        Client.connect(link.endpoint, instance=client.instance if named else None, wait=CONNECTED_WITHIN) as far,
         concurrent.futures.ThreadPoolExecutor(1) as threads,
     ):
         asked = threads.submit(far.plan, {**LONG, "run_id": run_id, "allowed_planning_time": 3.0})
-        _await_busy(client)
+        await_that(lambda: client.info().busy)
         link.cut()
         reply = asked.result(ANSWERED_WITHIN)
         assert reply.run_id == run_id
@@ -100,7 +93,7 @@ def test_what_ended_a_run_is_told_again(client: Client, service: Service) -> Non
     request = {**LONG, "run_id": "ended", "allowed_planning_time": 60.0}
     with concurrent.futures.ThreadPoolExecutor(2) as threads:
         asked = [threads.submit(client.plan, request) for _ in range(2)]  # the second waits for the first one's run
-        _await_busy(client)
+        await_that(lambda: client.info().busy)
         client.cancel("ended")
         first, second = (each.result(ANSWERED_WITHIN) for each in asked)
     assert first.status.name == "PREEMPTED"
@@ -108,7 +101,7 @@ def test_what_ended_a_run_is_told_again(client: Client, service: Service) -> Non
 
 
 def test_questions_outlive_cuts_between_and_amid_them(client: Client, link: Link) -> None:
-    with Client.connect(link.endpoint) as far:
+    with Client.connect(link.endpoint, wait=CONNECTED_WITHIN) as far:
         for _ in range(2):
             assert "bookshelf" in far.scenes()
             link.cut()

@@ -52,7 +52,10 @@ def test_a_robot_with_its_mesh_is_stored_read_planned_for_and_deleted(wire: Plai
     listed = {robot["name"]: robot for robot in wire.ask("guidefield/local/robots")["robots"]}
     assert listed["mine"]["source"] == "stored"
     assert listed["mine"]["dof"] == 2
-    request = {"robot": "mine", "scene": BALL, "goal": {"type": "joints", "positions": {"j1": 1.5}}, "guide_planes": []}
+    request = {
+        **{"robot": "mine", "scene": BALL, "guide_planes": [], "allowed_planning_time": 60.0},
+        "goal": {"type": "joints", "positions": {"j1": 1.5}},
+    }
     for _ in range(2):  # by either worker
         reply = wire.ask("guidefield/local/plan", {**request, "start": {"j1": -1.0}})
         assert reply["status"]["name"] == "SUCCESS", reply["status"]

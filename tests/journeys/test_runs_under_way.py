@@ -8,7 +8,6 @@ import concurrent.futures
 import json
 import subprocess
 import sys
-import time
 import uuid
 from pathlib import Path
 
@@ -17,11 +16,9 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from guidefield import AsyncClient, Client, InvalidGoal, Progress, RobotInvalid
-from tests.journeys.service import ANSWERED_WITHIN, LONG, PlainClient, Service
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, PlainClient, Service, await_that
 
 HOUSE = Path(__file__).resolve().parent.parent.parent
-SOON = 60.0
-"""Longer than anything here takes on a busy machine [s]."""
 
 
 def test_a_run_is_watched_and_ended(client: Client) -> None:
@@ -36,9 +33,9 @@ def test_a_run_is_watched_and_ended(client: Client) -> None:
                 sentences.append(thread.submit(client.cancel, run_id))
 
         reply = client.plan({**LONG, "run_id": run_id}, progress=hear)
-        assert sentences[0].result(SOON) == f"run {run_id!r} ends"
+        assert sentences[0].result(ANSWERED_WITHIN) == f"run {run_id!r} ends"
     assert reply.status.name == "PREEMPTED", reply.status
-    assert reply.counters.iterations < 200_000
+    assert reply.counters.iterations < 1_000_000, "a search that nobody ends takes more than twice as many"
     assert {progress.run_id for progress in told} == {run_id}
     assert [progress.elapsed for progress in told] == sorted(progress.elapsed for progress in told)
     assert reply.path, "the best by then is sent along"
@@ -48,20 +45,18 @@ def test_a_run_is_watched_and_ended(client: Client) -> None:
 def test_what_waits_is_ended_at_once_and_a_cancel_may_come_first(service: Service, wire: PlainClient) -> None:
     with concurrent.futures.ThreadPoolExecutor(2) as threads:
         running = threads.submit(wire.ask, "guidefield/local/plan", {**LONG, "run_id": "runs"})
-        while wire.ask("guidefield/local/info?brief")["busy"] == 0:
-            time.sleep(0.02)
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])
         waiting = threads.submit(wire.ask, "guidefield/local/plan", {**LONG, "run_id": "waits"})
-        while wire.ask("guidefield/local/info?brief")["queue"] == 0:
-            time.sleep(0.02)
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["queue"])
         assert wire.ask("guidefield/local/runs/waits/cancel")["done"] == "run 'waits' ends"
-        withdrawn = waiting.result(SOON)
+        withdrawn = waiting.result(ANSWERED_WITHIN)
         assert (withdrawn["status"]["name"], withdrawn["run_id"], withdrawn["path"]) == ("PREEMPTED", "waits", [])
         assert not running.done()
         assert "if it arrives" in wire.ask("guidefield/local/runs/early/cancel")["done"]
         early = wire.ask("guidefield/local/plan", {**LONG, "run_id": "early"})
         assert early["status"]["message"] == "the run was cancelled before it began"
         wire.ask("guidefield/local/runs/runs/cancel")
-        assert running.result(SOON)["status"]["name"] == "PREEMPTED"
+        assert running.result(ANSWERED_WITHIN)["status"]["name"] == "PREEMPTED"
     assert wire.refusal("guidefield/local/runs/..%2f/cancel")["name"] == "MALFORMED_REQUEST"
     assert wire.refusal("guidefield/local/runs/a/cancel", b"{}")["name"] == "MALFORMED_REQUEST"
 
@@ -81,7 +76,7 @@ def test_info_tells_what_was_done_and_how_long_it_took(wire: PlainClient) -> Non
 
 def test_an_asyncio_client_asks_many_things_at_once(service: Service) -> None:
     async def journey() -> None:
-        async with await AsyncClient.connect(service.endpoint) as client:
+        async with await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
             robot, scenes, info, *_ = await asyncio.gather(
                 client.robot("panda"), client.scenes(), client.info(), *(client.robots() for _ in range(8))
             )
@@ -96,19 +91,16 @@ def test_an_asyncio_client_asks_many_things_at_once(service: Service) -> None:
 
 def test_a_task_that_is_cancelled_ends_its_run(service: Service, wire: PlainClient) -> None:
     async def journey() -> None:
-        async with await AsyncClient.connect(service.endpoint) as client:
+        async with await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
             heard = asyncio.Event()
             task = asyncio.create_task(client.plan({**LONG, "run_id": "dropped"}, progress=lambda _: heard.set()))
-            await asyncio.wait_for(heard.wait(), SOON)
+            await asyncio.wait_for(heard.wait(), ANSWERED_WITHIN)
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
 
     asyncio.run(journey())
-    deadline = time.monotonic() + SOON
-    while wire.ask("guidefield/local/runs/dropped")["reply"] is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    await_that(lambda: wire.ask("guidefield/local/runs/dropped")["reply"])
     assert wire.ask("guidefield/local/runs/dropped")["reply"]["status"]["name"] == "PREEMPTED"
 
 
@@ -116,28 +108,31 @@ def test_one_client_does_not_hold_up_another(service: Service) -> None:
     """With one worker, whoever asks one thing is served after one of the many things that another asked before."""
     ball = {"type": "sphere", "name": "ball", "radius": 0.1, "position": [0.0, 0.0, 2.0]}
     scene = {"schema": 1, "name": "ball", "obstacles": [ball]}
-    slow = {"type": "clearance", "robot": "panda", "scene": scene, "configurations": [{}] * 500}
+    asked = {"type": "clearance", "robot": "panda", "scene": scene, "configurations": [{}] * 50}
     done: list[str] = []
     with (
-        Client.connect(service.endpoint) as greedy,
-        Client.connect(service.endpoint) as modest,
-        concurrent.futures.ThreadPoolExecutor(9) as threads,
+        Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as greedy,
+        Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as modest,
+        concurrent.futures.ThreadPoolExecutor(10) as threads,
     ):
         from guidefield.messages import codec
 
-        request = codec.decode_request(json.dumps(slow).encode())
+        request = codec.decode_request(json.dumps(asked).encode())
 
         def ask(client: Client, name: str) -> None:
             client.kinematics(request)  # type: ignore[arg-type]
             done.append(name)
 
+        before = threads.submit(greedy.plan, {**LONG, "run_id": "before"})  # while it goes on, all others wait
+        await_that(lambda: modest.info().busy)
         many = [threads.submit(ask, greedy, "greedy") for _ in range(8)]
-        while modest.info().queue < 6:
-            time.sleep(0.005)
+        await_that(lambda: modest.info().queue == 8)
         one = threads.submit(ask, modest, "modest")
-        concurrent.futures.wait([*many, one])
-        assert not [future.exception() for future in [*many, one] if future.exception()]
-    assert done.index("modest") < 5
+        await_that(lambda: modest.info().queue == 9)
+        modest.cancel("before")
+        concurrent.futures.wait([before, *many, one])
+        assert not [future.exception() for future in [before, *many, one] if future.exception()]
+    assert done.index("modest") < 5, "it is second; the threads that wait may be woken in another order"
 
 
 def test_the_example_that_uses_nothing_of_ours(service: Service, tmp_path: Path) -> None:
@@ -155,7 +150,7 @@ def test_the_example_that_uses_nothing_of_ours(service: Service, tmp_path: Path)
     assert "certify" in done.stdout
     assert (tmp_path / "run.rrd").read_bytes()[:4] in (b"RRF2", b"RRF3", b"RRF4")
     middle = done.stdout.partition("half-way: ")[2].partition("\n")[0]
-    with Client.connect(service.endpoint) as client:
+    with Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
         (run,) = [run for run in client.runs(robot="panda").runs if run.scene == "post"]
         reply = client.run(run.run_id).reply
     assert reply is not None

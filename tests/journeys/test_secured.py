@@ -11,7 +11,6 @@ import pytest
 import trustme
 
 from guidefield import Box, Client, NoService, Potential, Scene
-from guidefield.cli.loopback import free_port
 from tests.journeys.service import Service, running_service
 
 EXAMPLES = Path(__file__).resolve().parent.parent.parent / "tools" / "examples" / "secured"
@@ -39,10 +38,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def service(folder: Path) -> Iterator[Service]:
-    endpoint = f"tls/localhost:{free_port()}"
     with (
         contextlib.chdir(folder),
-        running_service(folder / "data", "--workers", "1", "--config", "service.json5", endpoint=endpoint) as service,
+        running_service(folder / "data", "--workers", "1", "--config", "service.json5", at="tls/localhost") as service,
     ):
         yield service
 
@@ -61,7 +59,10 @@ def test_an_operator_may_do_everything(folder: Path, service: Service) -> None:
         assert client.kinematics(NEAR_A_BOX)
         heard: list[object] = []
         reply = client.plan(
-            {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {}}, "guide_planes": []},
+            {
+                **{"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {}}},
+                **{"guide_planes": [], "allowed_planning_time": 60.0},
+            },
             progress=heard.append,
         )
         assert reply.status.name == "SUCCESS"

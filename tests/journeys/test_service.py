@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,17 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import guidefield
 from guidefield import Box, Client, NoService, Scene
 from guidefield.cli.loopback import free_port
-from tests.journeys.service import PlainClient, Service, await_death, plain_client, running_service
+from tests.journeys.service import (
+    ANSWERED_WITHIN,
+    ENDED_WITHIN,
+    LONG,
+    PlainClient,
+    Service,
+    await_death,
+    await_that,
+    plain_client,
+    running_service,
+)
 
 HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
@@ -300,8 +309,8 @@ def test_the_client_raises_what_the_service_means(client: Client) -> None:
 
 
 def test_nobody_there_is_said(service: Service) -> None:
-    with pytest.raises(NoService, match="nobody listens"):
-        Client.connect(f"tcp/127.0.0.1:{free_port()}", wait=0.2)
+    with free_port() as port, pytest.raises(NoService, match="nobody listens"):
+        Client.connect(f"tcp/127.0.0.1:{port}", wait=0.2)
     with pytest.raises(NoService, match="no service named 'elsewhere'"):
         Client.connect(service.endpoint, instance="elsewhere", wait=0.2)
     with pytest.raises(ValueError, match="tcp/127"):
@@ -311,17 +320,11 @@ def test_nobody_there_is_said(service: Service) -> None:
 # ---- what ends badly
 
 
-def long_job(configurations: int) -> dict[str, Any]:
-    """A request that keeps a worker busy for a second for every 7000 configurations, and more."""
-    return {"type": "clearance", "robot": "panda", "scene": BALL, "configurations": [{}] * configurations}
-
-
 def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wire: PlainClient) -> None:
-    long = long_job(60_000)
     before = wire.ask("guidefield/local/info")["counters"]["crashes"]
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
-        doomed = thread.submit(wire.refusal, "guidefield/local/kinematics", json.dumps(long).encode())
-        time.sleep(1.0)
+        doomed = thread.submit(wire.refusal, "guidefield/local/plan", json.dumps({**LONG, "run_id": "doomed"}).encode())
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])
         (worker,) = service.workers()
         os.kill(worker, signal.SIGKILL)
         assert doomed.result()["name"] == "CRASH"
@@ -336,37 +339,41 @@ def test_a_second_service_of_the_name_is_refused(service: Service, tmp_path: Pat
     connected.write_text(json.dumps({"connect": {"endpoints": [service.endpoint]}}))
     same_network = ["--data", str(tmp_path / "data"), "--config", str(connected)]
     for options in (same_folder, same_network):
-        second = subprocess.run(
-            [sys.executable, "-m", "guidefield", "serve", "--listen", f"tcp/127.0.0.1:{free_port()}", *options],
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        with free_port() as port:
+            second = subprocess.run(
+                [sys.executable, "-m", "guidefield", "serve", "--listen", f"tcp/127.0.0.1:{port}", *options],
+                check=False,
+                capture_output=True,
+                text=True,
+                timeout=ANSWERED_WITHIN,
+            )
         assert second.returncode == 2
         assert "alive" in second.stderr
 
 
 def test_a_full_queue_and_a_time_that_is_up_are_answered(tmp_path: Path) -> None:
-    busy = json.dumps(long_job(30_000)).encode()
+    def waiting() -> int:
+        return int(wire.ask("guidefield/local/info?brief")["queue"])
+
     with (
         running_service(tmp_path, "--workers", "1", "--queue", "1") as service,
         plain_client(service.endpoint) as wire,
         concurrent.futures.ThreadPoolExecutor(2) as threads,
     ):
-        threads.submit(wire.answers, "guidefield/local/kinematics", busy)
-        time.sleep(1.0)
-        waiting = threads.submit(
-            wire.ask, "guidefield/local/plan", {**PLAN, "run_id": "late", "allowed_planning_time": 0.5}
-        )
-        time.sleep(0.2)
-        assert wire.refusal("guidefield/local/kinematics", json.dumps(POTENTIAL).encode())["name"] == "SERVER_BUSY"
-        late = waiting.result()
+        busy = threads.submit(wire.ask, "guidefield/local/plan", {**LONG, "run_id": "busy"})
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])
+        late = wire.ask("guidefield/local/plan", {**PLAN, "run_id": "late", "allowed_planning_time": 0.5})
         assert (late["status"]["name"], late["run_id"]) == ("TIMED_OUT", "late")
         assert late["certificate"]["collision_free"] is False
+        refused = threads.submit(wire.refusal, "guidefield/local/kinematics", json.dumps(POTENTIAL).encode())
+        await_that(waiting)
+        assert wire.refusal("guidefield/local/kinematics", json.dumps(POTENTIAL).encode())["name"] == "SERVER_BUSY"
+        assert not busy.done()
         # The end: what is being worked on may finish, but not for ever; everybody gets an answer, nothing hangs.
         service.process.send_signal(signal.SIGTERM)
-        assert service.process.wait(60.0) == 0
+        assert service.process.wait(ENDED_WITHIN) == 0
+        assert refused.result()["name"] == "SERVER_BUSY"
+        assert busy.result()["status"]["name"] == "PREEMPTED"
 
 
 def test_a_kill_of_the_front_takes_its_workers_along(tmp_path: Path) -> None:
@@ -378,12 +385,10 @@ def test_a_kill_of_the_front_takes_its_workers_along(tmp_path: Path) -> None:
             await_death(worker)
 
 
-def test_an_idle_service_ends_at_once_on_ctrl_c(tmp_path: Path) -> None:
+def test_an_idle_service_ends_on_ctrl_c(tmp_path: Path) -> None:
     with running_service(tmp_path, "--workers", "1") as service:
         workers = service.workers()
-        began = time.monotonic()
         service.process.send_signal(signal.SIGINT)
-        assert service.process.wait(30.0) == 0
-        assert time.monotonic() - began < 10.0
+        assert service.process.wait(ENDED_WITHIN) == 0
         for worker in workers:
-            await_death(worker, 1.0)
+            await_death(worker)

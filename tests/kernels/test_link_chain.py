@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from guidefield.kernels.chain_angles import chain_configuration
 from guidefield.kernels.link_chain import close_chain, end_force, turn_from, turn_towards
@@ -36,14 +36,17 @@ def lengths(places: np.ndarray) -> np.ndarray:
 
 @settings(deadline=None, max_examples=40)
 @given(seed=st.integers(0, 10**6), m=st.integers(2, 5), size=st.floats(0.0, 0.08))
+@example(seed=82, m=3, size=0.078125)  # nearer to the first joint than the links can be folded
 def test_a_closed_chain_ends_where_it_has_to_and_keeps_its_links(seed: int, m: int, size: float) -> None:
     places = random_places(seed)
     shift = np.random.default_rng(seed + 1).normal(size=3)
     target = places[m] + size * shift / np.linalg.norm(shift)
-    reachable = np.linalg.norm(target - places[0]) < 0.95 * lengths(places)[:m].sum()
+    whole, longest = lengths(places)[:m].sum(), lengths(places)[:m].max()
+    # within what the links span, and not nearer to the first joint than the longest keeps all others away
+    reachable = 2.0 * longest - whole < np.linalg.norm(target - places[0]) < 0.95 * whole
     closed = places.copy()
     if not close_chain(closed, m, target):
-        assert not reachable or m == 2 or np.linalg.norm(places[m] - places[0]) < 0.15
+        assert not reachable or m == 2
         return
     np.testing.assert_allclose(closed[m], target, atol=2e-7)
     np.testing.assert_array_equal(closed[0], places[0])

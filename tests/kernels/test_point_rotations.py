@@ -17,8 +17,6 @@ from guidefield.kernels.point_rotations import (
 )
 from guidefield.kernels.signatures import MATRIX_OUT, VECTOR, compiled
 
-RNG = np.random.default_rng(0)
-
 
 @compiled(void(VECTOR, MATRIX_OUT))
 def _angles(angles, out):
@@ -49,8 +47,9 @@ def _turns(matrices, vectors, out):
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-3, 1.0, 10.0, 1e5])
 def test_cosines_and_sines(scale):
+    rng = np.random.default_rng(0)
     quarters = 0.5 * np.pi * np.arange(-4, 4) * (scale >= 1.0)
-    for angles in (scale * RNG.uniform(-1.0, 1.0, 8), quarters, quarters + 1e-9):
+    for angles in (scale * rng.uniform(-1.0, 1.0, 8), quarters, quarters + 1e-9):
         out = np.empty((2, 8))
         _angles(angles, out)
         np.testing.assert_allclose(out, [np.cos(angles), np.sin(angles)], rtol=0.0, atol=5e-16)
@@ -63,10 +62,11 @@ def _apart(a, b):
 
 @pytest.mark.parametrize("length", [0.0, 1e-10, 1e-4, 0.09, 0.11, 1.0, 2.5, 3.1, np.pi - 1e-7, np.pi])
 def test_rotation_vectors(length):
-    axes = RNG.normal(size=(8, 3))
+    rng = np.random.default_rng(1)
+    axes = rng.normal(size=(8, 3))
     axes[:3] = np.eye(3)
     vectors = length * axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    others = RNG.normal(size=(8, 3))
+    others = rng.normal(size=(8, 3))
     matrices = np.array([pin.exp3(v) for v in vectors])
     out = np.empty((10, 8))
     both = np.concatenate([vectors.T, others.T]).ravel()
@@ -75,8 +75,8 @@ def test_rotation_vectors(length):
         assert _apart(out[:3, k], vectors[k]) < 1e-14 + 1e-7 * (length > 3.1)  # near pi a matrix's trace is flat
         assert np.linalg.norm(out[:3, k]) <= np.pi + 1e-12
         assert out[3, k] == pytest.approx(length**2, abs=1e-15, rel=1e-7)
-        product = pin.log3(pin.exp3(vectors[k]) @ pin.exp3(others[k]))
-        assert _apart(out[5:8, k], product) < 1e-11
+        # by their matrices: Pinocchio's logarithm loses digits within some milliradians of half a turn
+        np.testing.assert_allclose(pin.exp3(out[5:8, k]), matrices[k] @ pin.exp3(others[k]), rtol=0.0, atol=1e-14)
         angle = np.linalg.norm(out[5:8, k])
         jacobian = pin.Jlog3(pin.exp3(out[5:8, k]))  # the inverse right Jacobian: 1 + [v]/2 + rate [v]^2
         v = pin.skew(out[5:8, k])

@@ -19,6 +19,7 @@ from guidefield.planner.trace import Step
 from guidefield.recorder import log
 from guidefield.recorder.motion import SHOWN_STEP
 from guidefield.recorder.packing import unpacked
+from tests.journeys.service import await_that
 from tests.recorder.runs import MIN_CLEARANCE, PLACEMENT, MadeUp, Recording, made_up
 
 SINGLE = 1e-6
@@ -422,7 +423,7 @@ def test_leaves_no_threads_behind(run, tmp_path):
     before = threads()
     for number in range(3):
         run.recorder(tmp_path / f"run{number}.rrd").finish(run.reply, run.profile)
-    assert threads() <= before
+    await_that(lambda: threads() <= before)
 
 
 def test_a_folder_that_is_not_there_is_an_os_error(run, tmp_path):

@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
@@ -17,6 +17,8 @@ LAWS = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 2**32 - 1)
 GJK = 2e-6
 """Coal's accuracy for distances of convex bodies."""
+SPECK = 1e-3
+"""Radius of the ball that stands for a point [m]."""
 
 
 def pose(rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
@@ -29,10 +31,16 @@ def pose(rng: np.random.Generator) -> dict[str, tuple[float, ...]]:
 
 def distance(obstacle, point: np.ndarray) -> float:
     """Coal's distance of a point to an obstacle: of a tiny ball."""
-    radius = 1e-3
     there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
-    ball, here = coal.Sphere(radius), coal.Transform3s(np.eye(3), point)
-    return coal.distance(obstacle.shape, there, ball, here, coal.DistanceRequest(), coal.DistanceResult()) + radius
+    ball, here = coal.Sphere(SPECK), coal.Transform3s(np.eye(3), point)
+    return coal.distance(obstacle.shape, there, ball, here, coal.DistanceRequest(), coal.DistanceResult()) + SPECK
+
+
+def agrees(found: float, expected: float) -> bool:
+    """Whether a distance to a thin surface is the one expected; near it, Coal stops at any face that the ball meets."""
+    if expected > SPECK:
+        return abs(found - expected) <= GJK
+    return expected - GJK <= found <= SPECK + GJK
 
 
 def local(message, point: np.ndarray) -> np.ndarray:
@@ -150,7 +158,7 @@ def test_other_mesh_is_judged_as_its_surface(seed):
     _, expected, _ = trimesh.proximity.closest_point_naive(
         trimesh.Trimesh(vertices, triangles), local(message, point)[None]
     )
-    assert distance(obstacle, point) == pytest.approx(max(expected[0], 1e-3), abs=GJK)
+    assert agrees(distance(obstacle, point), expected[0])
 
 
 def polygon_distance(corners: np.ndarray, point: np.ndarray) -> float:
@@ -168,6 +176,7 @@ def polygon_distance(corners: np.ndarray, point: np.ndarray) -> float:
 
 @settings(deadline=None, max_examples=60)
 @given(seeds)
+@example(176191)  # half a millimetre off
 def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 12))
@@ -182,7 +191,7 @@ def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):
     assert trimesh.Trimesh(obstacle.vertices, obstacle.triangles, process=False).area == pytest.approx(area)
     point = rng.uniform(-1.2, 1.2, 3)
     expected = polygon_distance(corners, point)
-    assert distance(obstacle, placement.act(point)) == pytest.approx(max(expected, 1e-3), abs=GJK)
+    assert agrees(distance(obstacle, placement.act(point)), expected)
 
 
 def test_packed_vertices_mean_the_same():

@@ -37,10 +37,10 @@ WINDOW = (1920, 1080)
 @contextlib.contextmanager
 def headless_viewer(window: tuple[int, int] = WINDOW):
     """A viewer without a window, reachable from this machine only; its picture is as large as `window` [pixels]."""
-    port = free_port()
-    command = [Path(sys.executable).with_name("rerun"), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
+    command = [Path(sys.executable).with_name("rerun"), "--headless", "--bind", "127.0.0.1"]
     command += ["--hide-welcome-screen", "--window-size", f"{window[0]}x{window[1]}"]
-    with tempfile.TemporaryFile() as log:
+    with free_port() as port, tempfile.TemporaryFile() as log:
+        command += ["--port", str(port)]
         # a session of its own: the command starts the real viewer as a child, and both have to end
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
         try:

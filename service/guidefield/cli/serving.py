@@ -80,17 +80,18 @@ def service_in_child(
     Raises:
         RuntimeError: if it doesn't start; if it doesn't end when it is told to, and has to be ended by force.
     """
-    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
-    serve_there = [sys.executable, "-m", "guidefield", "serve", "--listen", endpoint, "--workers", str(workers)]
-    serve_there += ["--name", name]
+    serve_there = [sys.executable, "-m", "guidefield", "serve", "--workers", str(workers), "--name", name]
     with (
+        free_port() as port,
         tempfile.TemporaryDirectory(prefix="guidefield-") as data,
-        subprocess.Popen([*serve_there, "--data", data], stdout=subprocess.PIPE, text=True) as child,  # noqa: S603
+        subprocess.Popen(  # noqa: S603 - ourselves
+            [*serve_there, "--data", data, "--listen", f"tcp/{LOOPBACK}:{port}"], stdout=subprocess.PIPE, text=True
+        ) as child,
     ):
         assert child.stdout is not None, "it is piped"
         try:
             _await_ready(child.stdout, announce)
-            yield ChildService(endpoint, child)
+            yield ChildService(f"tcp/{LOOPBACK}:{port}", child)
         finally:
             _end(child)
 

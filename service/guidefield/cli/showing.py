@@ -43,8 +43,7 @@ def show_in_browser(recording: Path, out: Console) -> int:
     Returns:
         The viewer server's exit code; 0 after Ctrl-C or SIGTERM.
     """
-    page = free_port()
-    with _served(recording) as file, _viewer_server(page, file) as server:
+    with free_port() as page, _served(recording) as file, _viewer_server(page, file) as server:
         try:
             if not _answers(page, server):
                 return server.wait() or 1

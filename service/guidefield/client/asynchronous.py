@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,7 @@ from guidefield.client.client import GIVE_UP_WITHIN, exchange_with
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.watching import watching
+from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import (
     InfoReply,
     PlanReply,
@@ -86,8 +88,9 @@ class AsyncClient:
             try:
                 return await self._ask(question)
             except asyncio.CancelledError:
-                async with asyncio.timeout(GIVE_UP_WITHIN):
-                    await self.cancel(question.run_id)
+                with contextlib.suppress(TimeoutError, GuidefieldError):
+                    async with asyncio.timeout(GIVE_UP_WITHIN):
+                        await self.cancel(question.run_id)
                 raise
 
     async def cancel(self, run_id: str) -> str:

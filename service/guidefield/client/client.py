@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from guidefield.client.exchange import Exchange, awaited
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.session import opened
 from guidefield.client.watching import watching
+from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import (
     InfoReply,
     PlanReply,
@@ -121,7 +123,8 @@ class Client:
             try:
                 return question.read(awaited(answer))
             except (KeyboardInterrupt, SystemExit):
-                self._exchange.ask(questions.cancel(question.run_id)).result(GIVE_UP_WITHIN)
+                with contextlib.suppress(TimeoutError, GuidefieldError):
+                    self._exchange.ask(questions.cancel(question.run_id)).result(GIVE_UP_WITHIN)
                 raise
 
     def cancel(self, run_id: str) -> str:
