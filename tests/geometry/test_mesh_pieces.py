@@ -9,6 +9,7 @@ import pytest
 
 from guidefield.geometry.decomposition import Decomposition, decompose
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
+from guidefield.geometry.mesh_tree import SPREAD_POINTS, spread_points
 from guidefield.geometry.solid import solid
 from guidefield.kernels.beyond_planes import not_beyond
 from tests.collision.test_lanes import torus
@@ -45,3 +46,24 @@ def test_triangles_beyond_a_plane_are_left_out() -> None:
     beyond = corners @ normals.T > 0.4 + 1e-6
     np.testing.assert_array_equal(kept, ~beyond.all(axis=1).any(axis=1))
     assert 0 < kept.sum() < 500
+
+
+def test_points_of_a_piece_are_corners_of_its_triangles_and_reach_as_far() -> None:
+    vertices, triangles, cut = ring()
+    tree = pieces_tree(vertices, triangles, cut)
+    held = []
+    for piece in tree.pieces.tolist():
+        points, waiting, corners = spread_points(tree, piece), [piece], []
+        while waiting:
+            left, right, triangle = tree.links[waiting.pop()]
+            if left < 0:
+                corners.append(tree.corners[triangle])
+            else:
+                waiting += [left, right]
+        own = np.concatenate(corners)
+        assert np.linalg.norm(own[:, None] - points, axis=2).min(axis=0).max() == 0.0
+        np.testing.assert_array_equal(points.min(axis=0), own.min(axis=0))
+        np.testing.assert_array_equal(points.max(axis=0), own.max(axis=0))
+        assert len(points) <= SPREAD_POINTS
+        held.append(len(corners))
+    assert sum(held) == len(tree.corners)

@@ -13,10 +13,10 @@ import pinocchio as pin
 
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree
+from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree, spread_points
 from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.lanes import LANES
-from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, TRIANGLE, Parts
+from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, SURFACE, TRIANGLE, Parts
 from guidefield.robot.shapes import triangulation
 
 
@@ -114,7 +114,9 @@ class PartsTable:
             corners = corners_of_clusters(mesh.corners, members)
             links[nodes, 2] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
         for node, hull in mesh.hulls.items():
-            links[node, 2] = self._add_hull(_moved(placement, hull))
+            links[node, 2] = self._add_hull(POLYTOPE, _moved(placement, hull))
+            if len(mesh.pieces) > 1 and node in mesh.pieces:
+                self._add_hull(SURFACE, _moved(placement, spread_points(mesh, node)))
         self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
 
@@ -130,10 +132,10 @@ class PartsTable:
         self._n_parts += count
         return np.arange(self._n_parts - count, self._n_parts)
 
-    def _add_hull(self, vertices: np.ndarray) -> int:
-        """Add a hull as a part without a node: what it is apart from, all that it contains is."""
+    def _add_hull(self, kind: int, vertices: np.ndarray) -> int:
+        """Add a hull, or points of a surface, as a part without a node: what a hull is apart from, all in it is."""
         blocks = self._add_vertices(vertices)
-        self._shapes.append(np.array([POLYTOPE, self._n_blocks, blocks]))
+        self._shapes.append(np.array([kind, self._n_blocks, blocks]))
         self._numbers.append(np.zeros(PART))
         self._n_blocks += blocks
         self._n_parts += 1

@@ -16,6 +16,9 @@ MOST_VERTICES = 192
 CLUSTERS = (5, 21, 85)
 """The first nodes on the way down with no more triangles get their corners as a polytope: 16, 64 or 256 of them."""
 
+SPREAD_POINTS = 48
+"""Most points that stand for a piece's surface."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeshTree:
@@ -113,6 +116,25 @@ def corners_of_clusters(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
     return np.concatenate([found, found[:, :1]], axis=1)
 
 
+def spread_points(mesh: MeshTree, piece: int) -> np.ndarray:
+    """Corners of a piece's triangles that are farthest along directions spread over all, (k, 3) [m], mesh's frame."""
+    last = mesh.pieces[mesh.pieces > piece].min(initial=len(mesh.links))
+    links = mesh.links[piece:last]
+    corners = mesh.corners[links[links[:, 0] < 0, 2]].reshape(-1, 3)
+    directions = np.concatenate([_directions(SPREAD_POINTS - 6), np.eye(3), -np.eye(3)])
+    directions /= np.maximum(np.ptp(corners, axis=0), 1e-9)
+    found: np.ndarray = corners[np.unique(np.argmax(corners @ directions.T, axis=0))]
+    return found
+
+
+def _directions(count: int) -> np.ndarray:
+    """Unit vectors spread over all directions, shape (count, 3)."""
+    k = np.arange(count)
+    heights, turns = 1.0 - (2.0 * k + 1.0) / count, k * np.pi * (3.0 - np.sqrt(5.0))
+    across = np.sqrt(1.0 - heights**2)
+    return np.column_stack([across * np.cos(turns), across * np.sin(turns), heights])
+
+
 def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int) -> np.ndarray:
     """Runs of members as rows (n, most), the last of each repeated."""
     rows: np.ndarray = members[starts[:, None] + np.minimum(np.arange(most), sizes[:, None] - 1)]
@@ -158,10 +180,7 @@ def polytope_about(vertices: np.ndarray) -> np.ndarray:
     local = (vertices - centre) @ axes.T
     spread = np.ptp(local, axis=0)
     local /= spread
-    k = np.arange(MOST_VERTICES // 2 + 2)
-    heights, turns = 1.0 - (2.0 * k + 1.0) / len(k), k * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - heights**2)
-    normals = np.column_stack([across * np.cos(turns), across * np.sin(turns), heights])
+    normals = _directions(MOST_VERTICES // 2 + 2)
     dual = convex_hull(normals / ((local @ normals.T).max(axis=0) * (1.0 + 1e-6))[:, None])
     corners = dual.vertices[dual.triangles]
     # a facet of the dual lies in the plane x.v = 1 of a vertex v

@@ -8,19 +8,23 @@ import numpy as np
 from numba import int64
 
 from guidefield.kernels.lane_kinematics import POSE
-from guidefield.kernels.lane_math import Floats32
+from guidefield.kernels.lane_math import BOX, CAPSULE, HALF_SPACE, Floats32
 from guidefield.kernels.lane_tables import (
     LaneBodies,
 )
 from guidefield.kernels.lanes import (
     LANES,
     Vector,
+    below,
     f32x16,
     lane_part,
     lane_step,
+    largest_of,
     load,
+    magnitude,
     smallest_of,
     splat,
+    sqrt,
 )
 from guidefield.kernels.separation import (
     AXIS,
@@ -107,6 +111,83 @@ def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> V
             along = x * vertices[corner] + y * vertices[corner + 16] + z * vertices[corner + 32]
             lowest = smallest_of(lowest, along)
     return lowest
+
+
+@lane_part
+def _beyond(value: Vector, half: float) -> Vector:
+    """What of a value is beyond +-half."""
+    return value - largest_of(smallest_of(value, splat(half)), splat(-half))
+
+
+@lane_part
+def away_from_primitive(
+    kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Axes that point from a primitive to points, and how far it reaches along them.
+
+    Args:
+        kind: Of the primitive.
+        primitives: Numbers of all primitives, shape (PRIMITIVE * n,).
+        at: Where its numbers begin.
+        x: Sixteen points in the world [m], with y and z.
+        y: See x.
+        z: See x.
+
+    Returns:
+        The axes n in the world, of any length, 0 from points in a box or cylinder; the largest n.p over the points p of
+        the primitive.
+    """
+    cx, cy, cz = primitives[at + 9], primitives[at + 10], primitives[at + 11]
+    ax, ay, az = primitives[at + 6], primitives[at + 7], primitives[at + 8]
+    dx, dy, dz = x - cx, y - cy, z - cz
+    w = dx * ax + dy * ay + dz * az
+    if kind == HALF_SPACE:
+        one = splat(1.0)
+        nx, ny, nz, reach = one * ax, one * ay, one * az, splat(0.0)
+    elif kind == BOX:
+        hu, hv, hw = primitives[at + 12], primitives[at + 13], primitives[at + 14]
+        u = _beyond(dx * primitives[at] + dy * primitives[at + 1] + dz * primitives[at + 2], hu)
+        v = _beyond(dx * primitives[at + 3] + dy * primitives[at + 4] + dz * primitives[at + 5], hv)
+        w = _beyond(w, hw)
+        nx = u * primitives[at] + v * primitives[at + 3] + w * ax
+        ny = u * primitives[at + 1] + v * primitives[at + 4] + w * ay
+        nz = u * primitives[at + 2] + v * primitives[at + 5] + w * az
+        reach = magnitude(u) * hu + magnitude(v) * hv + magnitude(w) * hw
+    else:
+        half, radius = primitives[at + 14], primitives[at + 15]
+        beyond = _beyond(w, half)
+        along = w - beyond if kind == CAPSULE else w
+        nx, ny, nz = dx - along * ax, dy - along * ay, dz - along * az
+        length = sqrt(nx * nx + ny * ny + nz * nz)
+        reach = magnitude(beyond) * half + length * radius
+        if kind != CAPSULE:  # a cylinder: all times `length`
+            out = largest_of(length - radius, splat(0.0))
+            beyond = beyond * length
+            nx, ny, nz = nx * out + beyond * ax, ny * out + beyond * ay, nz * out + beyond * az
+            reach = magnitude(beyond) * half + length * out * radius
+    return nx, ny, nz, reach + nx * cx + ny * cy + nz * cz
+
+
+@lane_part
+def kept_beyond(
+    parts: Parts, part: int, poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector, reach: Vector, margin: float
+) -> int:
+    """Mask of the lanes where not all of a polytope is farther along an axis than something else reaches, by a margin.
+
+    Args:
+        parts: Tables that the polytope is in.
+        part: Which part it is.
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: The joint that carries it.
+        u: The axes in the world, of any length, with v and w; where they are 0, nothing is farther.
+        v: See u.
+        w: See u.
+        reach: How far the other reaches along them, times their length [m].
+        margin: By how much [m].
+    """
+    enough = reach + sqrt(u * u + v * v + w * w) * margin
+    x, y, z, origin = turned_axis(poses, joint, u, v, w)
+    return int(below(lowest_vertex(parts, part, x, y, z) + origin, enough))
 
 
 @lane_part

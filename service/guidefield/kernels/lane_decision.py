@@ -1,17 +1,25 @@
-"""The exact decision for bodies that may touch obstacles; each lane's separating axis is tried on all others."""
+"""The exact decision for bodies that may touch obstacles; each lane's separating axis is tried on all others.
+
+Before GJK each lane has an axis of its own, away from what of the obstacle is nearest to the middle of the body.
+"""
 
 from __future__ import annotations
 
 from numba import boolean, int64, types
 
 from guidefield.kernels.lane_axes import (
+    away_from_primitive,
     keep_axis,
+    kept_beyond,
     lowest_ball,
     lowest_vertex,
     one_pose,
     polytope_of,
     turned_axis,
 )
+from guidefield.kernels.lane_math import PRIMITIVE
+from guidefield.kernels.lane_near import ball_centre
+from guidefield.kernels.lane_pieces import pieces_meet
 from guidefield.kernels.lane_tables import (
     AXIS_AND_REACH,
     BAND,
@@ -26,6 +34,7 @@ from guidefield.kernels.lane_tables import (
 from guidefield.kernels.lanes import (
     below,
     first_lane,
+    lane,
     lane_step,
     splat,
 )
@@ -84,17 +93,34 @@ def meets_obstacle(
     """
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.obstacle_axes
     at, margin = AXIS_AND_REACH * (body * obstacles.size + obstacle), clearance + DECISION_BAND
-    root = obstacles.roots[obstacle]
+    own, root, joint = bodies.roots[body], obstacles.roots[obstacle], bodies.joints[body]
+    mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
+    if mask == 0:
+        return False
     for entry in range(12):
         pose_b[entry] = 1.0 if entry in (0, 5, 10) else 0.0
-    while True:
-        mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
-        if mask == 0:
-            return False
-        one_pose(scratch.poses, bodies.joints[body], first_lane(mask), pose_a)
+    hull = polytope_of(parts, own)
+    if hull >= 0:
+        kind, primitives = obstacles.kinds[obstacle], obstacles.primitives
+        x, y, z = ball_centre(scratch.poses, joint, bodies.bounds, body)
+        u, v, w, reach = away_from_primitive(kind, primitives, obstacle * PRIMITIVE, x, y, z)
+        apart = mask & ~kept_beyond(parts, hull, scratch.poses, joint, u, v, w, reach, clearance + BAND)
+        if apart:
+            chosen = first_lane(apart)
+            work[AXIS], work[AXIS + 1], work[AXIS + 2] = lane(u, chosen), lane(v, chosen), lane(w, chosen)
+            keep_axis(scene, root, work, pose_b, 1.0, axes, at)
+            mask &= ~apart
+            if mask == 0:
+                return False
+    if bodies.pieces[body + 1] - bodies.pieces[body] > 1:
+        return bool(pieces_meet(bodies, parts, body, obstacles, scene, obstacle, mask, clearance, scratch))
+    while mask:
+        one_pose(scratch.poses, joint, first_lane(mask), pose_a)
         mask &= mask - 1
         for k in range(3):
             work[AXIS + k] = axes[at + k]
-        if not bodies_apart(parts, bodies.roots[body], pose_a, scene, root, pose_b, margin, work):
+        if not bodies_apart(parts, own, pose_a, scene, root, pose_b, margin, work):
             return True
         keep_axis(scene, root, work, pose_b, 1.0, axes, at)
+        mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
+    return False

@@ -37,8 +37,9 @@ from guidefield.kernels.tree_kinematics import INDICES, Integers
 POLYTOPE = 4
 """The kind of a part that is the hull of vertices; the others are lane_math's, but no boxes."""
 
-TRIANGLE = 5
-"""A triangle of a mesh; its corners are its first nine numbers, in the body's frame."""
+TRIANGLE, SURFACE = 5, 6
+"""A triangle of a mesh: its corners are its first nine numbers, in the body's frame. Vertices that are points of the
+surface within the polytope before this part: never compared."""
 
 PART = 16
 """Numbers of a part: placement in the body's frame (12, row by row), half extents (3), radius of what rounds it."""
@@ -51,10 +52,10 @@ ROUNDS, BALL_ROUNDS = 32, 1
 
 WORK = 512
 """Numbers of scratch space: simplex, poses of a and b, the last separating axis, a stack."""
-_POSE_A, _POSE_B, _STACK = 16, 28, 64
+_POSE_A, _POSE_B, STACK = 16, 28, 64
 
-AXIS = 40
-"""Where in the scratch space the last separating axis stands; zero where there is none."""
+AXIS, KEPT = 40, 44
+"""Where in the scratch space the last separating axis stands, zero where there is none, and one to keep."""
 
 
 class Parts(NamedTuple):
@@ -256,10 +257,10 @@ def bodies_apart(
         work: Scratch, shape (WORK,); the last axis in it is where the search starts, and is left there.
     """
     top = 1
-    work[_STACK], work[_STACK + 1] = root_a, root_b
+    work[STACK], work[STACK + 1] = root_a, root_b
     while top > 0:
         top -= 1
-        node_a, node_b = int(work[_STACK + 2 * top]), int(work[_STACK + 2 * top + 1])
+        node_a, node_b = int(work[STACK + 2 * top]), int(work[STACK + 2 * top + 1])
         radius_a, radius_b = a.balls[4 * node_a + 3], b.balls[4 * node_b + 3]
         part_a, part_b = a.links[3 * node_a + 2], b.links[3 * node_b + 2]
         _place_ball(a, node_a, pose_a, work, _POSE_A)
@@ -281,8 +282,8 @@ def bodies_apart(
             return False
         split_a = leaf_b or (not leaf_a and a.balls[4 * node_a + 3] >= b.balls[4 * node_b + 3])
         for side in range(2):
-            work[_STACK + 2 * top] = a.links[3 * node_a + side] if split_a else node_a
-            work[_STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
+            work[STACK + 2 * top] = a.links[3 * node_a + side] if split_a else node_a
+            work[STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
             top += 1
     return True
 

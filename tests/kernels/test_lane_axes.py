@@ -1,0 +1,75 @@
+"""Axes away from primitives, against Coal: how far these reach along them; they separate by all of the distance."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+from numba import njit
+
+from guidefield.kernels import lanes
+from guidefield.kernels.lane_axes import away_from_primitive
+from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE
+
+
+@njit
+def _away(kind, row, points, out):
+    row, points, out = lanes.pointers(row), lanes.pointers(points), lanes.pointers(out)
+    x, y, z = lanes.load(points, 0), lanes.load(points, 16), lanes.load(points, 32)
+    u, v, w, reach = away_from_primitive(kind, row, 0, x, y, z)
+    lanes.store(out, 0, u)
+    lanes.store(out, 16, v)
+    lanes.store(out, 32, w)
+    lanes.store(out, 48, reach)
+
+
+def shape_of(kind: int, half: np.ndarray, radius: float) -> coal.ShapeBase:
+    """The primitive as Coal has it."""
+    if kind == BOX:
+        return coal.Box(*2.0 * half)
+    if kind == CYLINDER:
+        return coal.Cylinder(radius, 2.0 * half[2])
+    if kind == CAPSULE:
+        return coal.Capsule(radius, 2.0 * half[2])
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+def highest(shape: coal.ShapeBase, pose: pin.SE3, normal: np.ndarray) -> float:
+    """How far a shape reaches along a normal: where a half-space against it touches it, by Coal's distance."""
+    plane = coal.Halfspace(-normal, -10.0)  # points with n.x >= 10
+    placed = coal.Transform3s(pose.rotation, pose.translation)
+    return 10.0 - coal.distance(shape, placed, plane, coal.Transform3s(), coal.DistanceRequest(), coal.DistanceResult())
+
+
+@pytest.mark.parametrize("kind", [BOX, CYLINDER, CAPSULE, HALF_SPACE])
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 10_000))
+def test_an_axis_separates_by_the_distance(kind: int, seed: int) -> None:
+    """Points outside are beyond what the primitive reaches by their distance, those inside not at all."""
+    rng = np.random.default_rng(seed)
+    half, radius = rng.uniform(0.05, 0.5, 3), float(rng.uniform(0.05, 0.4))
+    pose = pin.SE3(pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.uniform(-0.5, 0.5, 3))
+    row = np.array([*pose.rotation.T.ravel(), *pose.translation, *half, radius], np.float32)
+    points = rng.uniform(-1.5, 1.5, (3, 16)).astype(np.float32)
+    out = np.empty(64, np.float32)
+    _away(kind, row, points.ravel(), out)
+    axes, reach = out.reshape(4, 16)[:3].astype(float), out[48:].astype(float)
+    shape = shape_of(kind, half, radius)
+    for k in range(16):
+        length = np.linalg.norm(axes[:, k])
+        apart = coal.distance(
+            shape,
+            coal.Transform3s(pose.rotation, pose.translation),
+            coal.Sphere(1e-9),
+            coal.Transform3s(np.eye(3), points[:, k].astype(float)),
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        beyond = axes[:, k] @ points[:, k] - reach[k]
+        assert beyond <= (apart + 2e-6) * length + 1e-12  # never more than they are apart
+        if apart > 1e-5:
+            assert beyond / length == pytest.approx(apart, abs=2e-6)
+        if length > 1e-5 and kind != HALF_SPACE:
+            assert reach[k] / length == pytest.approx(highest(shape, pose, axes[:, k] / length), abs=2e-6)
