@@ -24,7 +24,7 @@ PLAN = {
     "guide_planes": [],
     "allowed_planning_time": 60.0,
 }
-PATIENCE = 240.0
+PATIENCE = 600.0
 
 
 def _potential(number: int) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def test_no_cluster_is_said_so(tmp_path: Path) -> None:
         check=False,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 2
     assert "Ray" in done.stderr

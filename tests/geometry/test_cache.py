@@ -229,6 +229,6 @@ def test_several_processes_share_it() -> None:
         subprocess.Popen([sys.executable, "-c", WORKER, str(seed)], stderr=subprocess.PIPE, text=True)
         for seed in range(3)
     ]
-    reports = [worker.communicate(timeout=120)[1] for worker in workers]
+    reports = [worker.communicate(timeout=600)[1] for worker in workers]
     assert [worker.returncode for worker in workers] == [0, 0, 0], reports
     assert not [path for path in entries() if path.name.startswith(".")]

@@ -62,6 +62,8 @@ def test_what_waits_is_ended_at_once_and_a_cancel_may_come_first(service: Servic
 
 
 def test_info_tells_what_was_done_and_how_long_it_took(wire: PlainClient) -> None:
+    wire.ask("guidefield/local/runs/cancelled/cancel")
+    wire.ask("guidefield/local/plan", {**LONG, "run_id": "cancelled"})
     full, brief = wire.ask("guidefield/local/info"), wire.ask("guidefield/local/info?brief")
     assert full["schemas"]["messages"]["Progress"]
     assert (brief["schemas"], brief["packages"]) == ({}, {})
@@ -71,7 +73,7 @@ def test_info_tells_what_was_done_and_how_long_it_took(wire: PlainClient) -> Non
     assert plans["bounds"] == sorted(plans["bounds"])
     counters = wire.ask("guidefield/local/info?brief")["counters"]
     assert counters["asked"] - 1 == counters["answered"] + counters["refused"], "this one is not answered yet"
-    assert sum(brief["latency"]["info"]["counts"]) > 1
+    assert sum(brief["latency"]["info"]["counts"]) > 0
 
 
 def test_an_asyncio_client_asks_many_things_at_once(service: Service) -> None:

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -250,6 +251,15 @@ BAD_INPUT = {
 }
 
 
+@pytest.fixture
+def unharmed(wire: PlainClient) -> Iterator[None]:
+    """No worker crashes meanwhile."""
+    before = wire.ask("guidefield/local/info?brief")["counters"]["crashes"]
+    yield
+    assert wire.ask("guidefield/local/info?brief")["counters"]["crashes"] == before
+
+
+@pytest.mark.usefixtures("unharmed")
 @pytest.mark.parametrize("case", BAD_INPUT)
 def test_bad_input_is_named_and_the_service_lives(case: str, wire: PlainClient) -> None:
     key, payload, name, says = BAD_INPUT[case]
@@ -259,6 +269,7 @@ def test_bad_input_is_named_and_the_service_lives(case: str, wire: PlainClient) 
     assert wire.ask("guidefield/local/kinematics", POTENTIAL)["winding"] == [0.0]
 
 
+@pytest.mark.usefixtures("unharmed")
 @given(data=st.data())
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_mutated_request_has_one_answer_and_is_no_bug_of_ours(data: st.DataObject, wire: PlainClient) -> None:
@@ -271,10 +282,6 @@ def test_a_mutated_request_has_one_answer_and_is_no_bug_of_ours(data: st.DataObj
         answer = wire.answer(f"guidefield/local/{key}", bytes(payload), encoding)
         if not answer.is_reply and encoding == "application/json":
             assert answer.json()["name"] not in ("FAILURE", "CRASH"), answer.payload
-
-
-def test_nothing_of_it_crashed_a_worker(wire: PlainClient) -> None:
-    assert wire.ask("guidefield/local/info")["counters"]["crashes"] == 0
 
 
 # ---- the Python client

@@ -15,7 +15,7 @@ TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
     "command",
     [
         ["soak", "--requests", "60", "--seconds", "4", "--workers", "1", "--patience", "120"],
-        ["fuzz", "--examples", "100"],
+        ["fuzz", "--examples", "100", "--seed", "1"],
     ],
 )
 def test_a_slice_of_a_long_tool(command: list[str]) -> None:

@@ -25,6 +25,7 @@ def test_a_robot_goes_around_a_cloud() -> None:
             "start": {"panda_joint1": 1.2},
             "goal": {"type": "joints", "positions": {"panda_joint1": -1.2}},
             "guide_planes": [],
+            "allowed_planning_time": 60.0,
             "recording": "off",
         }
     )

@@ -22,7 +22,7 @@ def picture(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     run = made_up("panda")
     run.recorder(folder / "run.rrd").finish(run.reply, run.profile)
     command = [sys.executable, str(SCREENSHOT), str(folder / "run.rrd"), str(folder / "run.png"), "--time", "0.5"]
-    taken = subprocess.run(command, capture_output=True, text=True, check=False, timeout=180)
+    taken = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     if taken.returncode == NO_GRAPHICS:
         reason = f"no graphics driver: {taken.stderr.strip()}"
         sys.stderr.write(f"{reason}\n")

@@ -461,5 +461,5 @@ def test_a_full_disk_leaves_the_earlier_recording_alone(tmp_path):
 
 def test_the_layout_comes_before_the_recording_for_the_web_viewer(file: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rerun", "rrd", "print", str(file)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
     assert 0 <= said.index("BlueprintActivationCommand") < said.index("        Recording,")

@@ -80,7 +80,7 @@ def test_only_the_beginning_is_kept_and_no_descriptor_leaks():
         with captured_stderr() as stderr:
             os.write(2, b"x" * (MAX_CAUGHT_BYTES + 10))
     assert len(stderr.text()) == MAX_CAUGHT_BYTES
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    assert len(list(Path("/proc/self/fd").iterdir())) <= before
 
 
 def test_a_process_without_stderr_has_none_afterwards_either():
@@ -98,5 +98,5 @@ for closed in ((2,), (0, 2)):
     try: os.fstat(2)
     except OSError: print("closed")
 """
-    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, check=True, timeout=300)
     assert done.stdout == b"closed\nclosed\n"

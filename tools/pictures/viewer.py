@@ -18,7 +18,7 @@ from rerun.experimental import ViewerClient
 
 from guidefield.cli.loopback import free_port
 
-PATIENCE = 90.0
+PATIENCE = 180.0
 """How long a viewer may take to show a recording, and then to stop changing [s]."""
 
 NO_GRAPHICS = 3
