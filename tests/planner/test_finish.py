@@ -20,7 +20,7 @@ def lowered_into_contact(path: np.ndarray) -> np.ndarray:
     """A path over the wall with its middle bent down until it touches."""
     made, _ = over_the_wall()
     bad, middle = path.copy(), len(path) // 2
-    while smallest_clearance(made, bad) > -0.005:
+    while smallest_clearance(made, bad) > -0.015:
         bad[middle - 3 : middle + 4, 3] -= 0.01
     return bad
 

@@ -8,9 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numba import int64, void
 
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
+from guidefield.kernels.lane_nodes import PLANTED, search_of
+from guidefield.kernels.lane_tree import way_of
+from guidefield.kernels.lanes import INTEGERS_OUT, LANES, lane_kernel, pointers
+from guidefield.kernels.packing import Words
+from guidefield.kernels.tree_kinematics import INDICES
+from guidefield.messages import scene as messages
+from guidefield.messages.requests import UrdfText
 from guidefield.planner import lane_tree
 from guidefield.planner.problem import Budget
 from tests.planner.problems import scene_of
@@ -130,3 +138,47 @@ def test_what_a_path_was_read_from_may_be_used_again() -> None:
     kept = first.copy()
     search(1)
     np.testing.assert_array_equal(first, kept)
+
+
+def sliding_box() -> UrdfText:
+    """A box of 0.1 m that slides in x and in y, by 8 m to either side."""
+    link = '<link name="{}"/><joint name="{}" type="prismatic"><parent link="{}"/><child link="{}"/><axis xyz="{}"/>'
+    limit = '<limit lower="-8" upper="8" effort="1" velocity="1"/></joint>'
+    parts = [link.format("world", "x", "world", "along", "1 0 0"), link.format("along", "y", "along", "box", "0 1 0")]
+    body = '<link name="box"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    return UrdfText(text=f'<robot name="slider">{parts[0]}{limit}{parts[1]}{limit}{body}</robot>')
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
+    """Between start and goal, 2 m apart, is a wall that ends 12 m away: farther than most samples are from the way."""
+    wall = messages.Box(name="wall", size=(0.1, 14.0, 1.0), position=(0.0, -1.0, 0.0))
+    lanes = Lanes.build(World.build(grouped(sliding_box()), scene_of(wall)))
+    start, goal = np.array([[-1.0, -6.0]]), np.array([[1.0, -6.0]])
+    found = lane_tree.grow(lanes, start, goal, 32.0, 0.0, np.random.default_rng(seed), Budget())
+    assert found.path is not None
+    assert found.path[:, 1].max() > 6.0
+    assert found.motions < 5000
+    assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+
+
+@lane_kernel(void(INDICES, int64, INTEGERS_OUT))
+def ways(search: Words, capacity: int, pairs_out: np.ndarray) -> None:
+    trees = search_of(pointers(search))
+    for turn in range(len(pairs_out) // 2):
+        way = way_of(trees, turn)
+        pairs_out[2 * turn] = way.start
+        pairs_out[2 * turn + 1] = way.goal - trees.nv * capacity
+
+
+def test_every_pair_of_roots_has_its_turns() -> None:
+    """At the samples sixteen by sixteen, and at all of them."""
+    room = lane_tree._Room.build(2, 64)
+    room.search.counters[PLANTED : PLANTED + 2] = 3, 16
+    pairs = np.empty(2 * 16 * 480, np.int64)
+    ways(room.words, 64, pairs)
+    for rows in (pairs.reshape(-1, 2), pairs.reshape(-1, 2)[::LANES]):
+        counts = np.bincount(rows @ np.array([16, 1]), minlength=48)
+        assert len(counts) == 48
+        assert counts.min() >= 0.5 * counts.mean()
+        assert counts.max() <= 1.5 * counts.mean()

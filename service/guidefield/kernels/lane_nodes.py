@@ -39,11 +39,11 @@ RANGE = 1.0
 LATE = 1024
 """So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
 
-SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED = 0, 2, 3, 4, 6, 7, 8, 9
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED, PLANTED = 0, 2, 3, 4, 6, 7, 8, 9, 11
 """Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
-rows of the path, how many samples in a row were outside of their nodes' domains, and the extensions of both trees that
-were judged."""
-COUNTERS = 11
+rows of the path, how many samples in a row were outside of their nodes' domains, the extensions of both trees that were
+judged, and the roots of both trees."""
+COUNTERS = 13
 
 
 class Search(NamedTuple):
@@ -56,7 +56,7 @@ class Search(NamedTuple):
         parents: (2 * capacity,) -1 for roots.
         domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
         failed: (2 * capacity,) how many of each node's extensions were not free.
-        places: (nv,) where in the box the last sample was, as shares of its sides.
+        places: (nv + 1,) where in its box the last sample was, as shares of its sides, and which box that was.
         counters: (COUNTERS,).
         sample, target, origin, reached: (nv,) memory.
         samples: (nv * 16,) samples, coordinate by coordinate.
@@ -184,6 +184,6 @@ def plant(search: Search, tree: int, roots: np.ndarray) -> None:
         search.parents[first + i] = -1
         search.domains[first + i] = np.inf
         search.failed[first + i] = 0
-    search.counters[SIZE + tree] = len(roots)
+    search.counters[SIZE + tree] = search.counters[PLANTED + tree] = len(roots)
     for k in range(STATE):
         search.buckets.state[tree * STATE + k] = 0

@@ -1,4 +1,8 @@
-"""An even sequence of samples in the box of a group's chart, for searches on lanes."""
+"""An even sequence of samples for searches on lanes: most near the way between two roots, the others in all of a box.
+
+A joint turns by more than most ways need. Samples from all of its limits mostly pull a tree away from where it has to
+go; those near the straight way from a start to a goal find most paths sooner, and the others find the rest.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +21,13 @@ from guidefield.kernels.lanes import (
     f32x16,
     lane_part,
     lane_step,
+    largest_of,
     load,
     magnitude,
     pointed,
     pointers,
     rint,
+    smallest_of,
     splat,
     sqrt,
     store,
@@ -34,12 +40,36 @@ from guidefield.kernels.tree_kinematics import INDICES
 _AHEAD = np.arange(1, LANES + 1, dtype=np.float32)
 """Of sixteen samples, the how manieth each is."""
 
+NEAR = 0.75
+"""The share of samples that are drawn near a way; the others fill the box."""
+
+WHOLE = 0.9999
+"""From so much of a turn on a coordinate's limits are a whole turn."""
+
+
+class Way(NamedTuple):
+    """What most samples are near: the straight way between two chart points.
+
+    Attributes:
+        nodes: Chart points, coordinate by coordinate.
+        start, goal: Where the first coordinates of the two points are in these.
+        stride: How far on each next coordinate is.
+        reach: In each coordinate samples are at most so far from a point of the way [rad or m].
+    """
+
+    nodes: Floats32
+    start: int
+    goal: int
+    stride: int
+    reach: float
+
 
 class Sampling(NamedTuple):
     """Where samples come from.
 
     Attributes:
-        steps: (nv,) by which each coordinate's place in the box goes on from sample to sample, modulo 1.
+        steps: (nv + 1,) by which each coordinate's place in the box goes on from sample to sample, modulo 1; by the
+            last of these places it is chosen which samples are near the way, and how far along.
         lower, width: (nv,) the box that samples fill.
         period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
         frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
@@ -98,17 +128,35 @@ def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
 
 
 @lane_part
-def next_samples(sampling: Sampling, nv: int, places: Floats, samples_out: Floats32) -> None:
-    """The next sixteen points of the sequence, in the box; `pass_samples` goes on by those that are used.
+def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_out: Floats32) -> None:
+    """The next sixteen points of the sequence; `pass_samples` goes on by those that are used.
+
+    Each fills a box of its own: all of the limits, or what of them is within reach of a point of the way. A coordinate
+    that turns without end has no limits but a turn's length, and goes the short way. Rotations are drawn evenly.
 
     Args:
-        sampling: The box.
+        sampling: The limits.
         nv: Coordinates of a point.
-        places: (nv,) where in the box the last one was, as shares of its sides.
+        places: (nv + 1,) where in its box the last one was, as shares of its sides, and which box that was.
+        way: What most of them are near.
         samples_out: (nv * 16,) the points, coordinate by coordinate [rad or m].
     """
+    along = _shares(sampling, places, nv)
+    reach = where_below(along, splat(NEAR), splat(way.reach), splat(np.inf))
+    along = along * np.float32(1.0 / NEAR)
     for j in range(nv):
-        store(samples_out, j * LANES, _shares(sampling, places, j) * sampling.width[j] + sampling.lower[j])
+        at, period, width = way.nodes[way.start + j * way.stride], sampling.period[j], np.float32(sampling.width[j])
+        apart, lower = way.nodes[way.goal + j * way.stride] - at, np.float32(sampling.lower[j])
+        if period != 0.0:
+            apart -= np.float32(np.rint(apart * sampling.frequency[j])) * period
+        middle = along * apart + at
+        if width < np.float32(WHOLE) * period or period == 0.0:
+            least = largest_of(middle - reach, splat(lower))
+            most = smallest_of(middle + reach, splat(lower + width))
+        else:
+            half = smallest_of(reach, splat(np.float32(0.5) * width))
+            least, most = middle - half, middle + half
+        store(samples_out, j * LANES, _shares(sampling, places, j) * (most - least) + least)
     for k in range(sampling.n_rotations):
         j = sampling.rotations[k]
         x, y, z = _shares(sampling, places, j), _shares(sampling, places, j + 1), _shares(sampling, places, j + 2)
@@ -117,7 +165,7 @@ def next_samples(sampling: Sampling, nv: int, places: Floats, samples_out: Float
 
 @lane_part
 def pass_samples(sampling: Sampling, nv: int, places: Floats, count: int) -> None:
-    """Go on by so many points of the sequence; `places` (nv,) as for `next_samples`, changed."""
-    for j in range(nv):
+    """Go on by so many points of the sequence; `places` (nv + 1,) as for `next_samples`, changed."""
+    for j in range(nv + 1):
         place = places[j] + count * sampling.steps[j]
         places[j] = place - math.floor(place)

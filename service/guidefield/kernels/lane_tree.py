@@ -9,6 +9,8 @@ kept without a clock in the kernel, and the same seed gives the same path whatev
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import boolean, int64, types
 
@@ -21,6 +23,7 @@ from guidefield.kernels.lane_nodes import (
     ITERATION,
     MEETING,
     MOTIONS,
+    PLANTED,
     RANGE,
     REFUSED,
     ROOTS,
@@ -34,14 +37,19 @@ from guidefield.kernels.lane_nodes import (
     step_each,
     step_towards,
 )
-from guidefield.kernels.lane_samples import SAMPLING, Sampling, next_samples, pass_samples, sampling_of
+from guidefield.kernels.lane_samples import SAMPLING, Sampling, Way, next_samples, pass_samples, sampling_of
 from guidefield.kernels.lane_sieve import SIEVE, certain_hits
 from guidefield.kernels.lanes import LANES, first_lane, lane, lane_kernel, lane_part, lane_step, load, pointers
 from guidefield.kernels.packing import Words
 from guidefield.kernels.tree_kinematics import INDICES
 
-DOMAIN = 4.0
-"""A node whose extension failed is only extended towards samples within this of it [rad or m]."""
+DOMAIN = 1.1
+"""A node whose extension failed is only extended towards samples within so much of it [rad or m], times sqrt(nv): so
+far apart are points that differ by as much in each coordinate."""
+
+NARROW, WIDER, HALFWAY = 1.5, 1.5, 64
+"""How far from the ways between roots most samples are at first [rad or m], by how much more in the end, and after how
+many motions it is half of that: easy problems end near the way, hard ones lead further round."""
 
 LEAST_DOMAIN = 1.0
 DOMAIN_STEP = 1e-4
@@ -102,6 +110,17 @@ def _taken(search: Search, tree: int) -> int:
     return int(taken)
 
 
+@lane_part
+def way_of(search: Search, drawn: int) -> Way:
+    """What the next samples are near: the way between a start and a goal, every pair of which has its turns."""
+    counters, capacity, motions = search.counters, search.capacity, search.counters[MOTIONS]
+    turn = counters[ITERATION] + drawn
+    share, other = turn * (math.sqrt(5.0) - 1.0) / 2.0, turn * (math.sqrt(2.0) - 1.0)
+    start = int((share - math.floor(share)) * counters[PLANTED])
+    goal = search.nv * capacity + int((other - math.floor(other)) * counters[PLANTED + 1])
+    return Way(search.nodes, start, goal, capacity, NARROW + WIDER * motions / (motions + HALFWAY))
+
+
 @lane_step(int64(SAMPLING, SEARCH, int64))
 def _choose(sampling: Sampling, search: Search, batch: int) -> int:
     """Write a batch of extensions: from which node of which tree, and where they would end; how many samples it took.
@@ -114,7 +133,7 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
         tree = 1 - counters[ACTIVE]
         if counters[SIZE + 1 - tree] * BALANCE <= counters[SIZE + tree]:  # the other is smaller: it goes on
             tree = 1 - tree
-        next_samples(sampling, nv, search.places, search.samples)
+        next_samples(sampling, nv, search.places, way_of(search, drawn), search.samples)
         nearest_to_each(search, tree, sampling)
         taken, used = _taken(search, tree), LANES
         while taken:
@@ -195,6 +214,7 @@ def _grown(
 ) -> int:
     """`grow` on pointers."""
     counters, capacity, domains, grown = search.counters, search.capacity, search.domains, search.grown
+    domain = DOMAIN * math.sqrt(search.nv)
     last = counters[ITERATION] + iterations
     while counters[ITERATION] < last:
         batch, hit = 1, 0
@@ -214,7 +234,7 @@ def _grown(
             at = tree * capacity + node
             if hit >> slot & 1 or not _extension_free(world, search, clearance, resolution, slot):
                 search.failed[at] += 1
-                domains[at] = DOMAIN if domains[at] == np.inf else max(domains[at] * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)
+                domains[at] = domain if domains[at] == np.inf else max(domains[at] * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)
                 continue
             if domains[at] != np.inf:
                 domains[at] *= 1.0 + DOMAIN_STEP

@@ -91,7 +91,7 @@ def sources_of(group: PlanningGroup) -> Sources:
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
     vectors = np.array(rotations, np.int64)
-    sampling = Sampling(_steps(group.nv), lower, upper - lower, period, frequency, len(vectors), vectors)
+    sampling = Sampling(_steps(group.nv + 1), lower, upper - lower, period, frequency, len(vectors), vectors)
     return Sources.of(sampling, np.flatnonzero(endless & lengths))
 
 

@@ -178,7 +178,7 @@ class _Room:
             parents=np.full(2 * capacity, -1, np.int64),
             domains=np.full(2 * capacity, np.inf, np.float32),
             failed=np.zeros(2 * capacity, np.int64),
-            places=np.zeros(nv),
+            places=np.zeros(nv + 1),
             counters=np.zeros(lane_nodes.COUNTERS, np.int64),
             sample=np.zeros(nv, np.float32),
             target=np.zeros(nv, np.float32),
