@@ -9,6 +9,7 @@ import pytest
 
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
+from guidefield.kernels.lane_tables import AXIS_AND_REACH
 from guidefield.kernels.lane_words import LINE
 from guidefield.planner import lane_tree
 from guidefield.planner.problem import Budget
@@ -27,10 +28,7 @@ def test_the_memory_of_a_world_is_laid_out_without_overlaps(robot: str, count: i
         assert array.size == 0 or np.shares_memory(array, lanes.memory)
     for one, other in itertools.combinations(arrays, 2):
         assert not np.shares_memory(one, other)
-    # what a search forgets: from the axes of obstacles to the last of pairs, and hits
-    scratch, lines = tables.scratch, lanes.memory.nbytes
-    last = scratch.pair_axes.ctypes.data + scratch.pair_axes.nbytes
-    assert 8 * tables.axes == last - scratch.obstacle_axes.ctypes.data < lines
+    scratch = tables.scratch
     assert (scratch.hits == -1).all()
     for array in (*scratch[:-1], tables.block):
         assert not array.any()
@@ -43,7 +41,11 @@ def test_a_search_forgets_what_was_asked_before_it() -> None:
     assert (scratch.hits >= 0).any()
     assert scratch.pair_axes.any()
     assert scratch.obstacle_axes.any()
+    for axes, places in ((scratch.pair_axes, scratch.pair_places), (scratch.obstacle_axes, scratch.obstacle_places)):
+        kept = np.flatnonzero(axes.reshape(-1, AXIS_AND_REACH)[:, :3].any(axis=1)) * AXIS_AND_REACH
+        assert sorted(places[1 : 1 + places[0]]) == kept.tolist()
     lane_tree.grow(lanes, np.zeros((1, nv)), np.ones((1, nv)), 32.0, 0.0, rng, Budget(0.0))
     assert (scratch.hits == -1).all()
     assert not scratch.pair_axes.any()
     assert not scratch.obstacle_axes.any()
+    assert scratch.pair_places[0] == scratch.obstacle_places[0] == 0

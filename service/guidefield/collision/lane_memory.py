@@ -68,14 +68,14 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "work": (np.float64, WORK),
         "middle": (np.float32, nv * LANES),
         "middle_poses": (np.float32, n_poses),
-        # the axes are one piece
         "obstacle_axes": (np.float64, AXIS_AND_REACH * met),
         "pair_axes": (np.float64, AXIS_AND_REACH * robot.pieces_paired),
+        "obstacle_places": (np.int64, 1 + met),
+        "pair_places": (np.int64, 1 + robot.pieces_paired),
     }
     arrays, size = _one_after_another(wanted)
     offsets = [arrays[name][0] for name in ("tested", *Scratch._fields, "block")]
-    axes = (arrays["pair_axes"][0] - arrays["obstacle_axes"][0]) // 8 + arrays["pair_axes"][2]
-    return LaneMemory(size, np.array([*offsets, axes], np.int64), arrays)
+    return LaneMemory(size, np.array(offsets, np.int64), arrays)
 
 
 @functools.lru_cache(maxsize=256)

@@ -92,7 +92,6 @@ class Lanes:
             scene=scene.tables[1],
             scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
             block=views["block"],
-            axes=int(layout.offsets[-1]),
         )
 
     def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:

@@ -7,11 +7,9 @@ import math
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.lane_kinematics import POSE
+from guidefield.kernels.lane_kinematics import POSE, Integers
 from guidefield.kernels.lane_math import BOX, CAPSULE, HALF_SPACE, Floats32
-from guidefield.kernels.lane_tables import (
-    LaneBodies,
-)
+from guidefield.kernels.lane_tables import AXIS_AND_REACH, LaneBodies
 from guidefield.kernels.lanes import (
     LANES,
     Vector,
@@ -68,11 +66,13 @@ def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: i
 
 
 @lane_part
-def write_turned_back(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
-    """Write the inverse rotation of a pose (12,) times three numbers; arguments as in `write_turned`."""
-    x, y, z = source[start], source[start + 1], source[start + 2]
-    for c in range(3):
-        target[at + c] = pose[c] * x + pose[4 + c] * y + pose[8 + c] * z
+def turned_back(pose: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The inverse rotation of a pose (12,) times three numbers."""
+    return (
+        pose[0] * x + pose[4] * y + pose[8] * z,
+        pose[1] * x + pose[5] * y + pose[9] * z,
+        pose[2] * x + pose[6] * y + pose[10] * z,
+    )
 
 
 @lane_part
@@ -201,7 +201,27 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
 
 
 @lane_part
-def keep_axis(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
+def write_axis(axes: Floats, at: int, x: float, y: float, z: float, places: Integers) -> None:
+    """Keep an axis where there was none, or another; the first of `places` says how many such places follow it."""
+    if axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0 and not (x == 0.0 and y == 0.0 and z == 0.0):
+        places[0] += 1
+        places[places[0]] = at
+    axes[at], axes[at + 1], axes[at + 2] = x, y, z
+
+
+@lane_part
+def forget_axes(axes: Floats, places: Integers) -> None:
+    """Forget all axes: a search mostly keeps few of very many."""
+    for k in range(1, places[0] + 1):
+        for number in range(AXIS_AND_REACH):
+            axes[places[k] + number] = 0.0
+    places[0] = 0
+
+
+@lane_part
+def keep_axis(
+    parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
+) -> None:
     """Keep the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it [m].
 
     Args:
@@ -212,11 +232,13 @@ def keep_axis(parts: Parts, root: int, work: Floats, pose: Floats, way: float, a
         way: 1, or -1 where the body's reach against the axis is wanted.
         axes: Gets axis and reach, shape (AXIS_AND_REACH * n,).
         at: Where in it.
+        places: Where axes are, as for `write_axis`.
     """
     length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
     for k in range(3):
         work[AXIS + k] /= length
-    write_turned_back(pose, work, AXIS, axes, at)
+    x, y, z = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
+    write_axis(axes, at, x, y, z, places)
     part = parts.links[3 * root + 2]
     axes[at + 3] = np.inf
     if part >= 0:

@@ -6,7 +6,7 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.lane_axes import one_pose, write_turned_back
+from guidefield.kernels.lane_axes import one_pose, turned_back, write_axis
 from guidefield.kernels.lane_tables import (
     AXIS_AND_REACH,
     BAND,
@@ -23,15 +23,11 @@ from guidefield.kernels.point_tree import CLOUD_TABLES, RADIUS, LaneCloud, cloud
 from guidefield.kernels.separation import AXIS, BLOCK, POINTED_PARTS, Parts, bodies_apart, reach_along
 from guidefield.kernels.signatures import Floats
 
-_TURNED = 44
-"""Where in the scratch space an axis in the body's frame stands."""
-
 
 @lane_step(float64(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, DOUBLE_POINTER))
 def _lowest(bodies: LaneBodies, parts: Parts, body: int, pose: Floats, work: Floats) -> float:
     """The least n.x over the points x of a body in a pose, for the axis n in the scratch space [m]."""
-    write_turned_back(pose, work, AXIS, work, _TURNED)
-    u, v, w = work[_TURNED], work[_TURNED + 1], work[_TURNED + 2]
+    u, v, w = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
     origin = work[AXIS] * pose[3] + work[AXIS + 1] * pose[7] + work[AXIS + 2] * pose[11]
     part = parts.links[3 * bodies.roots[body] + 2]
     if part >= 0:
@@ -148,6 +144,5 @@ def meets_cloud(
         mask &= mask - 1
         if _pose_meets(bodies, parts, body, pose, cloud, scene, obstacles.roots[obstacle], clearance, scratch):
             return True
-        for k in range(3):
-            axes[at + k] = work[AXIS + k]
+        write_axis(axes, at, work[AXIS], work[AXIS + 1], work[AXIS + 2], scratch.obstacle_places)
     return False

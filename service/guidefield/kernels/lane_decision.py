@@ -121,6 +121,6 @@ def meets_obstacle(
             work[AXIS + k] = axes[at + k]
         if not bodies_apart(parts, own, pose_a, scene, root, pose_b, margin, work):
             return True
-        keep_axis(scene, root, work, pose_b, 1.0, axes, at)
+        keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)
         mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
     return False

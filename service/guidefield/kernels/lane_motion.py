@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types, void
 
+from guidefield.kernels.lane_axes import forget_axes
 from guidefield.kernels.lane_collision import block_touches
 from guidefield.kernels.lane_kinematics import LANE_JOINTS, LaneJoints
 from guidefield.kernels.lane_math import Floats32
@@ -49,7 +50,6 @@ class LaneWorld(NamedTuple):
         obstacles, scene: What is around it.
         scratch: Memory; so a world answers one question at a time.
         block: (nv * 16,) memory for the configurations of one block.
-        axes: How many numbers the scratch's axes are, from those of obstacles to the last of pairs.
     """
 
     joints: LaneJoints
@@ -61,7 +61,6 @@ class LaneWorld(NamedTuple):
     scene: Parts
     scratch: Scratch
     block: np.ndarray
-    axes: int
 
 
 LANE_WORLD = types.NamedTuple(
@@ -75,7 +74,6 @@ LANE_WORLD = types.NamedTuple(
         PARTS,
         SCRATCH,
         FLOATS_OUT,
-        types.int64,
     ],
     LaneWorld,
 )
@@ -141,10 +139,11 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
 @lane_step(void(WORLD))
 def forget(world: LaneWorld) -> None:
     """Forget what earlier answers left behind: the same questions from here on have the same answers to the bit."""
-    for k in range(world.axes):
-        world.scratch.obstacle_axes[k] = 0.0
+    scratch = world.scratch
+    forget_axes(scratch.obstacle_axes, scratch.obstacle_places)
+    forget_axes(scratch.pair_axes, scratch.pair_places)
     for k in range(3 * HITS):
-        world.scratch.hits[k] = -1
+        scratch.hits[k] = -1
 
 
 @lane_kernel(void(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.Array(types.boolean, 1, "C")))

@@ -112,7 +112,7 @@ def _nodes_meet(
         write_turned(pose_a, axes, at, work, AXIS)
         if not bodies_apart(parts, root_a, pose_a, parts, root_b, pose_b, DECISION_BAND, work):
             return True
-        keep_axis(parts, root_a, work, pose_a, -1.0, axes, at)
+        keep_axis(parts, root_a, work, pose_a, -1.0, axes, at, scratch.pair_places)
 
 
 @lane_step(int64(BODIES, POINTED_PARTS, int64, int64, int64, int64, SCRATCH_MEMORY))
@@ -135,7 +135,7 @@ def _left_of_hulls(
         one_pose(scratch.poses, joint_b, chosen, pose_b)
         write_turned(pose_a, axes, at, work, AXIS)
         if parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, DECISION_BAND, work):
-            keep_axis(parts, root_a, work, pose_a, -1.0, axes, at)
+            keep_axis(parts, root_a, work, pose_a, -1.0, axes, at, scratch.pair_places)
         else:
             left |= 1 << chosen
 

@@ -149,6 +149,8 @@ class Scratch(NamedTuple):
         found: (3 * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask.
         obstacle_axes: (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it.
         pair_axes: (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it.
+        obstacle_places, pair_places: (1 + bodies * obstacles,) and (1 + pairs of pieces,) how many axes there are, then
+            where they are.
         pose_a, pose_b: (12,) each.
         work: (WORK,).
         middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
@@ -161,6 +163,8 @@ class Scratch(NamedTuple):
     found: np.ndarray
     obstacle_axes: np.ndarray
     pair_axes: np.ndarray
+    obstacle_places: np.ndarray
+    pair_places: np.ndarray
     pose_a: np.ndarray
     pose_b: np.ndarray
     work: np.ndarray
@@ -175,7 +179,16 @@ _CELLS, _BITS = (types.Array(kind, 1, "C") for kind in (types.int32, types.uint3
 LANE_BODIES = types.NamedTuple([*[types.int64] * 5, *[INDICES] * 13, *[FLOATS] * 7, _CELLS, _BITS], LaneBodies)
 LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, INDICES], LaneObstacles)
 SCRATCH = types.NamedTuple(
-    [*[FLOATS_OUT] * 2, INTEGERS_OUT, *[VECTOR_OUT] * 5, *[FLOATS_OUT] * 3, INTEGERS_OUT], Scratch
+    [
+        *[FLOATS_OUT] * 2,
+        INTEGERS_OUT,
+        *[VECTOR_OUT] * 2,
+        *[INTEGERS_OUT] * 2,
+        *[VECTOR_OUT] * 3,
+        *[FLOATS_OUT] * 3,
+        INTEGERS_OUT,
+    ],
+    Scratch,
 )
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)

@@ -21,8 +21,8 @@ SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)
 _TESTED = LaneObstacles._fields.index("tested")
 
 
-MEMORY_WORDS = len(Scratch._fields) + 2
-"""How many words there are behind those: of the scratch and the block, and how many numbers the axes are."""
+MEMORY_WORDS = len(Scratch._fields) + 1
+"""How many words there are behind those: of the scratch and the block."""
 
 _HITS = 1 + Scratch._fields.index("hits")
 
@@ -43,8 +43,7 @@ def lay_out(
     Args:
         robot: Words of the robot.
         scene: Those of obstacles and their shapes, shape (SCENE_WORDS,).
-        offsets: Where in the memory there is what is tested, the scratch and the block [bytes]; last, how many numbers
-            the axes are; shape (1 + MEMORY_WORDS,).
+        offsets: Where in the memory there is what is tested, the scratch and the block [bytes]; (1 + MEMORY_WORDS,).
         owners: For each obstacle which one of the scene it stands for, shape (n,).
         mixed: The pairs of a body and an obstacle of the scene, counted behind the bodies, that are tested; (p, 2).
         bodies: How many bodies there are.
@@ -59,9 +58,8 @@ def lay_out(
     words[:first] = robot
     words[first : first + SCENE_WORDS] = scene
     words[first + _TESTED] = start + offsets[0]
-    for k in range(MEMORY_WORDS - 1):
+    for k in range(MEMORY_WORDS):
         words[first + SCENE_WORDS + k] = start + offsets[1 + k]
-    words[first + SCENE_WORDS + MEMORY_WORDS - 1] = offsets[MEMORY_WORDS]
     at = (begins + offsets[_HITS]) // 8
     memory[at : at + 3 * HITS] = -1
     at, count = (begins + offsets[0]) // 8, 0
