@@ -201,17 +201,31 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
 
 
 @lane_part
-def write_axis(axes: Floats, at: int, x: float, y: float, z: float, places: Integers) -> None:
-    """Keep an axis where there was none, or another; the first of `places` says how many such places follow it."""
-    if axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0 and not (x == 0.0 and y == 0.0 and z == 0.0):
+def _none(axes: Floats, at: int) -> bool:
+    """Whether there is no axis at a place."""
+    return bool(axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0)
+
+
+@lane_part
+def _note(axes: Floats, at: int, places: Integers) -> None:
+    """Note the place of an axis that will be kept, if there was none; the first of `places` says how many follow it."""
+    if _none(axes, at):
         places[0] += 1
         places[places[0]] = at
-    axes[at], axes[at + 1], axes[at + 2] = x, y, z
+
+
+@lane_part
+def keep_direction(work: Floats, axes: Floats, at: int, places: Integers) -> None:
+    """Keep the axis in the scratch space, shape (WORK,), if there is one, as it is; the rest as for `keep_axis`."""
+    if not _none(work, AXIS):
+        _note(axes, at, places)
+        for k in range(3):
+            axes[at + k] = work[AXIS + k]
 
 
 @lane_part
 def forget_axes(axes: Floats, places: Integers) -> None:
-    """Forget all axes: a search mostly keeps few of very many."""
+    """Forget all of some axes (AXIS_AND_REACH * n,), by their places (1 + n,): a search mostly keeps few of many."""
     for k in range(1, places[0] + 1):
         for number in range(AXIS_AND_REACH):
             axes[places[k] + number] = 0.0
@@ -219,10 +233,8 @@ def forget_axes(axes: Floats, places: Integers) -> None:
 
 
 @lane_part
-def keep_axis(
-    parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
-) -> None:
-    """Keep the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it [m].
+def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
+    """Write the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it [m].
 
     Args:
         parts: Tables that the body is in.
@@ -230,16 +242,35 @@ def keep_axis(
         work: Scratch with the axis in the world, shape (WORK,).
         pose: Rotation and translation, row by row, shape (12,).
         way: 1, or -1 where the body's reach against the axis is wanted.
-        axes: Gets axis and reach, shape (AXIS_AND_REACH * n,).
+        axes: Gets axis and reach, shape (n,).
         at: Where in it.
-        places: Where axes are, as for `write_axis`.
     """
     length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
     for k in range(3):
         work[AXIS + k] /= length
-    x, y, z = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
-    write_axis(axes, at, x, y, z, places)
+    axes[at], axes[at + 1], axes[at + 2] = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
     part = parts.links[3 * root + 2]
     axes[at + 3] = np.inf
     if part >= 0:
         axes[at + 3] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
+
+
+@lane_part
+def keep_axis(
+    parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
+) -> None:
+    """`write_separating` into what is kept, if there is an axis, and note where that is.
+
+    Args:
+        parts: As there, with root, work, pose and way.
+        root: See parts.
+        work: See parts.
+        pose: See parts.
+        way: See parts.
+        axes: All axes, shape (AXIS_AND_REACH * n,).
+        at: Where among them.
+        places: How many axes there are, then where, shape (1 + n,).
+    """
+    if not _none(work, AXIS):
+        _note(axes, at, places)
+        write_separating(parts, root, work, pose, way, axes, at)

@@ -6,7 +6,7 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.lane_axes import one_pose, turned_back, write_axis
+from guidefield.kernels.lane_axes import keep_direction, one_pose, turned_back
 from guidefield.kernels.lane_tables import (
     AXIS_AND_REACH,
     BAND,
@@ -144,5 +144,5 @@ def meets_cloud(
         mask &= mask - 1
         if _pose_meets(bodies, parts, body, pose, cloud, scene, obstacles.roots[obstacle], clearance, scratch):
             return True
-        write_axis(axes, at, work[AXIS], work[AXIS + 1], work[AXIS + 2], scratch.obstacle_places)
+        keep_direction(work, axes, at, scratch.obstacle_places)
     return False

@@ -108,7 +108,7 @@ def meets_obstacle(
         if apart:
             chosen = first_lane(apart)
             work[AXIS], work[AXIS + 1], work[AXIS + 2] = lane(u, chosen), lane(v, chosen), lane(w, chosen)
-            keep_axis(scene, root, work, pose_b, 1.0, axes, at)
+            keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)
             mask &= ~apart
             if mask == 0:
                 return False

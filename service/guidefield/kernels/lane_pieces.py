@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.lane_axes import away_from_primitive, keep_axis, kept_beyond, one_pose, polytope_of
+from guidefield.kernels.lane_axes import away_from_primitive, kept_beyond, one_pose, polytope_of, write_separating
 from guidefield.kernels.lane_math import PRIMITIVE, near_primitive
 from guidefield.kernels.lane_near import ball_centre
 from guidefield.kernels.lane_tables import (
@@ -197,7 +197,7 @@ def pieces_meet(
             if meets:
                 return True
             if near and part >= 0:  # the axis that it left behind
-                keep_axis(scene, root, work, pose_b, 1.0, work, KEPT)
+                write_separating(scene, root, work, pose_b, 1.0, work, KEPT)
                 a, b, c, far = splat(work[KEPT]), splat(work[KEPT + 1]), splat(work[KEPT + 2]), splat(work[KEPT + 3])
                 near &= kept_beyond(parts, part, poses, joint, a, b, c, far, clearance + BAND)
     return False
