@@ -74,6 +74,16 @@ def _balls_apart(
     return bool(square > reach * reach)
 
 
+@lane_part
+def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, work: Floats) -> None:
+    """Let GJK begin with the axis between the middles of two balls of bodies that are placed so (12)."""
+    for r in range(3):
+        apart = pose_a[4 * r + 3] - pose_b[4 * r + 3]
+        for k in range(3):
+            apart += pose_a[4 * r + k] * balls[4 * a + k] - pose_b[4 * r + k] * balls[4 * b + k]
+        work[AXIS + r] = apart
+
+
 @lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
 def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
     """Whether a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
@@ -111,13 +121,17 @@ def _inner_meet(bodies: LaneBodies, first: int, second: int, depth: float, scrat
 
 @lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, types.float64, SCRATCH_MEMORY))
 def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margin: float, scratch: Scratch) -> bool:
-    """Whether two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them."""
+    """Whether two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
+
+    GJK begins with the axis that the scratch's `work` holds, unless that is 0.
+    """
     work, pose_a, pose_b = scratch.work, scratch.pose_a, scratch.pose_b
     pieces, roots = bodies.pieces, bodies.piece_roots
     if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
         return True
     hull_a, hull_b = parts.links[3 * bodies.roots[first] + 2], parts.links[3 * bodies.roots[second] + 2]
-    work[AXIS] = work[AXIS + 1] = work[AXIS + 2] = 0.0
+    if work[AXIS] == 0.0 and work[AXIS + 1] == 0.0 and work[AXIS + 2] == 0.0:
+        _begin_between(bodies.bounds, first, pose_a, second, pose_b, work)
     if hull_a >= 0 and hull_b >= 0 and parts_apart(parts, hull_a, pose_a, parts, hull_b, pose_b, margin, work):
         return True
     for a in range(pieces[first], pieces[first + 1]):
@@ -125,7 +139,7 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
             if _balls_apart(bodies.piece_bounds, a, pose_a, bodies.piece_bounds, b, pose_b, margin):
                 continue
             part_a, part_b = parts.links[3 * roots[a] + 2], parts.links[3 * roots[b] + 2]
-            work[AXIS] = work[AXIS + 1] = work[AXIS + 2] = 0.0
+            _begin_between(bodies.piece_bounds, a, pose_a, b, pose_b, work)
             if part_a < 0 or part_b < 0 or not parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, margin, work):
                 return False
     return True
@@ -169,6 +183,8 @@ def judged(
     one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting + 1]], 0, scratch.pose_b)
     divisions = grids[place + LEVELS] * grids[place + DIVIDED]
     verdict, moved = APART, numbers[at + 3 * GRID_SIDES] * (1 << shift) / (1 << divisions) + besides
+    for k in range(3):  # the axis between the last bodies that were apart may do for the next
+        scratch.work[AXIS + k] = 0.0
     for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
         first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
         if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
