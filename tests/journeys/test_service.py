@@ -343,7 +343,8 @@ def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wir
 def test_a_second_service_of_the_name_is_refused(service: Service, tmp_path: Path) -> None:
     same_folder = ["--data", str(service.data)]
     connected = tmp_path / "zenoh.json5"
-    connected.write_text(json.dumps({"connect": {"endpoints": [service.endpoint]}}))
+    connect = {"endpoints": [service.endpoint], "timeout_ms": 60_000, "exit_on_failure": True}  # before it goes on
+    connected.write_text(json.dumps({"connect": connect}))
     same_network = ["--data", str(tmp_path / "data"), "--config", str(connected)]
     for options in (same_folder, same_network):
         with free_port() as port:

@@ -36,6 +36,8 @@ UNLESS_TOLD = {
     "transport/link/rx/max_message_size": str(codec.MAX_REQUEST_BYTES + 2**20),
 }
 """What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end."""
+ANSWERS_WITHIN = 5.0
+"""How long a service of the same name may take to say that it is alive [s]; where there is none it takes no time."""
 PATIENCE = 0.2
 """How often a start looks whether it is to be given up [s]."""
 
@@ -205,7 +207,7 @@ def _alive(instance: str) -> str:
 
 
 def _require_no_other(session: zenoh.Session, instance: str) -> None:
-    if any(reply.ok is not None for reply in session.liveliness().get(_alive(instance), timeout=1.0)):
+    if any(reply.ok is not None for reply in session.liveliness().get(_alive(instance), timeout=ANSWERS_WITHIN)):
         raise CannotServe(f"a service named {instance!r} is alive on this network; choose another name")
 
 
