@@ -10,8 +10,10 @@ from hypothesis import given, settings, strategies as st
 from numba import njit
 
 from guidefield.kernels import lanes
-from guidefield.kernels.lane_axes import away_from_primitive
+from guidefield.kernels.lane_axes import away_from_primitive, kept_beyond
+from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE
+from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, Parts
 
 
 @njit
@@ -23,6 +25,13 @@ def _away(kind, row, points, out):
     lanes.store(out, 16, v)
     lanes.store(out, 32, w)
     lanes.store(out, 48, reach)
+
+
+@njit
+def _left(parts, poses, axes, margin):
+    parts, poses, axes = lanes.pointers(parts), lanes.pointers(poses), lanes.pointers(axes)
+    u, v, w, reach = lanes.load(axes, 0), lanes.load(axes, 16), lanes.load(axes, 32), lanes.load(axes, 48)
+    return kept_beyond(parts, 0, poses, 0, u, v, w, reach, margin)
 
 
 def shape_of(kind: int, half: np.ndarray, radius: float) -> coal.ShapeBase:
@@ -73,3 +82,23 @@ def test_an_axis_separates_by_the_distance(kind: int, seed: int) -> None:
             assert beyond / length == pytest.approx(apart, abs=2e-6)
         if length > 1e-5 and kind != HALF_SPACE:
             assert reach[k] / length == pytest.approx(highest(shape, pose, axes[:, k] / length), abs=2e-6)
+
+
+def test_a_polytope_is_beyond_where_all_its_corners_are_and_never_along_no_axis() -> None:
+    rng = np.random.default_rng(1)
+    corners = rng.normal(size=(16, 3)).astype(np.float32)
+    parts = Parts(
+        np.zeros(4), np.array([-1, -1, 0]), np.array([POLYTOPE, 0, 1]), np.zeros(PART), corners.T.ravel().copy()
+    )
+    assert len(parts.vertices) == BLOCK
+    turns = [pin.Quaternion(rng.normal(size=4)).normalized().matrix() for _ in range(16)]
+    placements = np.array([np.c_[turn, rng.normal(size=3)] for turn in turns])
+    poses = np.ascontiguousarray(placements.reshape(16, 12).T, np.float32).ravel()
+    assert len(poses) == POSE
+    normals = rng.normal(size=(16, 3))
+    lowest = np.array([(n @ (p[:, :3] @ corners.T + p[:, 3:])).min() for n, p in zip(normals, placements, strict=True)])
+    margin, off = 0.01, np.where(np.arange(16) % 2, 1e-4, -1e-4)
+    reach = lowest - (margin + off) * np.linalg.norm(normals, axis=1)
+    axes = np.concatenate([normals.T.ravel(), reach]).astype(np.float32)
+    assert _left(parts, poses, axes, margin) == sum(1 << k for k in range(0, 16, 2))
+    assert _left(parts, poses, np.zeros(64, np.float32), margin) == lanes.ALL_LANES

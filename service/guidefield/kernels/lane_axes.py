@@ -185,7 +185,7 @@ def kept_beyond(
         reach: How far the other reaches along them, times their length [m].
         margin: By how much [m].
     """
-    enough = reach + sqrt(u * u + v * v + w * w) * margin
+    enough = reach + sqrt(u * u + v * v + w * w) * margin + 1e-30  # more than 0, so that no axis separates nothing
     x, y, z, origin = turned_axis(poses, joint, u, v, w)
     return int(below(lowest_vertex(parts, part, x, y, z) + origin, enough))
 
