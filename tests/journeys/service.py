@@ -42,7 +42,7 @@ LONG: dict[str, Any] = {
     "goal": {"type": "joints", "positions": {**BENT, "panda_joint1": -1.5708}},
     "guide_planes": [],
     "planner": "tree",
-    "allowed_planning_time": 60.0,
+    "allowed_planning_time": 600.0,
     "recording": "off",
 }
 """From one side of a wall to the other: a search that goes on, for most of a minute, until somebody ends it."""

@@ -39,7 +39,8 @@ def test_chart_and_configuration_are_inverse(seed: int) -> None:
 @settings(deadline=None, max_examples=30)
 def test_the_tangent_map_is_the_chart_velocity_seen_by_pinocchio(seed: int) -> None:
     group = planned()
-    z, dz, h = random_chart(seed, group.nv), random_chart(seed + 1, group.nv), 1e-6
+    z, dz = random_chart(seed, group.nv), random_chart(seed + 1, group.nv)
+    h = 1e-4  # of shorter turns Pinocchio makes none
     tangent = pin.difference(group.space, group.from_chart(z - h * dz), group.from_chart(z + h * dz)) / (2 * h)
     np.testing.assert_allclose(group.tangent_map(z) @ dz, tangent, atol=1e-6)
 
