@@ -10,8 +10,8 @@ import pytest
 from guidefield.collision.lane_grids import MOST_LARGEST, ROOM
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels.lane_cells import APART, DIVIDED, LEVELS, START, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.kernels.lane_tables import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES, LaneBodies
+from guidefield.kernels.lane_verdict import APART, DIVIDED, LEVELS, START, TOGETHER, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group import PlanningGroup
@@ -31,7 +31,12 @@ def alone(planned: PlanningGroup) -> tuple[World, Lanes]:
 def unjudge(lanes: Lanes, room: int | None = None) -> None:
     """Forget all verdicts; leave room for so many cells that others are divided into, all there is unless told."""
     cells, grids = lanes.tables.bodies.cells, lanes.tables.bodies.grids.reshape(-1, GRID_PLACES)
-    ends = [row[START] + np.prod(row[1:START:3] >> row[LEVELS] * row[DIVIDED]) for row in grids if row[1] > 0]
+    counts = [row[1:START:3] >> row[LEVELS] * row[DIVIDED] for row in grids]
+    ends = [
+        row[TOGETHER] + np.prod(-(-count // (1 << row[DIVIDED])))
+        for row, count in zip(grids, counts, strict=True)
+        if row[1] > 0
+    ]
     cells[:] = UNJUDGED
     lanes.tables.bodies.apart[:] = 0
     cells[0] = max(ends, default=CHILDREN) if room is None else len(cells) - room

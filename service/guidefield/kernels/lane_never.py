@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types, void
 
-from guidefield.kernels.lane_cells import APART, DIVIDED, LEVELS, TOUCHING, judged
 from guidefield.kernels.lane_kinematics import LANE_JOINTS, Integers, LaneJoints
 from guidefield.kernels.lane_tables import (
     GRID_PLACES,
@@ -17,6 +16,7 @@ from guidefield.kernels.lane_tables import (
     LaneBodies,
     Scratch,
 )
+from guidefield.kernels.lane_verdict import APART, DIVIDED, LEVELS, TOUCHING, judged
 from guidefield.kernels.lanes import INTEGER_POINTER, INTEGERS_OUT, lane_kernel, lane_step, pointed, pointers
 from guidefield.kernels.packing import Words, unpacked
 from guidefield.kernels.separation import PARTS, Parts

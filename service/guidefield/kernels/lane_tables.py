@@ -29,7 +29,7 @@ HITS = 4
 GRID_SIDES = 3
 """Coordinates that a grid of cells has at most."""
 
-GRID_PLACES, GRID_NUMBERS = 3 * GRID_SIDES + 3, 3 * GRID_SIDES + 1
+GRID_PLACES, GRID_NUMBERS = 3 * GRID_SIDES + 4, 3 * GRID_SIDES + 1
 """Numbers of a grid of cells: whole ones, others."""
 
 CHILDREN = 64
@@ -67,8 +67,9 @@ class LaneBodies(NamedTuple):
         meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
         grids: (GRID_PLACES * n_meetings,) for each three coordinates with how many of the smallest cells are along
             them and how far such children of a cell as follow each other along them are apart in `cells`; then where
-            the largest cells begin there, how often they are divided, and by how many powers of 2 along a side. All 0
-            where bodies' distance hangs on more coordinates.
+            the largest cells begin there, how often they are divided, by how many powers of 2 along a side, and where
+            it begins what is known of as many of the largest together. All 0 where bodies' distance hangs on more
+            coordinates.
         pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
         around: (4 * m,) a ball about each carrier's bodies.
         bounds: (4 * n,) a ball about each body.
