@@ -84,6 +84,25 @@ def test_an_axis_separates_by_the_distance(kind: int, seed: int) -> None:
             assert reach[k] / length == pytest.approx(highest(shape, pose, axes[:, k] / length), abs=2e-6)
 
 
+@pytest.mark.parametrize("kind", [CYLINDER, CAPSULE])
+def test_long_ones_reach_no_farther_than_is_said_where_points_are_close(kind: int) -> None:
+    """What is off along an axis of 10 m for rounding is many times a hull's distance from it."""
+    rng = np.random.default_rng(3)
+    half, radius = np.array([0.0, 0.0, 5.0]), 0.02
+    for _ in range(20):
+        turn, local = pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.uniform(-0.1, 0.1, (3, 16))
+        local[2] *= 51.0
+        pose = pin.SE3(turn, rng.uniform(-0.5, 0.5, 3))
+        row = np.array([*turn.T.ravel(), *pose.translation, *half, radius], np.float32)
+        points, out = (turn @ local + pose.translation[:, None]).astype(np.float32), np.empty(64, np.float32)
+        _away(kind, row, points.ravel(), out)
+        axes, reach = out.reshape(4, 16)[:3].astype(float), out[48:].astype(float)
+        lengths = np.linalg.norm(axes, axis=0)
+        for k in np.flatnonzero((axes * points).sum(axis=0) > reach + 0.02 * lengths):
+            said = reach[k] / lengths[k]
+            assert said == pytest.approx(highest(shape_of(kind, half, radius), pose, axes[:, k] / lengths[k]), abs=3e-6)
+
+
 def test_a_polytope_is_beyond_where_all_its_corners_are_and_never_along_no_axis() -> None:
     rng = np.random.default_rng(1)
     corners = rng.normal(size=(16, 3)).astype(np.float32)

@@ -158,6 +158,11 @@ def away_from_primitive(
         beyond = _beyond(w, half)
         along = w - beyond if kind == CAPSULE else w
         nx, ny, nz = dx - along * ax, dy - along * ay, dz - along * az
+        off = nx * ax + ny * ay + nz * az  # far along the axis not what it should be, for rounding, and times `half`
+        if kind == CAPSULE:
+            beyond = off
+        else:
+            nx, ny, nz = nx - off * ax, ny - off * ay, nz - off * az
         length = sqrt(nx * nx + ny * ny + nz * nz)
         reach = magnitude(beyond) * half + length * radius
         if kind != CAPSULE:  # a cylinder: all times `length`
