@@ -2,9 +2,9 @@
 
 A ball inside a body that met an obstacle lately often does again. Balls about all that a joint carries leave few
 obstacles; about those bodies, fewer. A ball inside a body that meets an obstacle is a hit. Where no ball of a body's
-cover meets, or the axis that last kept the two apart still does, it is free. What is left is decided exactly, lane by
-lane. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink inner balls by it, so that
-never a contact passes for free, nor the other way round farther than it.
+cover meets, or the axis that last kept the two apart still does, it is free. What is left is decided exactly, in lanes
+as far as that goes. In float32 the cheap tests are off by less than `BAND`: they widen covers and shrink inner balls by
+it, so that never a contact passes for free, nor the other way round farther than it.
 """
 
 from __future__ import annotations
