@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import int64
@@ -47,6 +48,16 @@ def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None
     """
     for entry in range(12):
         pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
+
+
+@lane_part
+def placed(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Where a pose (12,) has a point, or sixteen of them [m]."""
+    return (
+        x * pose[0] + y * pose[1] + z * pose[2] + pose[3],
+        x * pose[4] + y * pose[5] + z * pose[6] + pose[7],
+        x * pose[8] + y * pose[9] + z * pose[10] + pose[11],
+    )
 
 
 @lane_part

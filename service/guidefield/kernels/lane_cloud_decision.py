@@ -6,7 +6,7 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.lane_axes import keep_direction, one_pose, turned_back
+from guidefield.kernels.lane_axes import keep_direction, one_pose, placed, turned_back
 from guidefield.kernels.lane_tables import (
     AXIS_AND_REACH,
     BAND,
@@ -55,10 +55,7 @@ def _in_cover(
     """The points of some of sixteen that are within `grown` of a ball in a group of a body's cover."""
     cover, mask = bodies.cover, 0
     for ball in range(bodies.covers[group], bodies.covers[group + 1]):
-        a, b, c = cover[4 * ball], cover[4 * ball + 1], cover[4 * ball + 2]
-        x = pose[0] * a + pose[1] * b + pose[2] * c + pose[3]
-        y = pose[4] * a + pose[5] * b + pose[6] * c + pose[7]
-        z = pose[8] * a + pose[9] * b + pose[10] * c + pose[11]
+        x, y, z = placed(pose, cover[4 * ball], cover[4 * ball + 1], cover[4 * ball + 2])
         reach = cover[4 * ball + 3] + grown
         mask |= below(point_gaps(cloud.points, block, x, y, z), splat(reach * reach))
         if mask & near == near:
@@ -86,10 +83,7 @@ def _pose_meets(
     known = work[AXIS] != 0.0 or work[AXIS + 1] != 0.0 or work[AXIS + 2] != 0.0
     lowest = _lowest(bodies, parts, body, pose, work) if known else 0.0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
-        a, b, c = grouped[4 * group], grouped[4 * group + 1], grouped[4 * group + 2]
-        x = pose[0] * a + pose[1] * b + pose[2] * c + pose[3]
-        y = pose[4] * a + pose[5] * b + pose[6] * c + pose[7]
-        z = pose[8] * a + pose[9] * b + pose[10] * c + pose[11]
+        x, y, z = placed(pose, grouped[4 * group], grouped[4 * group + 1], grouped[4 * group + 2])
         reach, block = grouped[4 * group + 3] + grown, -1
         while True:
             block = next_block(cloud, block, x, y, z, reach)

@@ -9,7 +9,14 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.lane_axes import away_from_primitive, kept_beyond, one_pose, polytope_of, write_separating
+from guidefield.kernels.lane_axes import (
+    away_from_primitive,
+    kept_beyond,
+    one_pose,
+    placed,
+    polytope_of,
+    write_separating,
+)
 from guidefield.kernels.lane_math import PRIMITIVE, near_primitive
 from guidefield.kernels.lane_near import ball_centre
 from guidefield.kernels.lane_tables import (
@@ -64,9 +71,7 @@ def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacl
     for block in range(first, first + parts.shapes[3 * part + 2]):
         at = block * BLOCK
         x, y, z = load(vertices, at), load(vertices, at + 16), load(vertices, at + 32)
-        u = x * pose[0] + y * pose[1] + z * pose[2] + pose[3]
-        v = x * pose[4] + y * pose[5] + z * pose[6] + pose[7]
-        w = x * pose[8] + y * pose[9] + z * pose[10] + pose[11]
+        u, v, w = placed(pose, x, y, z)
         if near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
             return True
     return False
@@ -133,11 +138,8 @@ def _piece_meets(
     while top > 0:
         top -= 1
         node = int(work[STACK + top])
-        x, y, z = balls[4 * node], balls[4 * node + 1], balls[4 * node + 2]
-        u = splat(pose[0] * x + pose[1] * y + pose[2] * z + pose[3])
-        v = splat(pose[4] * x + pose[5] * y + pose[6] * z + pose[7])
-        w = splat(pose[8] * x + pose[9] * y + pose[10] * z + pose[11])
-        reach = balls[4 * node + 3] + margin + BAND
+        x, y, z = placed(pose, balls[4 * node], balls[4 * node + 1], balls[4 * node + 2])
+        u, v, w, reach = splat(x), splat(y), splat(z), balls[4 * node + 3] + margin + BAND
         if not near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
             continue
         part, leaf = links[3 * node + 2], links[3 * node] < 0

@@ -51,9 +51,9 @@ NARROW, WIDER, HALFWAY = 1.5, 1.5, 64
 """How far from the ways between roots most samples are at first [rad or m], by how much more in the end, and after how
 many motions it is half of that: easy problems end near the way, hard ones lead further round."""
 
-LEAST_DOMAIN = 1.0
-DOMAIN_STEP = 1e-4
-"""By which fraction that radius grows when an extension succeeds, and shrinks when it fails."""
+LEAST_DOMAIN, DOMAIN_STEP = 1.0, 1e-4
+"""How small that radius gets [rad or m], and by which fraction it grows when an extension succeeds, and shrinks when it
+fails."""
 
 PATIENCE = 16
 """After so many samples in a row outside of the domains one is extended to all the same: else a search may dry up."""

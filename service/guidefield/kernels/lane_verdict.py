@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.lane_axes import one_pose
+from guidefield.kernels.lane_axes import one_pose, placed
 from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
@@ -33,28 +33,29 @@ where it begins what is known of as many of them together."""
 
 
 @lane_part
+def _between(
+    balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats
+) -> tuple[float, float, float]:
+    """From the middle of a ball of the second body to that of one of the first, which are placed so (12) [m]."""
+    x, y, z = placed(pose_a, balls[4 * a], balls[4 * a + 1], balls[4 * a + 2])
+    u, v, w = placed(pose_b, others[4 * b], others[4 * b + 1], others[4 * b + 2])
+    return x - u, y - v, z - w
+
+
+@lane_part
 def _balls_apart(
     balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats, margin: float
 ) -> bool:
     """Whether two balls of bodies that are placed so (12) are farther apart than a margin."""
-    square = 0.0
-    for r in range(3):
-        apart = pose_a[4 * r + 3] - pose_b[4 * r + 3]
-        for k in range(3):
-            apart += pose_a[4 * r + k] * balls[4 * a + k] - pose_b[4 * r + k] * others[4 * b + k]
-        square += apart * apart
+    x, y, z = _between(balls, a, pose_a, others, b, pose_b)
     reach = balls[4 * a + 3] + others[4 * b + 3] + margin
-    return bool(square > reach * reach)
+    return bool(x * x + y * y + z * z > reach * reach)
 
 
 @lane_part
 def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, work: Floats) -> None:
     """Let GJK begin with the axis between the middles of two balls of bodies that are placed so (12)."""
-    for r in range(3):
-        apart = pose_a[4 * r + 3] - pose_b[4 * r + 3]
-        for k in range(3):
-            apart += pose_a[4 * r + k] * balls[4 * a + k] - pose_b[4 * r + k] * balls[4 * b + k]
-        work[AXIS + r] = apart
+    work[AXIS], work[AXIS + 1], work[AXIS + 2] = _between(balls, a, pose_a, balls, b, pose_b)
 
 
 @lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
