@@ -28,6 +28,7 @@ from benchmarks.problems import ROBOTS, Problems, scene_message
 from guidefield.collision.certificate import certify
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
+from guidefield.kernels.lane_motion import EXACT
 from guidefield.messages.scene import Scene
 from guidefield.planner import lane_tree
 from guidefield.planner.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
@@ -205,7 +206,7 @@ def _rate(lanes: Lanes, path: np.ndarray) -> float:
     if lanes.free_until(path, LANE_RESOLUTION) < len(path) - 1:
         return np.nan
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    count = 16.0 * np.maximum(1.0, np.ceil(lengths * LANE_RESOLUTION / 16.0)).sum()
+    count = 16.0 * np.maximum(1.0, np.ceil(lengths * LANE_RESOLUTION / 16.0 - EXACT)).sum()
     shortest = np.inf
     for _ in range(REPEATS):
         began = time.thread_time()
