@@ -39,8 +39,9 @@ class Grids(NamedTuple):
     Attributes:
         grids: (GRID_PLACES * meetings,).
         grid_numbers: (GRID_NUMBERS * meetings,) float32.
-        cells: (CHILDREN + largest cells + what is known of many of these together + ROOM,) int32, nothing judged yet.
-        apart: uint32, a bit for each of these up to the last of the largest.
+        cells: (CHILDREN + n + ROOM,) int32, nothing judged yet; n are the largest cells, and what is known of many of
+            these together.
+        apart: uint32, a bit for each of these but `ROOM`.
     """
 
     grids: np.ndarray
@@ -85,7 +86,7 @@ def lane_grids(
         sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
         every.append(None if sides is None or len(sides) > allowed else sides)
     share = max(FEW, MOST_LARGEST // max(1, sum(sides is not None for sides in every)))
-    places, values, cells, together = [], [], CHILDREN, 0  # above all that is said of a cell itself
+    places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
     for sides in every:
         if sides is None:
             places.append([0] * GRID_PLACES)
@@ -102,16 +103,14 @@ def lane_grids(
             place += [side.driver, smallest, 1 << divided * index]
             row += [side.lower, smallest / side.width, 0.5 / np.pi if side.wraps else 0.0]
         unused = GRID_SIDES - len(sides)
+        together = cells + math.prod(counts)
         places.append([*place, *[0, 1 << divided * levels, 0] * unused, cells, levels, divided, together])
         values.append([*row, *[0.0] * 3 * unused, moved])
-        cells += math.prod(counts)
-        together += math.prod(-(-count >> divided) for count in counts)
-    known = np.zeros(cells + together + ROOM, np.int32)
-    known[0] = cells + together
-    table = np.array(places, np.int64).reshape(-1, GRID_PLACES)
-    table[[sides is not None for sides in every], -1] += cells
+        cells = together + math.prod(-(-count >> divided) for count in counts)
+    known = np.zeros(cells + ROOM, np.int32)
+    known[0] = cells
     return Grids(
-        table.ravel(),
+        np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
         np.array(values, np.float32).reshape(-1, GRID_NUMBERS).ravel(),
         known,
         np.zeros(cells // 32 + 1, np.uint32),

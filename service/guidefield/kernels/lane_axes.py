@@ -169,7 +169,7 @@ def away_from_primitive(
         beyond = _beyond(w, half)
         along = w - beyond if kind == CAPSULE else w
         nx, ny, nz = dx - along * ax, dy - along * ay, dz - along * az
-        off = nx * ax + ny * ay + nz * az  # far along the axis not what it should be, for rounding, and times `half`
+        off = nx * ax + ny * ay + nz * az  # what rounding leaves along the axis, which counts `half` times
         if kind == CAPSULE:
             beyond = off
         else:
@@ -217,15 +217,15 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
 
 
 @lane_part
-def _none(axes: Floats, at: int) -> bool:
-    """Whether there is no axis at a place."""
+def no_axis(axes: Floats, at: int) -> bool:
+    """Whether there is no axis at a place among numbers, shape (n,): all three are 0."""
     return bool(axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0)
 
 
 @lane_part
 def _note(axes: Floats, at: int, places: Integers) -> None:
     """Note the place of an axis that will be kept, if there was none; the first of `places` says how many follow it."""
-    if _none(axes, at):
+    if no_axis(axes, at):
         places[0] += 1
         places[places[0]] = at
 
@@ -233,7 +233,7 @@ def _note(axes: Floats, at: int, places: Integers) -> None:
 @lane_part
 def keep_direction(work: Floats, axes: Floats, at: int, places: Integers) -> None:
     """Keep the axis in the scratch space, shape (WORK,), if there is one, as it is; the rest as for `keep_axis`."""
-    if not _none(work, AXIS):
+    if not no_axis(work, AXIS):
         _note(axes, at, places)
         for k in range(3):
             axes[at + k] = work[AXIS + k]
@@ -287,6 +287,6 @@ def keep_axis(
         at: Where among them.
         places: How many axes there are, then where, shape (1 + n,).
     """
-    if not _none(work, AXIS):
+    if not no_axis(work, AXIS):
         _note(axes, at, places)
         write_separating(parts, root, work, pose, way, axes, at)

@@ -6,7 +6,7 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.lane_axes import keep_direction, one_pose, placed, turned_back
+from guidefield.kernels.lane_axes import keep_direction, no_axis, one_pose, placed, turned_back
 from guidefield.kernels.lane_tables import (
     AXIS_AND_REACH,
     BAND,
@@ -80,7 +80,7 @@ def _pose_meets(
     """Whether a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
     work, there, grouped = scratch.work, scratch.pose_b, bodies.grouped
     grown = cloud.numbers[RADIUS] + clearance + BAND
-    known = work[AXIS] != 0.0 or work[AXIS + 1] != 0.0 or work[AXIS + 2] != 0.0
+    known = not no_axis(work, AXIS)
     lowest = _lowest(bodies, parts, body, pose, work) if known else 0.0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
         x, y, z = placed(pose, grouped[4 * group], grouped[4 * group + 1], grouped[4 * group + 2])

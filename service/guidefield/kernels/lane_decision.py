@@ -13,6 +13,7 @@ from guidefield.kernels.lane_axes import (
     kept_beyond,
     lowest_ball,
     lowest_vertex,
+    no_axis,
     one_pose,
     polytope_of,
     turned_axis,
@@ -63,9 +64,9 @@ def left_of_obstacle(
     By the balls of the body's cover; `closely` also by the vertices of its hull.
     """
     axes, at = scratch.obstacle_axes, AXIS_AND_REACH * (body * obstacles.size + obstacle)
-    x, y, z = axes[at], axes[at + 1], axes[at + 2]
-    if x == 0.0 and y == 0.0 and z == 0.0:
+    if no_axis(axes, at):
         return mask
+    x, y, z = axes[at], axes[at + 1], axes[at + 2]
     enough = splat(axes[at + 3] + clearance + BAND)
     u, v, w, origin = turned_axis(scratch.poses, bodies.joints[body], splat(x), splat(y), splat(z))
     left = mask & below(lowest_ball(bodies, body, u, v, w) + origin, enough)

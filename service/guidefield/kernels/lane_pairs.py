@@ -9,6 +9,7 @@ from guidefield.kernels.lane_axes import (
     keep_axis,
     lowest_ball,
     lowest_vertex,
+    no_axis,
     one_pose,
     polytope_of,
     turned_axis,
@@ -68,9 +69,9 @@ def _left_of_axis(
     `part_b` is a polytope about the second body or a piece of it, whose cover is asked first if `body_b` is not -1.
     """
     poses, axes = scratch.poses, scratch.pair_axes
-    x, y, z = np.float32(axes[at]), np.float32(axes[at + 1]), np.float32(axes[at + 2])
-    if x == 0.0 and y == 0.0 and z == 0.0:
+    if no_axis(axes, at):
         return mask
+    x, y, z = np.float32(axes[at]), np.float32(axes[at + 1]), np.float32(axes[at + 2])
     a = joint_a * POSE
     u = load(poses, a) * x + load(poses, a + 16) * y + load(poses, a + 32) * z
     v = load(poses, a + 64) * x + load(poses, a + 80) * y + load(poses, a + 96) * z

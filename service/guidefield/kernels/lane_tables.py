@@ -82,8 +82,8 @@ class LaneBodies(NamedTuple):
             past each other.
         cells: (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the
             kernels. The first number says from where on the array is free.
-        apart: A bit for each number up to the last of the largest cells', set where a cell is known to keep the bodies
-            apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
+        apart: A bit for each number before those of cells' children, set where one of the largest is known to keep
+            the bodies apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
     """
 
     size: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.lane_axes import one_pose, placed
+from guidefield.kernels.lane_axes import no_axis, one_pose, placed
 from guidefield.kernels.lane_kinematics import JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
 from guidefield.kernels.lane_tables import (
@@ -104,7 +104,7 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
         return True
     hull_a, hull_b = parts.links[3 * bodies.roots[first] + 2], parts.links[3 * bodies.roots[second] + 2]
-    if work[AXIS] == 0.0 and work[AXIS + 1] == 0.0 and work[AXIS + 2] == 0.0:
+    if no_axis(work, AXIS):
         _begin_between(bodies.bounds, first, pose_a, second, pose_b, work)
     if hull_a >= 0 and hull_b >= 0 and parts_apart(parts, hull_a, pose_a, parts, hull_b, pose_b, margin, work):
         return True
