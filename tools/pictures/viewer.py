@@ -24,6 +24,12 @@ PATIENCE = 180.0
 NO_GRAPHICS = 3
 """Exit code where there is no graphics driver."""
 
+UNANSWERED = (OSError, RuntimeError)
+"""What a question raises that the viewer doesn't answer: a ConnectionError where it is gone, the others of its own."""
+
+ENDING = 10.0
+"""How long a viewer that ends may take to be gone [s]."""
+
 ASKED_AGAIN = 20.0
 """After how long without a recording the viewer is asked for it once more [s]."""
 
@@ -44,33 +50,53 @@ def headless_viewer(window: tuple[int, int] = WINDOW):
         # a session of its own: the command starts the real viewer as a child, and both have to end
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
         try:
-            yield connected(process, log, f"rerun+http://127.0.0.1:{port}/proxy")
+            viewer = drawing(process, log, f"rerun+http://127.0.0.1:{port}/proxy")
+            try:
+                yield viewer
+            except UNANSWERED:
+                if not ended(process):
+                    raise
+                raise SystemExit(f"the viewer, which had drawn before, ended: {last_words(log)}") from None
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
 
-def connected(process, log, url: str) -> ViewerClient:
-    """A client of a viewer that has just been started."""
+def drawing(process, log, url: str) -> ViewerClient:
+    """A client of a viewer that has just been started and has drawn its empty window.
+
+    Without a graphics driver a viewer may answer questions, but it ends before it has drawn anything; one that has
+    drawn has a driver. So what ends until here ends for want of a driver, and what ends later is a failure.
+    """
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            log.seek(0)
-            said = [
-                line
-                for line in log.read().decode(errors="replace").splitlines()
-                if "panicked" in line or "rror" in line
-            ]
-            print(f"the viewer ended at once, as without a graphics driver: {' '.join(said)}", file=sys.stderr)
+            print(f"no graphics driver: the viewer ended before it drew: {last_words(log)}", file=sys.stderr)
             sys.exit(NO_GRAPHICS)
         try:
             viewer = ViewerClient.connect(url)
-            viewer.get_state()
+            viewer.take_screenshot()
             return viewer
-        except (ConnectionError, RuntimeError, OSError):
+        except UNANSWERED:
             time.sleep(0.2)
-    raise SystemExit(f"the viewer didn't answer within {PATIENCE:.0f} s")
+    raise SystemExit(f"the viewer drew nothing within {PATIENCE:.0f} s")
+
+
+def ended(process) -> bool:
+    """Whether a viewer that didn't answer is gone; the command that started it notices a little later."""
+    try:
+        process.wait(ENDING)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+def last_words(log) -> str:
+    """What the viewer said of its end."""
+    log.seek(0)
+    lines = log.read().decode(errors="replace").splitlines()
+    return " ".join(line for line in lines if "panicked" in line or "rror" in line) or "it didn't say why"
 
 
 def opened(viewer, recording: Path):
