@@ -123,7 +123,7 @@ def test_what_cannot_be_exported_is_said(data: Path, tmp_path: Path) -> None:
 def test_a_run_is_planned_again(data: Path) -> None:
     assert "good: bit-identical: SUCCESS" in _said(0, "replay", "good", "--data", str(data))
     said = _said(1, "replay", "moved", "--data", str(data))
-    assert "not the same: path differ; waypoints by at most 0.5" in said
+    assert "not the same: the plan differs in path; waypoints by at most 0.5" in said
     assert "the versions that it was made with were not recorded" in said
 
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.cli.commands import app
-from guidefield.cli.replaying import versions_that_differ
+from guidefield.cli.replaying import planned_by, versions_that_differ
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
@@ -98,7 +98,7 @@ def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: P
     run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
     run.recorder(tmp_path / "run.rrd").finish(run.reply, run.profile)
     said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
-    assert "not the same: status, path, trajectory" in said
+    assert "not the same: the plan differs in status, path, trajectory" in said
     assert "it was made with the same versions as are here" in said
     assert not (tmp_path / "none").exists()
 
@@ -106,7 +106,18 @@ def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: P
 def test_versions_are_told_where_they_differ() -> None:
     here = versions()
     assert versions_that_differ({**here, "numpy": "1.0"}) == f"it was made with numpy 1.0 (here {here['numpy']})"
-    assert versions_that_differ({"ros": "2"}) == "it was made with ros 2 (here none)"
+    assert versions_that_differ({**here, "ros": "2"}) == "it was made with ros 2 (here none)"
+    assert versions_that_differ(here) == "it was made with the same versions as are here"
+    earlier = {**here, "guidefield": "0.0.1"}
+    assert versions_that_differ(earlier) == "otherwise it was made with the same versions as are here"
+    assert versions_that_differ({**earlier, "numpy": "1.0"}) == f"it was made with numpy 1.0 (here {here['numpy']})"
+
+
+def test_another_version_of_guidefield_is_named_first() -> None:
+    here = versions()
+    assert planned_by(here) == planned_by({}) == ""
+    said = f"planned by guidefield 0.0.1, this is {here['guidefield']}: "
+    assert planned_by({**here, "guidefield": "0.0.1"}) == said
 
 
 def test_what_is_no_recording_is_said(planned: tuple[PlanRequest, PlanReply, Path], tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from rich.console import Console
 from guidefield.cli.comparison import differing, largest_step, motion_hash
 from guidefield.cli.found_run import Data, RunName, Service, data_folder, find_run
 from guidefield.engine import Engine
+from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import PlanReply
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
@@ -29,6 +30,9 @@ Packages = Annotated[
 def replay(run: RunName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
     """Plan the request of a run again; exit code 0 if the plan is the same to the last bit, else 1.
 
+    A run of another version of guidefield counts as any other: where its plan differs, 1, and it is said which version
+    planned it. 2 where no plan came of it: there is no such run, or its request is refused now.
+
     Robots and scenes that a client stored are looked for in the data folder.
     """
     before = find_run(run, data, name)
@@ -40,7 +44,12 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
         robots=RobotStore(folder / "robots") if there else None,
         packages=tuple(one.resolve() for one in packages or ()),
     )
-    now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
+    try:
+        now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
+    except GuidefieldError:
+        if by_another := planned_by(before.versions):
+            _say(f"{run}: {by_another}its request is refused now")
+        raise
     assert isinstance(now, PlanReply), "a plan was asked for"
     parts = differing(before.reply, now)
     if not parts:
@@ -48,22 +57,42 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
         raise typer.Exit(0)
     step = largest_step(before.reply, now)
     by = "" if step is None else f"; waypoints by at most {step:.3g}"
-    _say(f"{run}: not the same: {', '.join(parts)} differ{by}")
+    _say(f"{run}: not the same: {planned_by(before.versions)}the plan differs in {', '.join(parts)}{by}")
     _say(f"then: {_in_short(before.reply)}\nnow:  {_in_short(now)}\n{versions_that_differ(before.versions)}")
     raise typer.Exit(1)
 
 
+def planned_by(before: dict[str, str]) -> str:
+    """What a sentence about a run begins with, if another version of guidefield planned it; else nothing.
+
+    Args:
+        before: Versions by package, empty where they weren't recorded.
+    """
+    from guidefield.recorder.documents import OURS, versions
+
+    then, now = before.get(OURS), versions()[OURS]
+    return "" if then in (None, now) else f"planned by {OURS} {then}, this is {now}: "
+
+
 def versions_that_differ(before: dict[str, str]) -> str:
-    """In a sentence: what a run was made with, where that is not what is here."""
-    from guidefield.recorder.documents import versions
+    """In a sentence: what a run was made with beside guidefield itself, where that is not what is here.
+
+    Args:
+        before: Versions by package, empty where they weren't recorded.
+    """
+    from guidefield.recorder.documents import OURS, versions
 
     if not before:
         return "the versions that it was made with were not recorded"
     here = versions()
     others = [
-        f"{name} {text} (here {here.get(name, 'none')})" for name, text in before.items() if here.get(name) != text
+        f"{name} {text} (here {here.get(name, 'none')})"
+        for name, text in before.items()
+        if name != OURS and here.get(name) != text
     ]
-    return f"it was made with {', '.join(others)}" if others else "it was made with the same versions as are here"
+    if others:
+        return f"it was made with {', '.join(others)}"
+    return f"{'otherwise ' if planned_by(before) else ''}it was made with the same versions as are here"
 
 
 def _in_short(reply: PlanReply) -> str:

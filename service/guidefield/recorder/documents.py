@@ -29,7 +29,10 @@ REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/
 PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
 """Entities of the documents and of what identifies a run; its component that names packages and their versions."""
 
-PACKAGES = ("guidefield", "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
+OURS = "guidefield"
+"""The package that planned."""
+
+PACKAGES = (OURS, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
 """Whose versions are recorded."""
 
 SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in this entity's component `message`.*"
