@@ -1,0 +1,69 @@
+"""Fixed requests answered through the public door, and what came of each as plain data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+import guidefield
+from fixed.requests import REQUESTS
+
+MEASURED = ("timing", "seconds", "run_id", "recording")
+"""What of a reply is another one every time: clocks, and names of runs."""
+
+PACKAGES = ("guidefield", "numba", "numpy", "pin", "coal")
+
+
+def answer_all(file: Path, words: list[str]) -> None:
+    """Answer the requests whose name has one of the words, tell of each, and write what came of them."""
+    answers = {}
+    for name, request in REQUESTS.items():
+        if not any(word in name for word in words):
+            continue
+        began = time.perf_counter()
+        answers[name] = answered(request)
+        seconds = time.perf_counter() - began
+        print(f"{digest(answers[name])[:16]}  {name}: {outcome(answers[name])}  {seconds:.1f} s", flush=True)
+    made_with = {name: version(name) for name in PACKAGES}
+    made_with |= {"python": platform.python_version(), "machine": platform.machine()}
+    file.write_text(json.dumps({"made_with": made_with, "answers": answers}))
+    print(f"{digest(answers)[:16]}  all {len(answers)}, kept in {file}")
+
+
+def answered(request: dict[str, Any]) -> dict[str, Any]:
+    """What a request is answered, without what is measured; or the error that it raises."""
+    try:
+        reply = guidefield.answer(request)
+    except guidefield.GuidefieldError as error:
+        return {"error": type(error).__name__, "message": str(error)}
+    found: dict[str, Any] = _unmeasured(msgspec.to_builtins(reply))
+    return found
+
+
+def digest(value: Any) -> str:
+    """SHA-256, in hexadecimal, of plain data; JSON writes a float so that no other one reads the same."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def outcome(answer: dict[str, Any]) -> str:
+    """In a few words: how a plan ended, or what was found."""
+    if "error" in answer:
+        return f"{answer['error']}: {answer['message'][:100]}"
+    if "status" in answer:
+        return f"{answer['status']['name']}, {len(answer['path'])} waypoints"
+    return ", ".join(sorted(answer)[:4])
+
+
+def _unmeasured(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _unmeasured(one) for key, one in value.items() if key not in MEASURED}
+    if isinstance(value, list | tuple):
+        return [_unmeasured(one) for one in value]
+    return value
