@@ -42,8 +42,9 @@ def package(folder: Path, result: str) -> Path:
     kernels = folder / "guidefield" / "kernels"
     kernels.mkdir(parents=True)
     (kernels.parent / "__init__.py").touch()
-    shutil.copy(HERE / "first_start.py", kernels.parent)
-    for name in ("__init__", "ahead", "cache", "compilers", "quick_typing", "signatures"):
+    for name in ("first_start", "whole_file"):
+        shutil.copy(HERE / f"{name}.py", kernels.parent)
+    for name in ("__init__", "ahead", "cache", "compilers", "dependencies", "quick_typing", "signatures"):
         shutil.copy(HERE / "kernels" / f"{name}.py", kernels)
     imported = "from guidefield.kernels.callee import callee"
     (kernels / "a_caller.py").write_text(KERNEL.format(imported=imported, name="a_caller", result="callee(x) + 1.0"))
@@ -64,8 +65,8 @@ def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) ->
     assert "1 of 2 (callee)" in first
     assert "2 of 2 (a_caller)" in second
     assert compiler == "False"
-    folders = sorted(path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir())
-    assert folders == ["a_caller", "all", "callee"]
+    kept = sorted(path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir())
+    assert kept == ["a_caller", "all", "callee", "fingerprints"]
     assert all(any(path.glob("*.nbi")) for path in (cache / "guidefield" / "kernels").iterdir() if path.is_dir())
     assert start(code, cache) == ["False"]
     source = code / "guidefield" / "kernels" / "a_caller.py"

@@ -37,7 +37,7 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
     Raises:
         RuntimeError: if a kernel can't be compiled.
     """
-    done = cache_parent() / "guidefield" / "kernels" / f"all-{_fingerprint()}"
+    done = cache_parent() / "guidefield" / "kernels" / f"all-{kernels_fingerprint()}"
     if done.exists():
         return
     last = -EVERY
@@ -88,9 +88,10 @@ def cache_parent() -> Path:
 
 
 @functools.cache
-def _fingerprint() -> str:
-    """Sixteen hexadecimal digits that change with numba's version and with every kernel."""
-    digest = hashlib.sha256(version("numba").encode())
-    for source in sorted(KERNELS.glob("*.py")):
-        digest.update(source.name.encode() + b"\0" + hashlib.sha256(source.read_bytes()).digest())
+def kernels_fingerprint() -> str:
+    """Sixteen hexadecimal digits that change with Python's and numba's version and with every kernel."""
+    digest = hashlib.sha256(f"{sys.implementation.cache_tag} {version('numba')}".encode())
+    for source in sorted(KERNELS.rglob("*.py")):
+        name = str(source.relative_to(KERNELS))
+        digest.update(name.encode() + b"\0" + hashlib.sha256(source.read_bytes()).digest())
     return digest.hexdigest()[:16]

@@ -11,7 +11,8 @@ import numba
 import pytest
 
 from guidefield import kernels
-from guidefield.kernels.cache import fingerprint, uncompiled
+from guidefield.kernels.cache import uncompiled
+from guidefield.kernels.dependencies import Sources
 
 KERNELS = Path(kernels.__file__).parent
 
@@ -40,8 +41,9 @@ def package(tmp_path: Path) -> Path:
     sources = tmp_path / "code/guidefield/kernels"
     sources.mkdir(parents=True)
     (sources.parent / "__init__.py").touch()
-    shutil.copy(KERNELS.parent / "first_start.py", sources.parent)
-    for name in ("__init__.py", "cache.py", "compilers.py", "quick_typing.py", "signatures.py"):
+    for name in ("first_start.py", "whole_file.py"):
+        shutil.copy(KERNELS.parent / name, sources.parent)
+    for name in ("__init__.py", "cache.py", "compilers.py", "dependencies.py", "quick_typing.py", "signatures.py"):
         shutil.copy(KERNELS / name, sources)
     (sources / "callee.py").write_text("import numba\n@numba.njit(cache=True)\ndef callee():\n    return 1\n")
     (sources / "caller.py").write_text(
@@ -58,8 +60,8 @@ def test_folder_is_below_the_one_that_the_user_chose(package: Path, tmp_path: Pa
     parent = tmp_path / "caches" / (".cache" if chosen == "HOME" else "")
     whole, used = run(REPORT, package, **{chosen: str(tmp_path / "caches")}).split()
     assert Path(whole) == parent / "guidefield" / "kernels"
-    caller = package / "guidefield/kernels/caller.py"
-    assert Path(used) == Path(whole) / f"caller-{fingerprint(caller)}"
+    sources = Sources(package / "guidefield/kernels", "guidefield.kernels")
+    assert Path(used) == Path(whole) / f"caller-{sources.fingerprint('caller', numba.__version__)}"
     assert any(Path(used).glob("*.nbi"))
 
 
@@ -97,37 +99,6 @@ def test_an_edit_leaves_the_machine_code_of_what_does_not_call_it(package: Path,
     caller = package / "guidefield/kernels/caller.py"
     caller.write_text(caller.read_text() + "# an edit\n")
     assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "1"
-
-
-IMPORTS = {
-    "from": "from guidefield.kernels.{} import something\n",
-    "from the room": "from guidefield.kernels import {}\n",
-    "several": "from guidefield.kernels import (\n    other,\n    {},\n)\n",
-    "renamed": "from guidefield.kernels import {} as short\n",
-    "whole": "import guidefield.kernels.{}\n",
-    "in a function": "def f():\n    from guidefield.kernels.{} import something\n",
-}
-
-
-@pytest.mark.parametrize("form", IMPORTS)
-def test_fingerprint_follows_every_form_of_import_to_the_end(tmp_path: Path, form: str) -> None:
-    def fresh(*, last: str) -> str:
-        folder = tmp_path / last
-        folder.mkdir()
-        (folder / "first.py").write_text(IMPORTS[form].format("second"))
-        (folder / "second.py").write_text(IMPORTS[form].format("third"))
-        (folder / "third.py").write_text(last)
-        return fingerprint(folder / "first.py")
-
-    assert fresh(last="x") != fresh(last="y")
-
-
-def test_fingerprint_changes_with_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.py").write_text("x")
-    before = fingerprint(tmp_path / "a.py")
-    assert fingerprint(tmp_path / "a.py") == before
-    monkeypatch.setattr(numba, "__version__", "0")
-    assert fingerprint(tmp_path / "a.py") != before
 
 
 def test_every_kernel_is_known_to_be_compiled_once_it_is_imported() -> None:

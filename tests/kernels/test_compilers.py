@@ -100,8 +100,9 @@ def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -
     sources = tmp_path / "code/guidefield/kernels"
     sources.mkdir(parents=True)
     (sources.parent / "__init__.py").touch()
-    shutil.copy(HERE.parent / "first_start.py", sources.parent)
-    for name in ("__init__", "cache", "compilers", "signatures"):
+    for name in ("first_start", "whole_file"):
+        shutil.copy(HERE.parent / f"{name}.py", sources.parent)
+    for name in ("__init__", "cache", "compilers", "dependencies", "signatures"):
         shutil.copy(HERE / f"{name}.py", sources)
     loops = "for i in range(x.shape[0]):\n        out[i] = 2.0 * x[i]"
     (sources / "callee.py").write_text(KERNEL.format(imported="", name="callee", body=loops))

@@ -15,9 +15,8 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
-from pathlib import Path
 
-from guidefield.kernels.cache import closure, uncompiled
+from guidefield.kernels.cache import sources, uncompiled
 from guidefield.kernels.compilers import shorten_messages
 from guidefield.kernels.quick_typing import quicken_typing
 
@@ -40,7 +39,7 @@ def compile_missing(told: Told, processes: int | None = None) -> None:
     missing = uncompiled()
     if not missing:
         return
-    work = _Work({name: closure(_source(name)) & missing - {name} for name in missing}, told)
+    work = _Work({name: sources().imported(name) & missing - {name} for name in missing}, told)
     threads = [
         threading.Thread(target=work.in_a_child, daemon=True)
         for _ in range(min(len(missing), processes or len(os.sched_getaffinity(0))))
@@ -114,13 +113,9 @@ def _ahead_of(needs: dict[str, set[str]]) -> dict[str, int]:
     found: dict[str, int] = {}
     for name in sorted(needs, key=lambda one: len(needs[one]), reverse=True):  # before what they need
         later = [found[one] for one, needed in needs.items() if name in needed]
-        own = sum(_source(one).stat().st_size for one in closure(_source(name)))
+        own = sum(sources().path(one).stat().st_size for one in sources().imported(name))
         found[name] = own + max(later, default=0)
     return found
-
-
-def _source(name: str) -> Path:
-    return Path(__file__).with_name(f"{name}.py")
 
 
 def _compile_what_is_named() -> None:

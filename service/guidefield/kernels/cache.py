@@ -1,15 +1,16 @@
 """Where numba keeps the machine code of the kernels: a folder for every version of a file and of all that it calls.
 
 numba compares a cached function with the file it stands in, but not with the files of the functions that it calls:
-after an edit of a callee it runs the old machine code. A folder named after a hash of a file and of every kernel file
-that it imports, directly or not, cannot be stale, and an edit compiles only what depends on it. The sources' place
-is not part of the name: all installations of one version share their machine code.
+after an edit of a callee it runs the old machine code. A folder named after a fingerprint of a file and of every
+definition that it depends on cannot be stale, and an edit compiles only what depends on it. The sources' place is not
+part of the name: all installations of one version share their machine code.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
-import hashlib
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -17,16 +18,11 @@ from pathlib import Path
 import numba
 from numba.core.caching import CacheImpl, UserProvidedCacheLocator
 
-from guidefield.first_start import cache_parent
+from guidefield.first_start import KERNELS, cache_parent, kernels_fingerprint
+from guidefield.kernels.dependencies import Sources
+from guidefield.whole_file import write_whole
 
-_PACKAGE = "guidefield.kernels"
 _KEPT = re.compile(r"^@(?:compiled|lane_kernel|lane_step)\(", re.MULTILINE)
-_IMPORT = re.compile(
-    rf"^\s*(?:from\s+{re.escape(_PACKAGE)}\.(\w+)\s+import"
-    rf"|import\s+{re.escape(_PACKAGE)}\.(\w+)"
-    rf"|from\s+{re.escape(_PACKAGE)}\s+import\s+(\([^)]*\)|.*))",
-    re.MULTILINE,
-)
 
 
 class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # numba has no types
@@ -34,7 +30,7 @@ class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # num
 
     def __init__(self, function: Callable[..., object], file: str) -> None:
         super().__init__(function, file)
-        self._folder = kernel_folder(Path(file))
+        self._folder = kernel_folder(_name(Path(file)))
 
     @classmethod
     def from_function(cls, function: Callable[..., object], file: str) -> KernelCacheLocator | None:
@@ -43,7 +39,7 @@ class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # num
         Raises:
             OSError: if its folder cannot be made or written; set ``NUMBA_CACHE_DIR`` to a writable one.
         """
-        if Path(file).parent != Path(__file__).parent:
+        if not Path(file).is_relative_to(KERNELS):
             return None
         locator = cls(function, file)
         locator.ensure_cache_path()
@@ -69,41 +65,38 @@ def cache_folder() -> Path:
 
 
 def uncompiled() -> set[str]:
-    """The files with kernels that numba keeps that have no machine code, by name without a suffix."""
-    sources = [source for source in Path(__file__).parent.glob("*.py") if _KEPT.search(source.read_text())]
-    return {source.stem for source in sources if not any(kernel_folder(source).glob("*.nbi"))}
+    """The files with kernels that numba keeps that have no machine code, by name."""
+    known = sources()
+    kept = [name for name in known.names if _KEPT.search(known.path(name).read_text())]
+    return {name for name in kept if not any(kernel_folder(name).glob("*.nbi"))}
 
 
-def kernel_folder(source: Path) -> Path:
+def kernel_folder(name: str) -> Path:
     """The folder of one kernel file's machine code; it need not exist."""
-    return cache_folder() / f"{source.stem}-{fingerprint(source)}"
+    return cache_folder() / f"{name}-{_fingerprints()[name]}"
 
 
-def fingerprint(source: Path) -> str:
-    """Sixteen hexadecimal digits that change with numba's version, a file, and what it imports of its folder."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for name in sorted(closure(source)):
-        digest.update(b"\0" + name.encode() + b"\0" + _read(source.with_name(f"{name}.py"))[0])
-    return digest.hexdigest()[:16]
-
-
-def closure(source: Path) -> set[str]:
-    """The file's own name and those of all files that it needs."""
-    found = {source.stem}
-    waiting = [source.stem]
-    while waiting:
-        _, imported = _read(source.with_name(f"{waiting.pop()}.py"))
-        waiting.extend(imported - found)
-        found |= imported
-    return found
+def _name(file: Path) -> str:
+    """A kernel file's name below the folder of all kernels, with dots."""
+    return ".".join(file.relative_to(KERNELS).with_suffix("").parts)
 
 
 @functools.cache
-def _read(source: Path) -> tuple[bytes, frozenset[str]]:
-    """A file's hash and the names of the files beside it that it imports."""
-    content = source.read_bytes()
-    mentioned: set[str] = set()
-    for first, second, several in _IMPORT.findall(content.decode()):
-        mentioned.update({first, second} - {""}, re.findall(r"\w+", several))
-    beside = frozenset(name for name in mentioned if source.with_name(f"{name}.py").exists())
-    return hashlib.sha256(content).digest(), beside
+def sources() -> Sources:
+    """The kernels' sources as they are when they are first asked for."""
+    return Sources(KERNELS, __package__)
+
+
+@functools.cache
+def _fingerprints() -> dict[str, str]:
+    """Every file's fingerprint, by name: worked out once for a version and kept with the machine code."""
+    kept = cache_folder() / f"fingerprints-{kernels_fingerprint()}.json"
+    with contextlib.suppress(OSError, ValueError):
+        found: dict[str, str] = json.loads(kept.read_text())
+        return found
+    known = sources()
+    made = {name: known.fingerprint(name, numba.__version__) for name in known.names}
+    with contextlib.suppress(OSError):  # where nothing can be written, numba says so at the first kernel
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(kept, json.dumps(made).encode(), durable=False)
+    return made
