@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 from guidefield.messages.requests import UrdfText
 
 KINDS = ("revolute", "revolute", "continuous", "prismatic", "fixed", "planar", "floating", "mimic")
-"""Kinds of joints, `mimic` for a revolute or prismatic one that follows another."""
+"""Kinds of joints, `mimic` for one that follows another: it turns within limits, slides, or turns on and on."""
+WOUND = ("continuous", "continuous", "revolute", "prismatic", "mimic", "mimic", "mimic")
+"""Kinds of joints of which many are angles whose whole turns count."""
+
+MULTIPLIERS = (0.5, 1.5, -0.5, 2.0, -1.0)
+"""What followers turn by for one of the joint they follow, beside any number: halves, and whole ones, which return."""
+
+PITCH = 0.05
+"""How much less followers slide than others turn [m/rad]."""
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1", "1 2 -0.5", "-0.3 0.1 0.9")
 _TURNS = ("0 0 0", "1.5708 0 0", "0 0.7 -0.2", "0.1 -1.2 3.1")
@@ -38,16 +46,16 @@ class RandomJoint:
     offset: float
 
 
-def chains(most: int = 20) -> st.SearchStrategy[UrdfText]:
+def chains(most: int = 20, kinds: tuple[str, ...] = KINDS) -> st.SearchStrategy[UrdfText]:
     """Random robots of at most so many joints."""
-    return st.builds(chain, st.randoms(use_true_random=False), st.integers(1, most))
+    return st.builds(chain, st.randoms(use_true_random=False), st.integers(1, most), st.just(kinds))
 
 
-def chain(rng: random.Random, count: int) -> UrdfText:
+def chain(rng: random.Random, count: int, kinds: tuple[str, ...] = KINDS) -> UrdfText:
     """A random robot of so many joints; its joints are j1, j2, …, its links l0, l1, …"""
     joints: list[RandomJoint] = []
     for index in range(count):
-        kind = rng.choice(KINDS)
+        kind = rng.choice(kinds)
         driven = any(joint.kind in ("revolute", "continuous", "prismatic", "mimic") for joint in joints)
         joints.append(
             RandomJoint(
@@ -59,7 +67,7 @@ def chain(rng: random.Random, count: int) -> UrdfText:
                 length=round(rng.uniform(0.05, 0.3), 3),
                 lower=round(rng.uniform(-3.0, -0.2), 3),
                 upper=round(rng.uniform(0.2, 3.0), 3),
-                multiplier=round(rng.uniform(-1.5, 1.5), 3),
+                multiplier=rng.choice((round(rng.uniform(-1.5, 1.5), 3), *MULTIPLIERS)),
                 offset=round(rng.uniform(-0.2, 0.2), 3),
             )
         )
@@ -82,8 +90,12 @@ def _joint(index: int, joint: RandomJoint, before: list[RandomJoint]) -> str:
     kind, mimic = joint.kind, ""
     if kind == "mimic":
         drivers = [k for k, other in enumerate(before, 1) if other.kind not in ("fixed", "planar", "floating")]
-        kind, driver = ("revolute", "prismatic")[index % 2], drivers[index % len(drivers)]
-        mimic = f'<mimic joint="j{driver}" multiplier="{joint.multiplier}" offset="{joint.offset}"/>'
+        turning = [k for k in drivers if before[k - 1].kind == "continuous"]
+        drivers = turning if turning and index % 2 else drivers
+        kind = ("revolute", "prismatic", "continuous", "continuous", "prismatic")[index % 5]
+        driver = drivers[index % len(drivers)]
+        multiplier = round(PITCH * joint.multiplier, 5) if kind == "prismatic" else joint.multiplier
+        mimic = f'<mimic joint="j{driver}" multiplier="{multiplier}" offset="{joint.offset}"/>'
     scale = 0.1 if kind == "prismatic" else 1.0
     above = before[joint.parent - 1].length if joint.parent else joint.length
     return (

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import InvalidGroup, UnknownFrame
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.configuration import follow
+from guidefield.robot.followers import follow
 from guidefield.robot.kinematics import Kinematics
 from guidefield.robot.selection import select
 from tests.robots import ARMS, box_arm, group, grouped, load, random_configuration, rest, robot

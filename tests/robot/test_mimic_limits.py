@@ -7,7 +7,8 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.configuration import follow, limit_faults
+from guidefield.robot.configuration import FURTHEST, limit_faults
+from guidefield.robot.followers import follow
 from guidefield.robot.selection import select
 from tests.robots import load
 
@@ -46,16 +47,34 @@ def test_a_chain_of_followers_binds_the_first():
     assert group.upper == pytest.approx([1.0])
 
 
+def test_a_driver_that_turns_on_and_on_goes_where_its_followers_keep_their_limits():
+    robot = load(
+        arm(("continuous", 0, 0, ""), ("revolute", -1, 4, mimic(1, 0.5, 1.0)), ("prismatic", 0, 1, mimic(1, 0.1, 0)))
+    )
+    assert robot.joints[0].lower == pytest.approx([0.0])
+    assert robot.joints[0].upper == pytest.approx([6.0])
+    assert sum("only goes from" in warning for warning in robot.warnings) == 2
+
+
+def test_a_driver_goes_no_further_than_can_be_asked_for():
+    robot = load(arm(("continuous", 0, 0, ""), ("prismatic", -1, 1, mimic(1, 1e-6, 0.0))))
+    assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (-FURTHEST, FURTHEST)
+
+
 def test_what_cannot_be_kept_is_told():
-    robot = load(arm(("continuous", 0, 0, ""), ("revolute", -1, 1, mimic(1, 1.0, 0.0))))
-    assert any("turns without limits: those of 'j2' are not kept" in warning for warning in robot.warnings)
     robot = load(arm(("revolute", 0, 1, ""), ("revolute", 5, 6, mimic(1, 1.0, 0.0))))
     assert any("no value at which 'j2' is within its limits" in warning for warning in robot.warnings)
     assert robot.joints[0].upper == 1.0
-    for joints in (("continuous", 0, 0, ""), ("revolute", 0, 1, "")):
-        robot = load(arm(joints, ("revolute", 5, 6, mimic(1, 1.0, 0.0))))
-        assert np.isinf([robot.joints[1].lower, robot.joints[1].upper]).all()
-        assert not limit_faults(robot.joints, robot.rest), "nothing that is told as not kept is a fault of a start"
+    assert np.isinf([robot.joints[1].lower, robot.joints[1].upper]).all()
+    assert not limit_faults(robot.joints, robot.rest), "nothing that is told as not kept is a fault of a start"
+    turning = arm(
+        ("continuous", 0, 0, ""), ("revolute", 5, 6, mimic(1, 1.0, 0.0)), ("prismatic", 1, 2, mimic(1, 1.0, 0.0))
+    )
+    robot = load(turning)
+    assert robot.joints[0].kind == "revolute"
+    assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (5.0, 6.0)
+    assert any("no value at which 'j3' is within its limits" in warning for warning in robot.warnings)
+    assert not limit_faults(robot.joints, robot.rest)
 
 
 def test_a_follower_of_a_fixed_joint_is_refused():

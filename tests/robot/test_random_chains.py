@@ -23,7 +23,8 @@ from guidefield.robot.model import RobotModel
 from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.selection import select
 from guidefield.robot.tables import joint_table
-from tests.robot.random_chains import chain, chains
+from tests.robot.by_formula import ByFormula, given_by
+from tests.robot.random_chains import KINDS, WOUND, chain, chains
 from tests.robots import load
 
 EXAMPLES = int(os.environ.get("GUIDEFIELD_RANDOM_CHAINS", "0"))
@@ -49,52 +50,28 @@ def movable(robot: RobotModel) -> list[str]:
     return [joint.name for joint in robot.joints if joint.mimic is None]
 
 
-def raw_configuration(robot: RobotModel, raw: Any, q: np.ndarray) -> np.ndarray:
-    """A robot's configuration for a model that Pinocchio made of the URDF alone; followers from what they follow."""
-    q_raw: np.ndarray = pin.neutral(raw)
-    for joint in robot.joints:
-        values = q[joint.idx_q : joint.idx_q + joint.nq]
-        multiplier, offset, driver = 1.0, 0.0, joint
-        while driver.mimic is not None:
-            offset += multiplier * driver.mimic.offset
-            multiplier *= driver.mimic.multiplier
-            driver = robot.joint(driver.mimic.driver)
-        if driver is not joint:
-            at = q[driver.idx_q : driver.idx_q + driver.nq]
-            values = [multiplier * (at[0] if driver.nq == 1 else np.arctan2(at[1], at[0])) + offset]
-        there = raw.joints[raw.getJointId(joint.name)]
-        q_raw[there.idx_q : there.idx_q + there.nq] = values
-    return q_raw
-
-
 @settings(THOROUGH, max_examples=EXAMPLES or 25)
 @given(chains(), st.integers(0, 2**16))
 def test_frames_are_where_pinocchio_has_them(urdf: UrdfText, seed: int) -> None:
     robot = load(urdf)
     assume(movable(robot))
     group = select(robot, movable(robot), None, robot.rest, pin.SE3.Identity())
-    raw = pin.buildModelFromXML(urdf.text)
-    data, table = raw.createData(), joint_table(group.model)
+    table = joint_table(group.model)
     found = np.empty((group.model.njoints, 3, 4))
     q = group.random(np.random.default_rng(seed))
     q_model = np.ascontiguousarray(group.expand(q))
     joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, found)
-    whole = np.array(robot.rest)
-    for joint in group.joints:
-        there = robot.joint(joint.name)
-        whole[there.idx_q : there.idx_q + there.nq] = q[joint.idx_q : joint.idx_q + joint.nq]
-    pin.forwardKinematics(raw, data, raw_configuration(robot, raw, whole))
+    expected = ByFormula(urdf.text).placements(values(robot, group, q))
     for index in range(1, group.model.njoints):
-        expected = data.oMi[raw.getJointId(group.model.names[index])]
-        np.testing.assert_allclose(found[index], np.c_[expected.rotation, expected.translation], rtol=0.0, atol=EXACT)
+        np.testing.assert_allclose(found[index], expected[group.model.names[index]][:3], rtol=0.0, atol=EXACT)
 
 
 class Looking:
     """Coal on the shapes of a URDF as Pinocchio reads it, with spheres: knows nothing of ours but pairs left out."""
 
     def __init__(self, robot: RobotModel, urdf: UrdfText, spheres: list[Sphere]) -> None:
-        self._robot = robot
-        self._model = pin.buildModelFromXML(urdf.text)
+        self._formula = ByFormula(urdf.text)
+        self._model = self._formula.model
         self._geometry = pin.GeometryModel()
         pin.buildGeomFromUrdfString(self._model, urdf.text, pin.GeometryType.COLLISION, self._geometry, [])
         self._geometry.addAllCollisionPairs()
@@ -115,19 +92,19 @@ class Looking:
                 self._geometry.addCollisionPair(pin.CollisionPair(index, added))
         self._data, self._geometry_data = self._model.createData(), scratch_space(self._geometry)
 
-    def touches(self, q: np.ndarray) -> bool:
-        """Whether anything touches at a configuration of the whole robot."""
-        at = raw_configuration(self._robot, self._model, q)
+    def touches(self, positions: dict[str, Any]) -> bool:
+        """Whether anything touches at values of the joints that follow none."""
+        at = self._formula.configuration(positions)
         return bool(pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, at, True))
 
-    def centres(self, q: np.ndarray) -> np.ndarray:
+    def centres(self, positions: dict[str, Any]) -> np.ndarray:
         """Where the moving joints are, shape (n, 3)."""
-        pin.forwardKinematics(self._model, self._data, raw_configuration(self._robot, self._model, q))
-        return np.array([placement.translation for placement in self._data.oMi])[1:]
+        return np.array([T[:3, 3] for T in self._formula.placements(positions).values()])
 
 
-def whole(robot: RobotModel, group: PlanningGroup, q: np.ndarray) -> np.ndarray:
-    return configuration_from_wire(robot, configuration_to_wire(group.joints, q))
+def values(robot: RobotModel, group: PlanningGroup, q: np.ndarray) -> dict[str, Any]:
+    """Values on the wire of all joints that follow none, those outside the group at rest."""
+    return {**configuration_to_wire(robot.joints, robot.rest), **configuration_to_wire(group.joints, q)}
 
 
 def free_walk(robot: RobotModel, group: PlanningGroup, look: Looking, rng: np.random.Generator) -> list[np.ndarray]:
@@ -137,7 +114,7 @@ def free_walk(robot: RobotModel, group: PlanningGroup, look: Looking, rng: np.ra
         there = group.interpolate(walk[-1], group.random(rng), share)
         steps = 1 + int(np.abs(group.difference(walk[-1], there)).max() / APART)
         leg = [group.interpolate(walk[-1], there, t) for t in np.linspace(0.0, 1.0, steps + 1)[1:]]
-        if not any(look.touches(whole(robot, group, q)) for q in leg):
+        if not any(look.touches(values(robot, group, q)) for q in leg):
             walk += leg
             legs += 1
         if legs == 2:
@@ -150,25 +127,17 @@ def obstacles(
 ) -> list[Sphere]:
     """Spheres near the robot that touch it nowhere on a walk, with some room."""
     look, found = Looking(robot, urdf, []), []
-    near = np.concatenate([look.centres(whole(robot, group, q)) for q in walk[:: max(1, len(walk) // 10)]])
+    near = np.concatenate([look.centres(values(robot, group, q)) for q in walk[:: max(1, len(walk) // 10)]])
     for _ in range(20):
         at = near[rng.integers(len(near))] + rng.normal(scale=0.2, size=3)
         sphere = Sphere(name=f"s{len(found)}", radius=RADIUS, position=tuple(at.tolist()))
         larger = Sphere(name="larger", radius=RADIUS + 0.02, position=sphere.position)
         around = Looking(robot, urdf, [larger])
-        if not any(around.touches(whole(robot, group, q)) for q in walk):
+        if not any(around.touches(values(robot, group, q)) for q in walk):
             found.append(sphere)
         if len(found) == 4:
             break
     return found
-
-
-def positions(reply: PlanReply, row: list[float]) -> dict[str, Any]:
-    """A row of a reply as a configuration of the wire."""
-    gathered: dict[str, list[float]] = {}
-    for name, value in zip(reply.position_names, row, strict=True):
-        gathered.setdefault(name.partition(".")[0], []).append(value)
-    return {name: values[0] if len(values) == 1 else values for name, values in gathered.items()}
 
 
 @pytest.mark.parametrize("count", SEEDS)
@@ -177,10 +146,17 @@ def test_robots_of_up_to_twenty_joints_are_planned_for(count: int) -> None:
     assert planned_for(chain(random.Random(seed), count), seed)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_robots_with_angles_whose_turns_count_are_planned_for(seed: int) -> None:
+    assert planned_for(chain(random.Random(seed), 8, WOUND), seed)
+
+
+@pytest.mark.parametrize("kinds", [KINDS, WOUND], ids=["of every kind", "with followers"])
 @pytest.mark.skipif(not EXAMPLES, reason="tools/random_chains draws as many as it is told")
 @settings(THOROUGH, max_examples=EXAMPLES or 1)
-@given(chains(), st.integers(0, 2**16))
-def test_they_are_planned_for(urdf: UrdfText, seed: int) -> None:
+@given(st.data())
+def test_they_are_planned_for(kinds: tuple[str, ...], data: st.DataObject) -> None:
+    urdf, seed = data.draw(chains(kinds=kinds)), data.draw(st.integers(0, 2**16))
     assume(planned_for(urdf, seed))
 
 
@@ -195,7 +171,7 @@ def planned_for(urdf: UrdfText, seed: int) -> bool:
     group = select(robot, movable(robot), None, robot.rest, pin.SE3.Identity())
     rng = np.random.default_rng(seed)
     alone = Looking(robot, urdf, [])
-    if alone.touches(robot.rest):
+    if alone.touches(configuration_to_wire(robot.joints, robot.rest)):
         return False
     walk = free_walk(robot, group, alone, rng)
     spheres = obstacles(robot, urdf, group, walk, rng)
@@ -216,9 +192,9 @@ def planned_for(urdf: UrdfText, seed: int) -> bool:
     assert reply.certificate.collision_free
     assert reply.trajectory is not None
     look = Looking(robot, urdf, spheres)
-    qs = [configuration_from_wire(robot, positions(reply, row)) for row in reply.trajectory.positions]
-    assert not any(look.touches(q) for q in qs)
-    ends = (group.part_of(qs[0]), walk[0]), (group.part_of(qs[-1]), walk[-1])
-    for reached, asked in ends:
+    rows = [given_by(reply.position_names, row) for row in reply.trajectory.positions]
+    assert not any(look.touches(row) for row in rows)
+    for row, asked in ((rows[0], walk[0]), (rows[-1], walk[-1])):
+        reached = group.part_of(configuration_from_wire(robot, row))
         assert np.abs(group.difference(reached, asked)).max() < 1e-6
     return True

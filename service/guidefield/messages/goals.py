@@ -20,9 +20,10 @@ JointValue = float | list[float]
 Positions = dict[str, JointValue]
 """A configuration: joint name to value.
 
-Revolute and prismatic joints: a number [rad or m]; continuous: an unwrapped angle [rad]; planar: [x, y, theta];
-spherical: a unit quaternion (x, y, z, w); floating: [x, y, z, qx, qy, qz, qw]. A planar or free root is `root_joint`.
-Joints that mimic others are not given.
+Revolute and prismatic joints: a number [rad or m]; continuous: an angle [rad], whose whole turns don't count; planar:
+[x, y, theta]; spherical: a unit quaternion (x, y, z, w); floating: [x, y, z, qx, qy, qz, qw]. A planar or free root is
+`root_joint`. Joints that mimic others are not given: they are at multiplier * value + offset. A continuous joint with
+such a follower that is elsewhere after a whole turn is listed as revolute, and its whole turns count.
 """
 
 Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]

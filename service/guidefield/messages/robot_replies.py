@@ -11,13 +11,14 @@ class JointInfo(Reply):
 
     Attributes:
         name: Its name.
-        kind: What it can do, such as revolute or planar.
+        kind: What it can do, such as revolute or planar. A continuous joint with a follower that is elsewhere after a
+            whole turn of it (one that slides, has limits, or turns half as far) is revolute: its turns count.
         lower, upper: Limits of its coordinates [rad or m]; null where there is none.
         velocity: Limits [rad/s or m/s].
         acceleration: Limits [rad/s^2 or m/s^2].
         velocity_source, acceleration_source: Where those come from.
-        mimics: The joint that it follows, if it does.
-        multiplier, offset: Then its value is multiplier * that joint's + offset [rad or m].
+        mimics: The joint that it follows, if it does; where that is a follower too, the one at the end of the chain.
+        multiplier, offset: Then its value is multiplier * that joint's, whose turns count, + offset [rad or m].
     """
 
     name: str

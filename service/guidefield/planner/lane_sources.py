@@ -10,7 +10,7 @@ from guidefield.kept import kept_with
 from guidefield.kernels.lane_samples import Sampling
 from guidefield.kernels.packing import Words, packed
 from guidefield.robot.chart import ANGLE, ROTATION, TRANSLATION
-from guidefield.robot.group import ROAM, PlanningGroup
+from guidefield.robot.group import ROAM, WIND, PlanningGroup
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,28 +20,30 @@ class Sources:
     Attributes:
         sampling: The box that they fill.
         words: That packed.
-        roams: Which coordinates are lengths without limits, shape (k,).
+        roams: Which coordinates are lengths without limits, or angles without limits whose whole turns count: (k,).
+        around: How far beyond what is to be reached samples of those lie, shape (k,) [m or rad].
     """
 
     sampling: Sampling
     words: Words
     roams: np.ndarray
+    around: np.ndarray
 
     @classmethod
-    def of(cls, sampling: Sampling, roams: np.ndarray) -> Sources:
-        """Sources that fill a box; `roams` as the attribute, shape (k,)."""
-        for array in (*sampling[:5], sampling.rotations, roams):
+    def of(cls, sampling: Sampling, roams: np.ndarray, around: np.ndarray) -> Sources:
+        """Sources that fill a box; `roams` and `around` as the attributes, shape (k,)."""
+        for array in (*sampling[:5], sampling.rotations, roams, around):
             array.setflags(write=False)
-        return cls(sampling, packed(sampling), roams)
+        return cls(sampling, packed(sampling), roams, around)
 
     def about(self, roots: np.ndarray) -> Sources:
-        """Where lengths without limits are concerned, a box with `ROAM` around all of some chart points (n, nv)."""
+        """Where coordinates roam, a box with `around` beside all of some chart points (n, nv)."""
         if len(self.roams) == 0:
             return self
         lower, width = self.sampling.lower.copy(), self.sampling.width.copy()
         least, largest = (end(roots[:, self.roams], axis=0) for end in (np.min, np.max))
-        lower[self.roams], width[self.roams] = least - ROAM, largest - least + 2.0 * ROAM
-        return Sources.of(self.sampling._replace(lower=lower, width=width), self.roams)
+        lower[self.roams], width[self.roams] = least - self.around, largest - least + 2.0 * self.around
+        return Sources.of(self.sampling._replace(lower=lower, width=width), self.roams, self.around)
 
     def between(self, starts: np.ndarray, goals: np.ndarray, length: float) -> Sources:
         """A box about all points through which a path of some length may lead from a start (k, nv) to a goal (m, nv).
@@ -70,7 +72,7 @@ class Sources:
         narrow = ~(round_again | rotates)
         low[narrow] = np.where(wraps, least, np.clip(least, low, high))[narrow]
         high[narrow] = np.where(wraps, largest, np.clip(largest, low, high))[narrow]
-        return Sources.of(self.sampling._replace(lower=low, width=high - low), self.roams)
+        return Sources.of(self.sampling._replace(lower=low, width=high - low), self.roams, self.around)
 
 
 @kept_with
@@ -86,13 +88,14 @@ def sources_of(group: PlanningGroup) -> Sources:
         if joint.kind in ROTATION:
             rotations.append(joint.idx_v + ROTATION[joint.kind].start)
     endless, origin = ~np.isfinite(upper - lower), group.chart(group.q_origin)
-    reach = np.where(lengths, ROAM, np.pi)
+    reach = np.where(lengths, ROAM, np.where(group.winds, WIND, np.pi))
     lower[endless], upper[endless] = (origin - reach)[endless], (origin + reach)[endless]
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
     vectors = np.array(rotations, np.int64)
     sampling = Sampling(_steps(group.nv + 1), lower, upper - lower, period, frequency, len(vectors), vectors)
-    return Sources.of(sampling, np.flatnonzero(endless & lengths))
+    roams = np.flatnonzero(endless & (lengths | group.winds))
+    return Sources.of(sampling, roams, reach[roams])
 
 
 def _steps(count: int) -> np.ndarray:

@@ -13,8 +13,8 @@ from guidefield.kernels.field_tables import frozen
 from guidefield.planner.problem import Problem
 from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.charges import robot_charges
-from guidefield.robot.chart import TRANSLATION
 from guidefield.robot.group import PlanningGroup
+from guidefield.robot.tip_chain import chain_to_tip
 from guidefield.scene.guide_plane import GuidePlane
 
 INSET = 1.6
@@ -74,18 +74,5 @@ def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
 
 def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
     """Origin of the first planned joint, shape (3,) [m, world], and the sum of lengths to the tip [m]."""
-    return _arm_reach(problem.group)
-
-
-@kept_with_alike
-def _arm_reach(group: PlanningGroup) -> tuple[np.ndarray, float]:
-    tip_frame = group.model.frames[group.tip_id]
-    chain = [index for index in group.model.supports[tip_frame.parentJoint] if index]
-    lengths = [float(np.linalg.norm(group.model.jointPlacements[index].translation)) for index in chain[1:]]
-    reach = sum(lengths) + float(np.linalg.norm(tip_frame.placement.translation))
-    names = {group.model.names[index] for index in chain}
-    for joint in group.joints:
-        if joint.kind in TRANSLATION and joint.name in names:
-            at = TRANSLATION[joint.kind]
-            reach += float(np.linalg.norm(np.maximum(np.abs(joint.lower[at]), np.abs(joint.upper[at]))))
-    return frozen(group.model.jointPlacements[chain[0]].translation.copy()), reach
+    chain = chain_to_tip(problem.group)
+    return frozen(chain.table.first[3::4].copy()), chain.reach

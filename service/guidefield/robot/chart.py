@@ -129,6 +129,13 @@ def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarra
     return matrix
 
 
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    """Rotation vector, shape (3,), of an evenly drawn rotation: a normal quaternion, normalised (Muller 1959)."""
+    quaternion = rng.normal(size=4)
+    vector: np.ndarray = pin.log3(_matrix(quaternion / np.linalg.norm(quaternion)))
+    return vector
+
+
 def _matrix(quaternion_xyzw: np.ndarray) -> np.ndarray:
     matrix: np.ndarray = pin.Quaternion(np.asarray(quaternion_xyzw, float)).normalized().matrix()
     return matrix

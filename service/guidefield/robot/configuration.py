@@ -10,6 +10,8 @@ import numpy as np
 from guidefield.errors import GuidefieldError, InvalidConfiguration
 from guidefield.messages.requests import JointValue, Positions
 from guidefield.messages.values import QUATERNION_TOLERANCE
+from guidefield.robot import chart
+from guidefield.robot.followers import follow
 from guidefield.robot.model import Joint, JointKind, RobotModel
 
 LIMIT_TOLERANCE = 1e-5
@@ -74,29 +76,10 @@ def configuration_from_wire(
     return q
 
 
-def follow(joints: Sequence[Joint], q: np.ndarray) -> None:
-    """Set the joints that mimic others, in place, to what they must be.
-
-    Args:
-        joints: The joints, with what they mimic among them.
-        q: Configuration in their order, shape (nq,).
-    """
-    by_name = {joint.name: joint for joint in joints}
-    pending = [joint for joint in joints if joint.mimic is not None]
-    while pending:
-        waiting = {joint.name for joint in pending}
-        for joint in [j for j in pending if j.mimic and j.mimic.driver not in waiting]:
-            assert joint.mimic is not None, "only followers are pending"
-            value = joint.mimic.multiplier * scalar(by_name[joint.mimic.driver], q) + joint.mimic.offset
-            q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, InvalidConfiguration)
-            pending.remove(joint)
-
-
 def scalar(joint: Joint, q: np.ndarray) -> float:
     """Value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
-    if joint.kind is JointKind.CONTINUOUS:
-        return float(np.arctan2(q[joint.idx_q + 1], q[joint.idx_q]))
-    return float(q[joint.idx_q])
+    values = q[joint.idx_q : joint.idx_q + joint.nq]
+    return float(chart.to_chart(joint, values, values)[0])
 
 
 def configuration_to_wire(joints: Sequence[Joint], q: np.ndarray) -> Positions:

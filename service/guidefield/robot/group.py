@@ -17,6 +17,8 @@ from guidefield.robot.model import Joint, JointKind, LimitSource, RobotModel
 
 ROAM = 2.0
 """How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
+WIND = 2.0 * np.pi
+"""The same for an angle without limits whose whole turns count [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,14 @@ class PlanningGroup:
     def limited(self) -> bool:
         """Whether any coordinate of the chart has a limit."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @cached_property
+    def winds(self) -> np.ndarray:
+        """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
+        turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in self.joints])
+        winds: np.ndarray = turns & ~np.isfinite(self.upper - self.lower)
+        winds.setflags(write=False)
+        return winds
 
     def part_of(self, q_whole: np.ndarray) -> np.ndarray:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
@@ -215,24 +225,19 @@ class PlanningGroup:
     def random(self, rng: np.random.Generator) -> np.ndarray:
         """A configuration, shape (nq,), drawn evenly within the limits.
 
-        Angles without limits are drawn from one turn, rotations from all, positions within `ROAM` of the origin's.
+        Angles without limits are drawn from one turn, or where whole turns count within `WIND` of the origin's;
+        rotations from all, positions within `ROAM` of the origin's.
         """
         origin = self.chart(self.q_origin)
-        lower, upper = self.lower.copy(), self.upper.copy()
+        middle, reach = np.where(self.winds, origin, 0.0), np.where(self.winds, WIND, np.pi)
         for joint in self.joints:
-            at = _at_v(joint)
-            unlimited = ~np.isfinite(lower[at])
-            if joint.kind in chart.TRANSLATION:
-                part = np.arange(at.start, at.stop)[chart.TRANSLATION[joint.kind]]
-                part = part[~np.isfinite(lower[part])]
-                lower[part], upper[part] = origin[part] - ROAM, origin[part] + ROAM
-                unlimited = ~np.isfinite(lower[at])
-            lower[at] = np.where(unlimited, -np.pi, lower[at])
-            upper[at] = np.where(unlimited, np.pi, upper[at])
-        z = rng.uniform(lower, upper)
+            lengths = np.arange(self.nv)[_at_v(joint)][chart.TRANSLATION.get(joint.kind, slice(0, 0))]
+            middle[lengths], reach[lengths] = origin[lengths], ROAM
+        endless = ~np.isfinite(self.lower)
+        z = rng.uniform(np.where(endless, middle - reach, self.lower), np.where(endless, middle + reach, self.upper))
         for joint in self.joints:
             if joint.kind in chart.ROTATION:
-                z[_at_v(joint)][chart.ROTATION[joint.kind]] = pin.log3(_random_rotation(rng))
+                z[_at_v(joint)][chart.ROTATION[joint.kind]] = chart.random_rotation(rng)
         return self.from_chart(z)
 
     def with_limits(
@@ -269,13 +274,6 @@ def _at_q(joint: Joint) -> slice:
 
 def _at_v(joint: Joint) -> slice:
     return slice(joint.idx_v, joint.idx_v + joint.nv)
-
-
-def _random_rotation(rng: np.random.Generator) -> np.ndarray:
-    """An evenly drawn rotation: a normal quaternion, normalised (Muller, Comm. ACM 1959)."""
-    quaternion = rng.normal(size=4)
-    rotation: np.ndarray = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).matrix()
-    return rotation
 
 
 def reference_of(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot import pairs, rest, shapes, srdf
+from guidefield.robot import followers, pairs, rest, shapes, srdf
 from guidefield.robot.ball_joints import with_ball_joints
 from guidefield.robot.card import RobotCard
 from guidefield.robot.frames import frame_index
@@ -20,7 +20,6 @@ from guidefield.robot.meshes import MeshResolver
 from guidefield.robot.mimic_limits import narrowed
 from guidefield.robot.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
 from guidefield.robot.native_stderr import captured_stderr
-from guidefield.robot.urdf_facts import UrdfFacts
 
 DEFAULT_ROTATION_SPEED = 1.0
 """Velocity limit of a rotation for which nobody names one [rad/s]."""
@@ -63,15 +62,21 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     source = dataclasses.replace(source, urdf_text=facts.text)
     model, geometry = _parse(name, source, facts.meshes)
     check_geometry_complete(facts, geometry, model)
-    model = with_ball_joints(name, model, card.ball_joints)
+    model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
     if not geometry.ngeoms:
         raise RobotInvalid(
             f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
         )
     choices = shapes.settle(model, geometry)
     warnings = [*facts.warnings, *srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])]
-    joints = tuple(_joint(model, index, facts, card, warnings) for index in range(1, model.njoints))
-    joints = narrowed(name, joints, warnings)
+    laws = followers.laws(facts)
+    joints = tuple(_joint(model, index, laws, card, warnings) for index in range(1, model.njoints))
+    for driver, follower in followers.unwrapped(facts).items():
+        warnings.append(
+            f"joint {driver!r} is continuous, but {follower!r}, which follows it, is elsewhere after a turn of it: "
+            f"{driver!r} is a revolute joint therefore, whose whole turns count"
+        )
+    joints = narrowed(joints, warnings)
     groups = resolve_groups(model, described, joints)
     stated = rest.stated(model, joints, described, card)
     links = [choice.link for choice in choices]
@@ -111,7 +116,7 @@ def _parse(name: str, source: RobotSource, meshes: Mapping[str, str]) -> tuple[A
     return model, geometry
 
 
-def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard, warnings: list[str]) -> Joint:
+def _joint(model: Any, index: int, laws: Mapping[str, Mimic], card: RobotCard, warnings: list[str]) -> Joint:
     pinocchio_joint = model.joints[index]
     name, short = model.names[index], pinocchio_joint.shortname()
     if short not in KINDS:
@@ -123,7 +128,7 @@ def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard, warnings: 
     if kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
         lower, upper = model.lowerPositionLimit[at_q].copy(), model.upperPositionLimit[at_q].copy()
         furthest = FURTHEST[kind]
-        if max(-lower[0], upper[0]) > furthest:
+        if np.isfinite(upper[0]) and max(-lower[0], upper[0]) > furthest:  # infinite where there are none
             warnings.append(f"joint {name!r}: its limits {lower[0]:g} and {upper[0]:g} are taken for {furthest:g}")
             lower, upper = np.clip(lower, -furthest, furthest), np.clip(upper, -furthest, furthest)
     velocity, velocity_source = _velocity_limit(kind, model.velocityLimit[at_v], card.velocity.get(name))
@@ -133,7 +138,6 @@ def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard, warnings: 
         acceleration, acceleration_source = np.full(pinocchio_joint.nv, card.acceleration[name]), LimitSource.CARD
     for array in (lower, upper, velocity, acceleration):
         array.setflags(write=False)
-    mimic = facts.mimics.get(name)
     return Joint(
         name=name,
         kind=kind,
@@ -148,7 +152,7 @@ def _joint(model: Any, index: int, facts: UrdfFacts, card: RobotCard, warnings: 
         acceleration=acceleration,
         velocity_source=velocity_source,
         acceleration_source=acceleration_source,
-        mimic=Mimic(*mimic) if mimic else None,
+        mimic=laws.get(name),
     )
 
 

@@ -36,7 +36,10 @@ class LimitSource(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: value = multiplier * driver's value + offset."""
+    """A joint that follows another: value = multiplier * driver's unwrapped value + offset.
+
+    The driver follows none itself: chains are followed to their end (robot/followers.py).
+    """
 
     driver: str
     multiplier: float
@@ -53,7 +56,8 @@ class Joint:
         index: Pinocchio's joint index.
         idx_q, nq: Where its values stand in a configuration, and how many they are.
         idx_v, nv: The same in the tangent space.
-        lower, upper: Limits, shape (nv,) [rad or m]; infinite where there are none.
+        lower, upper: Limits, shape (nv,) [rad or m]; infinite where there are none. A revolute joint without limits is
+            one that turns on and on, but isn't the same after a whole turn, for others follow it.
         velocity, acceleration: Largest magnitudes, shape (nv,) [rad or m, per s and s^2].
         velocity_source, acceleration_source: Where those come from.
         mimic: The joint that it follows, if it does; then it can't be planned for.

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.robot.configuration import follow
+from guidefield.robot.followers import follow
+from guidefield.robot.group import WIND
 from guidefield.robot.model import Joint, JointKind, PairLeftOut
 from guidefield.robot.scratch_space import scratch_space
 
@@ -121,11 +122,17 @@ def _shares_touching(
 
 
 def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> np.ndarray:
-    """A configuration within the limits, followers where they belong; angles within one turn, lengths within `ROAM`."""
+    """A configuration within the limits, followers where they belong; lengths within `ROAM`, angles within one turn.
+
+    Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
+    """
     q: np.ndarray = pin.integrate(model, pin.neutral(model), rng.uniform(-np.pi, np.pi, model.nv))
+    followed = {joint.mimic.driver for joint in joints if joint.mimic is not None}
     for joint in joints:
         if joint.nq == 1:
             most = ROAM if joint.kind is JointKind.PRISMATIC else np.pi
+            if joint.kind is JointKind.REVOLUTE and joint.name in followed:
+                most = WIND if np.isinf(joint.upper[0]) else np.inf
             lower, upper = max(float(joint.lower[0]), -most), min(float(joint.upper[0]), most)
             q[joint.idx_q] = rng.uniform(lower, max(lower, upper))
     follow(joints, q)

@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.kernels import pose_search as kernels
 from guidefield.kernels.pose_search import Tolerances
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group import WIND, PlanningGroup
 from guidefield.robot.pose_target import EXACT, PoseTarget
 from guidefield.robot.tip_chain import ChainToTip, chain_to_tip
 
@@ -44,9 +44,14 @@ class PoseSearch:
         return self._closest[1:]
 
     def drawn(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Random chart points (count, nv), those nearest to the target first; what has no limits is within pi of 0."""
+        """Random chart points (count, nv), those nearest to the target first.
+
+        What has no limits is within pi of 0, or within `WIND` of the base where it is an angle whose whole turns count.
+        """
         lower, upper = self._table.lower, self._table.upper
         lower, upper = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
+        lower = np.where(self._group.winds, self.base - WIND, lower)
+        upper = np.where(self._group.winds, self.base + WIND, upper)
         points: np.ndarray = rng.uniform(lower, upper, (count, len(lower)))
         points[:, ~self.chain.moving] = self.base[~self.chain.moving]
         squared = np.empty(count)

@@ -12,7 +12,8 @@ import pinocchio as pin
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
 from guidefield.robot.card import RobotCard
-from guidefield.robot.configuration import LENGTHS, clamp, follow, values_from_wire
+from guidefield.robot.configuration import LENGTHS, clamp, values_from_wire
+from guidefield.robot.followers import follow
 from guidefield.robot.model import Joint, JointKind
 from guidefield.robot.scratch_space import scratch_space
 from guidefield.robot.srdf import Srdf

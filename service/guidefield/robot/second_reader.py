@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from guidefield.robot.configuration import follow, scalar
+from guidefield.robot.configuration import scalar
+from guidefield.robot.followers import follow
 from guidefield.robot.model import Joint, JointKind, RobotModel
 
 SAME = 1e-6
@@ -61,9 +62,9 @@ def _joints(robot: RobotModel) -> list[Joint]:
 
 def _known_to_both(robot: RobotModel, root: Any) -> bool:
     joints = _joints(robot)
-    followers = {joint.name for joint in joints if joint.mimic is not None}
     scalar_joints = all(joint.kind in _SCALAR for joint in joints)
-    chained = any(joint.mimic is not None and joint.mimic.driver in followers for joint in joints)
+    followed = {mimic.get("joint") for mimic in root.findall("joint/mimic")}
+    chained = any(joint.mimic is not None and joint.name in followed for joint in joints)
     return scalar_joints and not chained and not root.findall(".//origin[@quat_xyzw]")
 
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from guidefield.errors import InvalidGroup
 from guidefield.robot.alike import Alike
+from guidefield.robot.followers import expansion
 from guidefield.robot.frames import frame_index
 from guidefield.robot.group import PlanningGroup, reference_of
 from guidefield.robot.groups import joints_to
@@ -40,7 +41,7 @@ def select(
     tip = robot.tip if tip is None else tip
     robot.frame_id(tip)
     planned = _planned_joints(robot, group, tip)
-    followers = {joint.name for joint in robot.joints if joint.mimic and _driver(robot, joint) in planned}
+    followers = {joint.name for joint in robot.joints if joint.mimic and joint.mimic.driver in planned}
     free = [joint for joint in robot.joints if joint.name in planned]
     # what moves has no part in how the models look, but for those that follow: `space` keeps them where they are
     standing = np.array(q_reference, float)
@@ -76,7 +77,7 @@ def _reduce(
         indices = [model.getJointId(name) for name in followers]
         space, _ = _reduced(model.copy(), geometry.copy(), indices, reference_of(model, robot, q_reference))
     joints = _regrouped(robot, space)
-    matrix, offset = _expansion(robot, model, space)
+    matrix, offset = expansion(robot.joints, model, space)
     arrays = {
         "lower": np.concatenate([j.lower for j in joints]),
         "upper": np.concatenate([j.upper for j in joints]),
@@ -139,15 +140,6 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
     return tuple(joint.name for joint in robot.joints if joint.name in names)
 
 
-def _driver(robot: RobotModel, joint: Joint) -> str:
-    """The joint at the end of a chain of mimics."""
-    while joint.mimic is not None:
-        driver = robot.joint(joint.mimic.driver)
-        assert driver is not None, "loading checks that what is mimicked moves"
-        joint = driver
-    return joint.name
-
-
 def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
     """Copies of the robot's models with its root at a placement in the world."""
     model, geometry = robot.model.copy(), robot.geometry.copy()
@@ -188,22 +180,3 @@ def _regrouped(robot: RobotModel, space: Any) -> tuple[Joint, ...]:
         assert whole is not None, "a reduced model has the robot's joints"
         regrouped.append(dataclasses.replace(whole, index=index, idx_q=joint.idx_q, idx_v=joint.idx_v))
     return tuple(regrouped)
-
-
-def _expansion(robot: RobotModel, model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The affine map from the chart of the planned joints to that of the model with followers."""
-    matrix, offset = np.zeros((model.nv, space.nv)), np.zeros(model.nv)
-    for index in range(1, model.njoints):
-        joint = robot.joint(model.names[index])
-        assert joint is not None, "a reduced model has the robot's joints"
-        row, multiplier, shift = model.joints[index].idx_v, 1.0, 0.0
-        while joint.mimic is not None:
-            shift += multiplier * joint.mimic.offset
-            multiplier *= joint.mimic.multiplier
-            driver = robot.joint(joint.mimic.driver)
-            assert driver is not None, "loading checks that what is mimicked moves"
-            joint = driver
-        column = space.joints[space.getJointId(joint.name)].idx_v
-        matrix[row : row + joint.nv, column : column + joint.nv] = multiplier * np.eye(joint.nv)
-        offset[row] = shift
-    return matrix, offset

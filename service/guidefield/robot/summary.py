@@ -14,6 +14,7 @@ from guidefield.messages.replies import RobotSummary
 from guidefield.robot import card as cards, srdf
 from guidefield.robot.ball_joints import with_ball_joints
 from guidefield.robot.card import RobotCard
+from guidefield.robot.followers import unwrapped
 from guidefield.robot.intake import check_urdf
 from guidefield.robot.library import Entry
 from guidefield.robot.loading import default_tip
@@ -55,8 +56,9 @@ def _summary(
     except (RobotInvalid, ValueError) as error:
         return msgspec.structs.replace(line, problem=str(error))
     model = with_ball_joints(line.name, model, card.ball_joints)
+    otherwise = {**dict.fromkeys(card.ball_joints, "spherical"), **dict.fromkeys(unwrapped(facts), "revolute")}
     kinds = Counter(
-        "spherical" if joint.name in card.ball_joints else joint.kind
+        otherwise.get(joint.name, joint.kind)
         for joint in facts.joints.values()
         if joint.kind in MOVABLE and joint.name not in facts.mimics
     )

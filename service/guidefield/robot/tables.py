@@ -34,7 +34,7 @@ def joint_table(model: Any) -> JointTable:
         short = joint.shortname()
         parents[index], kinds[index] = model.parents[index], CODES[short]
         idx_q[index], idx_v[index], nv[index] = joint.idx_q, joint.idx_v, joint.nv
-        axes[index] = _axis(joint) if joint.nv == 1 else 0.0
+        axes[index] = axis_of(joint) if joint.nv == 1 else 0.0
         placement: pin.SE3 = model.jointPlacements[index]
         placements[index] = np.c_[placement.rotation, placement.translation]
     for array in (parents, kinds, axes, placements, idx_q, idx_v, nv):
@@ -48,8 +48,8 @@ def joints_of(group: PlanningGroup) -> JointTable:
     return joint_table(group.model)
 
 
-def _axis(joint: Any) -> np.ndarray:
-    """Axis of a joint with one degree of freedom, shape (3,): the part of its motion subspace that isn't zero."""
+def axis_of(joint: Any) -> np.ndarray:
+    """Axis of a Pinocchio joint with one degree of freedom, shape (3,): what of its motion subspace isn't zero."""
     data = joint.createData()
     joint.calc(data, np.zeros(joint.idx_q + joint.nq))
     subspace = np.asarray(data.S, float).ravel()

@@ -102,13 +102,12 @@ class _Parts:
 def _chain(group: PlanningGroup, parts: _Parts) -> ChainToTip:
     first, *others = [*parts.placements, _rows(parts.fixed)]
     moved_by = np.count_nonzero(group.expand_velocity, axis=0)
-    lower, upper, periods = group.lower.copy(), group.upper.copy(), np.zeros(group.nv)
+    periods = np.zeros(group.nv)
     for joint in group.joints:
         if joint.kind in (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PLANAR):
             angle = joint.idx_v + joint.nv - 1
-            periods[angle] = 2.0 * np.pi if moved_by[angle] == 1 else 0.0
-            if joint.kind is JointKind.CONTINUOUS and moved_by[angle] > 1:  # what follows it follows the wrapped angle
-                lower[angle], upper[angle] = -np.pi, np.pi
+            returns = joint.kind is not JointKind.REVOLUTE or moved_by[angle] == 1  # followers may be elsewhere
+            periods[angle] = 2.0 * np.pi if returns else 0.0
     moving = np.zeros(group.nv, bool)
     for kind, driver in zip(parts.kinds, parts.drivers, strict=True):
         moving[driver : driver + (3 if kind == BALL else 1)] = True
@@ -116,15 +115,15 @@ def _chain(group: PlanningGroup, parts: _Parts) -> ChainToTip:
     units = np.where(np.concatenate(slides), DISTINCT_LENGTH, DISTINCT_ANGLE)
     rotations = [joint.idx_v + ROTATION[joint.kind].start for joint in group.joints if joint.kind in ROTATION]
     measure = Measure(periods, units, np.array(rotations, np.int64))
-    turning = np.flatnonzero((periods > 0.0) & (upper - lower >= periods))
+    turning = np.flatnonzero((periods > 0.0) & (group.upper - group.lower >= periods))
     table = TipChain(
         kinds=np.array(parts.kinds, np.int64),
         drivers=np.array(parts.drivers, np.int64),
         scales=np.array(parts.scales, float).reshape(-1, 2),
         placements=np.array(others, float).reshape(-1, 12),
         first=first,
-        lower=lower,
-        upper=upper,
+        lower=group.lower,
+        upper=group.upper,
     )
     for array in (*table, *measure, moving, turning):
         array.setflags(write=False)
@@ -136,7 +135,7 @@ def _reach(table: TipChain) -> float:
     reach = float(np.linalg.norm(table.placements[:, 3::4], axis=1).sum())
     for kind, driver, (scale, offset) in zip(table.kinds, table.drivers, table.scales, strict=True):
         if kind == SLIDE:
-            ends = np.array([table.lower[driver], table.upper[driver]])
+            ends = np.array([table.lower[driver], table.upper[driver]] if scale else [0.0, 0.0])  # not 0 * inf
             reach += float(np.abs(scale * ends + offset).max())
     return reach
 
