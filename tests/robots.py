@@ -72,6 +72,8 @@ JOINTS = {
     '<mimic joint="j1" multiplier="-2" offset="0.2"/></joint>',
     "half-gear": f'<joint name="j{{i}}" type="continuous">{_ENDS}<axis xyz="0 1 0"/>'
     '<mimic joint="j1" multiplier="1.5" offset="-0.1"/></joint>',
+    "screw": f'<joint name="j{{i}}" type="prismatic">{_ENDS}<axis xyz="0 0 1"/>{_LIMIT}'
+    '<mimic joint="j1" multiplier="0.2" offset="-0.1"/></joint>',
     "planar": f'<joint name="j{{i}}" type="planar">{_ENDS}<axis xyz="0 0 1"/>{_LIMIT}</joint>',
     "floating": f'<joint name="j{{i}}" type="floating">{_ENDS}</joint>',
 }

@@ -216,7 +216,8 @@ def test_what_passes_closer_than_the_floor_is_undecided():
 
 
 @pytest.mark.parametrize(
-    "joints", ["slide y slide x", "y x mimic mimic", "continuous continuous y", "oblique oblique oblique"]
+    "joints",
+    ["slide y slide x", "y x mimic mimic", "continuous continuous y", "continuous x screw", "oblique oblique oblique"],
 )
 @pytest.mark.parametrize("seed", range(4))
 def test_other_joints_are_certified_as_soundly(joints, seed):

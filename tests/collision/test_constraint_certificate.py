@@ -53,7 +53,10 @@ def _placement(arm, z):
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.sampled_from(["panda", "slide y slide x", "y x mimic mimic", "continuous y"]), st.integers(0, 10**6))
+@given(
+    st.sampled_from(["panda", "slide y slide x", "y x mimic mimic", "continuous y", "continuous screw half-gear"]),
+    st.integers(0, 10**6),
+)
 def test_what_is_certified_is_kept_and_what_is_not_is_shown(kind, seed):
     arm = group(kind) if kind == "panda" else grouped(box_arm(kind, 0))
     rng = np.random.default_rng(seed)

@@ -31,7 +31,7 @@ CHAINS = (
     "floating x",
     "x planar floating oblique",
     "continuous floating planar mimic",
-    "continuous slide gear half-gear x",
+    "continuous screw gear half-gear x",
 )
 """Every kind of joint that URDF has; ball joints, which it has no word for, are in robots of the catalog."""
 BALLS = ("chain_fixed_6x300_r25", "chain_moving_3x260_r20", "chain_planar_3x260_r25")

@@ -15,6 +15,7 @@ ARMS = {
     "oblique": lambda: grouped(box_arm("oblique", 4)),
     "sliding": lambda: grouped(box_arm("slide y slide x", 0)),
     "followed": lambda: grouped(box_arm("y x mimic mimic", 0)),
+    "followed on and on": lambda: grouped(box_arm("continuous x screw half-gear", 0)),
     "planar": lambda: grouped(box_arm("y planar x", 0)),
     "floating": lambda: grouped(box_arm("floating y", 0)),
     "balls": lambda: group("chain_fixed_6x300_r25"),

@@ -16,7 +16,7 @@ from guidefield.scene.guide_plane import build
 from tests.planner.test_guide import plane_at
 from tests.robots import box_arm, group, grouped, rest
 
-KINDS = ["x slide oblique", "continuous oblique-continuous y", "x mimic slide y", "planar x y"]
+KINDS = ["x slide oblique", "continuous oblique-continuous y", "x mimic slide y", "planar x y", "continuous screw y"]
 
 
 def planned_groups():

@@ -51,7 +51,8 @@ def test_a_yes_is_coals_yes(name: str, scene: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "joints", ["x slide oblique", "continuous oblique-continuous y", "x mimic slide", "planar x y"]
+    "joints",
+    ["x slide oblique", "continuous oblique-continuous y", "x mimic slide", "planar x y", "continuous screw half-gear"],
 )
 def test_every_kind_of_joint_is_bounded(joints: str) -> None:
     planned = grouped(box_arm(joints, 0))
@@ -97,7 +98,7 @@ def test_ends_are_the_groups_own_chart_points(name: str) -> None:
 
 
 def test_ends_of_a_planar_joint_and_of_followers() -> None:
-    for kind in ("planar x", "x mimic continuous"):
+    for kind in ("planar x", "x mimic continuous", "continuous gear y"):
         planned = grouped(box_arm(kind, 0))
         swept = swept_world(World.build(planned, scene_of()))
         q0, q1 = rest(planned), planned.random(np.random.default_rng(5))

@@ -321,7 +321,9 @@ def beside_the_way(planned: PlanningGroup, path: np.ndarray) -> Problem:
     raise AssertionError("no place for a post")
 
 
-@pytest.mark.parametrize("joints", ["slide y x", "continuous y x", "y x mimic y", "planar y x", "floating y"])
+@pytest.mark.parametrize(
+    "joints", ["slide y x", "continuous y x", "y x mimic y", "continuous x screw y", "planar y x", "floating y"]
+)
 def test_every_joint_kind_moves_away_from_a_post(joints: str) -> None:
     planned = grouped(box_arm(joints, 0, size=0.25))
     path = np.array([np.full(planned.nv, -0.35), np.full(planned.nv, 0.35)])

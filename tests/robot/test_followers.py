@@ -22,6 +22,8 @@ from guidefield.robot.configuration import configuration_from_wire, configuratio
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.model import JointKind
 from guidefield.robot.selection import select
+from guidefield.robot.sent import SentRobot
+from guidefield.robot.summary import summarize_sent
 from guidefield.robot.tables import joint_table
 from guidefield.robot.tip_chain import chain_to_tip
 from guidefield.scene.scene import build
@@ -35,6 +37,17 @@ EXACT = 1e-12
 """Rounding of a chain of a few joints [m], and of a rotation's entries."""
 BEYOND = 3.5, -4.0, 9.0, 3.0
 """Angles, some of them beyond half a turn [rad]."""
+
+
+BESIDE = UrdfText(
+    text='<robot name="r"><link name="base"/><link name="beside"/><link name="slide"/><link name="tool"><collision>'
+    '<geometry><sphere radius="0.1"/></geometry></collision></link>'
+    '<joint name="j1" type="continuous"><parent link="base"/><child link="beside"/></joint>'
+    '<joint name="j2" type="prismatic"><parent link="base"/><child link="slide"/>'
+    '<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="j1" multiplier="0" offset="0.4"/></joint>'
+    '<joint name="j3" type="continuous"><parent link="slide"/><child link="tool"/></joint></robot>'
+)
+"""A slide that follows a joint beside it by nothing, before another joint."""
 
 
 def driver_of(*laws: tuple[str, str, float]) -> JointKind:
@@ -251,7 +264,17 @@ def test_what_a_slide_adds_to_the_reach_counts() -> None:
     turned = planned.chart(planned.random(np.random.default_rng(0)))
     turned[1] = planned.upper[1]
     assert reach >= np.linalg.norm(place(*turned[::-1]) - base)
-    assert np.isfinite(chain_to_tip(grouped(winding(multiplier=0.0), "tool")).reach)
+
+
+def test_a_slide_that_never_moves_is_in_reach_and_moves_nothing() -> None:
+    robot = load(winding(multiplier=0.0))
+    assert robot.joint("turn").kind is JointKind.CONTINUOUS
+    planned = select(robot, ["turn"], "tool", robot.rest, pin.SE3.Identity())
+    chain = chain_to_tip(planned)
+    assert chain.reach == pytest.approx(OFFSET)
+    assert chain.moving.tolist() == [True]
+    other = select(load(BESIDE), ["j1", "j3"], "tool", load(BESIDE).rest, pin.SE3.Identity())
+    assert chain_to_tip(other).moving.tolist() == [False, True]
 
 
 def test_clients_are_told_what_the_joint_is() -> None:
@@ -262,5 +285,7 @@ def test_clients_are_told_what_the_joint_is() -> None:
     assert (turn.lower, turn.upper) == ([pytest.approx((-5 - OFFSET) / PITCH)], [pytest.approx((5 - OFFSET) / PITCH)])
     assert (slide.mimics, slide.multiplier, slide.offset) == ("turn", PITCH, OFFSET)
     assert any("'turn' is continuous, but 'slide'" in warning for warning in told.warnings)
+    sent = SentRobot("winding", "", winding().text, None, {}, "fixed")
+    assert summarize_sent(sent, []).joint_kinds == {"prismatic": 1, "revolute": 2}
     endless = describe(load(box_arm("continuous half-gear", 0)))
     assert (endless.joints[0].kind, endless.joints[0].lower, endless.joints[0].upper) == ("revolute", [None], [None])

@@ -74,5 +74,10 @@ def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[
 
 def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
     """Origin of the first planned joint, shape (3,) [m, world], and the sum of lengths to the tip [m]."""
-    chain = chain_to_tip(problem.group)
+    return _arm_reach(problem.group)
+
+
+@kept_with_alike
+def _arm_reach(group: PlanningGroup) -> tuple[np.ndarray, float]:
+    chain = chain_to_tip(group)
     return frozen(chain.table.first[3::4].copy()), chain.reach

@@ -109,8 +109,8 @@ def _chain(group: PlanningGroup, parts: _Parts) -> ChainToTip:
             returns = joint.kind is not JointKind.REVOLUTE or moved_by[angle] == 1  # followers may be elsewhere
             periods[angle] = 2.0 * np.pi if returns else 0.0
     moving = np.zeros(group.nv, bool)
-    for kind, driver in zip(parts.kinds, parts.drivers, strict=True):
-        moving[driver : driver + (3 if kind == BALL else 1)] = True
+    for kind, driver, (scale, _) in zip(parts.kinds, parts.drivers, parts.scales, strict=True):
+        moving[driver : driver + (3 if kind == BALL else 1)] |= scale != 0.0
     slides = [np.full(joint.nv, joint.kind is JointKind.PRISMATIC) for joint in group.joints]
     units = np.where(np.concatenate(slides), DISTINCT_LENGTH, DISTINCT_ANGLE)
     rotations = [joint.idx_v + ROTATION[joint.kind].start for joint in group.joints if joint.kind in ROTATION]
