@@ -93,6 +93,18 @@ def test_no_point_moves_further_than_the_bound(name, seed):
         assert (moved <= bounds[place.n_self :] + 1e-9).all()
 
 
+@pytest.mark.parametrize("turn", [-np.pi, np.pi, 3.0 * np.pi])
+def test_followers_don_t_jump_where_their_driver_passes_half_a_turn(turn):
+    place, rng = world("followed on and on"), np.random.default_rng(0)
+    for _ in range(10):
+        middle, half_widths = random_box(place, rng)[0], np.full(place.group.nv, 0.05)
+        middle[0] = turn + rng.uniform(-0.04, 0.04)
+        bounds = bounds_at(place, middle, half_widths)
+        for z in extremes(rng, middle, half_widths):
+            moved = travels(place, middle, z)[place.pairs[place.n_self :, 0]]
+            assert (moved <= bounds[place.n_self :] + 1e-9).all()
+
+
 @settings(deadline=None, max_examples=50)
 @given(st.sampled_from(sorted(ARMS.keys() - {"kinova"})), st.integers(0, 10**6))
 def test_no_pair_comes_closer_by_more_than_the_bound(name, seed):
