@@ -21,12 +21,12 @@ def _folder(package: str) -> Path:
 
 def test_every_room_is_named() -> None:
     service = FOLDERS["guidefield"]
-    on_disk = {path.parent for path in service.rglob("*.py")} | {HOUSE / "robots", HOUSE / "scenes"}
+    on_disk = {path.parent for path in service.rglob("*.py")} | set(FOLDERS.values())
     assert {_folder(package) for package in SETUPTOOLS["packages"]} == on_disk
     assert all((folder / "__init__.py").exists() for folder in on_disk)
 
 
-@pytest.mark.parametrize("package", ["guidefield", "guidefield.robots", "guidefield.scenes"])
+@pytest.mark.parametrize("package", ["guidefield", "guidefield.docs", "guidefield.robots", "guidefield.scenes"])
 def test_every_file_that_is_no_code_goes_along(package: str) -> None:
     folder = _folder(package)
     matched = {path for pattern in SETUPTOOLS["package-data"][package] for path in folder.glob(pattern)}

@@ -18,6 +18,7 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
+from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, RunName, Service, recording_file
 from guidefield.cli.kept_runs import runs_app
@@ -235,6 +236,17 @@ def show(
 
     with recording_file(run, data, name) as file:
         raise typer.Exit(showing.show_in_browser(file, out) if web else showing.show_in_window(file, err))
+
+
+@app.command()
+def docs(
+    subject: Annotated[str | None, typer.Argument(help="What to read about; without it the pages are listed.")] = None,
+) -> None:
+    """Read the documentation: how plans are made, what is certified, the service, the wire, robots, scenes."""
+    if subject is None:
+        out.print(pages_table())
+    else:
+        show_page(subject, out)
 
 
 app.add_typer(runs_app, name="runs")

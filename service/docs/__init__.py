@@ -1,0 +1,1 @@
+"""The documentation: one page a subject, in Markdown; `guidefield docs` lists them."""

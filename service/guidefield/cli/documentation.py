@@ -1,0 +1,86 @@
+"""`guidefield docs`: the pages of the documentation, listed or read in the terminal."""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib import resources
+
+from rich import box
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.table import Table
+
+from guidefield.errors import UnknownObject
+from guidefield.messages.faults import LONGEST, nearest
+
+_PACKAGE = "guidefield.docs"
+
+_LESS = "FRX"
+"""How `less` is asked for, as by git: colours as they are, no paging of what fits on the screen."""
+
+
+def subjects() -> tuple[str, ...]:
+    """What there are pages about, in alphabetical order."""
+    files = resources.files(_PACKAGE).iterdir()
+    return tuple(sorted(file.name.removesuffix(".md") for file in files if file.name.endswith(".md")))
+
+
+def page(subject: str) -> str:
+    """The page about a subject, in Markdown.
+
+    Args:
+        subject: One of `subjects`.
+
+    Raises:
+        UnknownObject: if there is no page about it; lists those there are.
+    """
+    available = subjects()
+    if subject not in available:
+        near = nearest(subject, available)
+        meant = f"did you mean {' or '.join(near)}? " if near else ""
+        raise UnknownObject(
+            f"there is no page about {subject[:LONGEST]!r}; {meant}there are {', '.join(available)}",
+            subject=subject[:LONGEST],
+            available=list(available),
+        )
+    return resources.files(_PACKAGE).joinpath(f"{subject}.md").read_text(encoding="utf-8")
+
+
+def first_sentence(text: str) -> str:
+    """The first sentence of a page: what it is about.
+
+    Args:
+        text: The page: its heading, then a paragraph.
+    """
+    paragraph = text.split("\n\n")[1].replace("\n", " ")
+    return re.split(r"(?<=[.!?]) ", paragraph, maxsplit=1)[0]
+
+
+def pages_table() -> Table:
+    """The subjects, with the first sentence of each page."""
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("subject", no_wrap=True)
+    table.add_column("what it tells", overflow="fold")
+    for subject in subjects():
+        table.add_row(subject, first_sentence(page(subject)))
+    return table
+
+
+def show_page(subject: str, out: Console) -> None:
+    """Print the page about a subject; a terminal gets it page by page.
+
+    Args:
+        subject: One of `subjects`.
+        out: Where to.
+
+    Raises:
+        UnknownObject: as in `page`.
+    """
+    text = Markdown(page(subject))
+    if not out.is_terminal:
+        out.print(text)
+        return
+    os.environ.setdefault("LESS", _LESS)
+    with out.pager(styles=True):
+        out.print(text)

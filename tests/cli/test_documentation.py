@@ -1,0 +1,79 @@
+"""`guidefield docs`: the pages are listed, read and paged, and an unknown subject is told what may have been meant."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from guidefield.cli import app, documentation
+from guidefield.errors import UnknownObject
+
+FOLDER = Path(__file__).resolve().parents[2] / "service" / "docs"
+
+
+def test_every_page_is_a_subject_that_begins_with_a_heading_and_a_sentence() -> None:
+    assert set(documentation.subjects()) == {path.stem for path in FOLDER.glob("*.md")}
+    assert {
+        "algorithm",
+        "certificate",
+        "service",
+        "wire",
+        "recordings",
+        "robots",
+        "scenes",
+        "benchmarks",
+        "glossary",
+    } <= {*documentation.subjects()}
+    for subject in documentation.subjects():
+        text = documentation.page(subject)
+        assert text.startswith("# ")
+        sentence = documentation.first_sentence(text)
+        assert sentence.endswith((".", ":"))
+        assert 4 <= len(sentence.split()) <= 40
+
+
+def test_the_pages_are_listed_with_their_first_sentence() -> None:
+    done = CliRunner().invoke(app, ["docs"])
+    assert done.exit_code == 0
+    for subject in documentation.subjects():
+        first = documentation.first_sentence(documentation.page(subject)).split()[:4]
+        assert any(line.split()[:5] == [subject, *first] for line in done.output.splitlines())
+
+
+@pytest.mark.parametrize("subject", documentation.subjects())
+def test_a_page_is_rendered(subject: str) -> None:
+    done = CliRunner().invoke(app, ["docs", subject])
+    assert done.exit_code == 0
+    heading = documentation.page(subject).partition("\n")[0].removeprefix("# ")
+    assert heading in done.output
+    assert "```" not in done.output
+    assert "\x1b" not in done.output
+
+
+def test_a_terminal_gets_it_page_by_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    paged: list[str] = []
+    monkeypatch.setattr("pydoc.pager", paged.append)
+    monkeypatch.delenv("LESS", raising=False)
+    terminal, plain = (Console(file=io.StringIO(), force_terminal=forced) for forced in (True, False))
+    documentation.show_page("glossary", plain)
+    assert paged == []
+    documentation.show_page("glossary", terminal)
+    assert len(paged) == 1
+    assert "Guide plane" in paged[0]
+
+
+def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
+    with pytest.raises(
+        UnknownObject, match=r"no page about 'certificat'; did you mean certificate\?.* there are algorithm"
+    ):
+        documentation.page("certificat")
+    with pytest.raises(UnknownObject, match="there are algorithm") as refused:
+        documentation.page("../../../etc/passwd")
+    assert "did you mean" not in refused.value.message
+    done = CliRunner().invoke(app, ["docs", "wyre"])
+    assert done.exit_code != 0
+    assert "did you mean wire?" in str(done.exception)
