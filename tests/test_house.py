@@ -22,8 +22,11 @@ HOUSE = Path(__file__).resolve().parent.parent
 PACKAGE = HOUSE / "service" / "guidefield"
 PROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text())
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-PAGES = sorted(HOUSE.glob("*.md"))
-LONGEST_FILE = 300
+PAGES = [*sorted(HOUSE.glob("*.md")), *sorted((HOUSE / "service" / "docs").glob("*.md"))]
+DATA = {"docs": HOUSE / "service" / "docs", "robots": HOUSE / "robots", "scenes": HOUSE / "scenes"}
+"""Packages without code, and their folders."""
+CITATION = re.compile(r"([\w./-]*\w\.md)\b(?:,\s+\"([^\"]+)\")?")
+"""A document, and its section where one is named."""
 FOREIGN_NAMES = {"get_cache_path", "_get_module_for_linking", "get_mangle_string"}
 """Methods that other packages ask for by these names."""
 IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
@@ -62,14 +65,14 @@ def _ours() -> Iterator[Path]:
 def test_every_package_and_its_data_are_in_the_wheel() -> None:
     packages = set(PROJECT["tool"]["setuptools"]["packages"])
     found = {".".join(path.parent.relative_to(PACKAGE.parent).parts) for path in PACKAGE.rglob("__init__.py")}
-    assert packages == found | {"guidefield.robots", "guidefield.scenes"}
+    assert packages == found | {f"guidefield.{name}" for name in DATA}
     data = PROJECT["tool"]["setuptools"]["package-data"]
     assert data["guidefield"] == ["py.typed"]
     assert (PACKAGE / "py.typed").exists()
-    for name in ("robots", "scenes"):
+    for name, folder in DATA.items():
         assert data[f"guidefield.{name}"] == ["**/*"]
         installed = {entry.name for entry in resources.files(f"guidefield.{name}").iterdir()}
-        assert {path.name for path in (HOUSE / name).glob("*.json")} <= installed
+        assert {path.name for path in folder.iterdir() if path.suffix in (".json", ".md")} <= installed
 
 
 def test_the_packages_that_are_imported_are_those_that_are_declared() -> None:
@@ -99,9 +102,8 @@ def test_the_top_level_holds_what_was_agreed() -> None:
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=_relative)
-def test_a_file_is_short_and_says_what_it_holds(path: Path) -> None:
+def test_a_file_says_what_it_holds(path: Path) -> None:
     text = path.read_text()
-    assert len(text.splitlines()) <= LONGEST_FILE
     if text.strip():
         assert ast.get_docstring(ast.parse(text)), "a file's first line says what it holds"
 
@@ -154,6 +156,19 @@ def test_commands_and_tools_on_a_page_exist(page: Path) -> None:
         assert name in commands, name
     for tool in re.findall(r"(?:tools|\.ci)/[\w/.]+", page.read_text()):
         assert (HOUSE / tool.rstrip(".")).exists(), tool
+
+
+def test_no_text_cites_a_document_that_is_not_here() -> None:
+    """A docstring may cite a page, and a section of it: both are in the project."""
+    documents = {path.name: path for path in (*HOUSE.glob("*/README.md"), *(HOUSE / "tests").rglob("*.md"), *PAGES)}
+    missing = []
+    for path in sorted({*SOURCES, *(path for path in _ours() if path.suffix in ("", ".py"))}):
+        for name, section in CITATION.findall(path.read_text(errors="replace")):
+            document = documents.get(Path(name).name)
+            headings = () if document is None else re.findall(r"^#+ (.+)$", document.read_text(), re.MULTILINE)
+            if document is None or (section and " ".join(section.split()) not in headings):
+                missing.append((_relative(path), name, section))
+    assert missing == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_relative)

@@ -45,9 +45,10 @@ class Energy:
 
 
 class RobotField:
-    """The field of a scene on a planning group, self-repulsion included (planner.md section 1).
+    """The field of a scene on a planning group, self-repulsion included.
 
-    Its tables are made when it is first asked: a plan that only connects has no use for them.
+    service/docs/algorithm.md, "Forces on a robot", has the formulas. Its tables are made when it is first asked: a plan
+    that only connects has no use for them.
 
     Args:
         group: The robot, reduced to what moves.
@@ -118,7 +119,9 @@ class RobotField:
         return -self.evaluate(q).gradient
 
     def link_wrenches(self, q: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Force and torque on each moving link: F = sum f_i, tau = sum (x_i - J) x f_i (potential.md).
+        """Force and torque on each moving link: F = sum f_i, tau = sum (x_i - J) x f_i.
+
+        The formulas are those of service/docs/algorithm.md, "Forces on a robot".
 
         Args:
             q: Configuration of the group, shape (nq,).

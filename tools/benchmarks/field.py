@@ -30,7 +30,7 @@ REFERENCE = {
     ("sharing corners, quads", "float64"): (1.2, 2.2), ("sharing corners, quads", "float32"): (0.42, 0.9),
     ("boxes", "float64"): (1.2, 2.2), ("boxes", "float32"): (0.42, 0.9),
 }  # fmt: skip
-"""The design note's figures for the like (robust in float64): potential, and potential with gradient [ns a pair]."""
+"""A prototype's figures for the like (robust in float64): potential, and potential with gradient [ns a pair]."""
 
 REFERENCE_PEAK = {"float64": 122.0, "float32": 244.0}
 """Fused multiply-add peak of the core that they were measured on [GFLOP/s]."""

@@ -1,6 +1,6 @@
 """Descent of the potential on the manifold of configurations whose tip keeps a constraint: kernel of Projected.
 
-planner.md section 3; findings-seed.md section 3. A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and
+service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and
 ``Z = M^-1 C^T (C M^-1 C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would
 leave the constraint. It is taken back onto the constraint by up to three corrections with the same Z.
 """

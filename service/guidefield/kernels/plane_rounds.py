@@ -1,7 +1,8 @@
 """Rounds of advance, slide and reorient towards a guide plane by Projected, where capsules judge every motion.
 
-planner.md section 3, with the corrections of findings-seed.md section 2. What these kernels do step by step stands in
-planner/guide.py and planner/steps.py too, for the minimizers and the robots whose motions are judged elsewhere.
+service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open". What these
+kernels do step by step stands in planner/guide.py and planner/steps.py too, for the minimizers and the robots whose
+motions are judged elsewhere.
 """
 
 from __future__ import annotations

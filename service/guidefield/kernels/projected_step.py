@@ -1,7 +1,7 @@
 """One step of Projected: Newton's, in the metric of nearby faces' curvature, along the tip's constraint.
 
-planner.md section 3: ``v = -(y - Z C y)`` with ``y = M^-1 g`` and ``Z = M^-1 C^T (C M^-1 C^T)^-1``. Joints at a limit
-beyond which v would push them leave g, M and C.
+service/docs/algorithm.md, "Projected": ``v = -(y - Z C y)`` with ``y = M^-1 g`` and ``Z = M^-1 C^T (C M^-1 C^T)^-1``.
+Joints at a limit beyond which v would push them leave g, M and C.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the seed's searches follow, and where their steps lead: forces and torques on a chain, places of its joints.
 
-findings-seed.md section 3. Only the links whose forces a search needs are evaluated: those that it moves, of a chain
-that nothing holds the one that turns.
+service/docs/algorithm.md, "Univariate". Only the links whose forces a search needs are evaluated: those that it moves,
+of a chain that nothing holds the one that turns.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One round of the seed's minimizer: a slide, then every link in turn, each by a search for one number.
 
-findings-seed.md section 3. A search follows the sign of a projected force or torque: steps of one size as long as it
-stays, reversed and halved where it changes, halved where a trial isn't free. Only the links whose forces a search
-needs are evaluated: those that it moves, of a chain that nothing holds the one that turns.
+service/docs/algorithm.md, "Univariate". A search follows the sign of a projected force or torque: steps of one size as
+long as it stays, reversed and halved where it changes, halved where a trial isn't free. Only the links whose forces a
+search needs are evaluated: those that it moves, of a chain that nothing holds the one that turns.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Guide planes nobody gave: along a coarse way of the tip, at bottlenecks, mouths and bends.
 
-findings-seed.md section 7: a wavefront finds the way; planes stand where it is narrowest, where free space turns into
-a passage (a taper is not narrowest at its mouth), and where the centres of two planes don't see each other. Each is the
-free cross-section there, and is moved along the way to the smallest one nearby.
+service/docs/algorithm.md, "Guide planes that nobody gave": a wavefront finds the way; planes stand where it is
+narrowest, where free space turns into a passage (a taper is not narrowest at its mouth), and where the centres of two
+planes don't see each other. Each is the free cross-section there, and is moved along the way to the smallest one
+nearby.
 """
 
 from __future__ import annotations

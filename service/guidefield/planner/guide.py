@@ -1,8 +1,8 @@
 """The seed's algorithm: bring the tip onto a guide plane, in the middle of the free space.
 
-planner.md section 3 with the corrections of findings-seed.md section 2: the robot repels itself, a slide may not undo
-an advance (guard), the tip heads for the polygon inset by its radius, the last advance stops at the plane, and every
-accepted step belongs to the path.
+service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open": the robot
+repels itself, a slide may not undo an advance (guard), the tip heads for the polygon inset by its radius, the last
+advance stops at the plane, and every accepted step belongs to the path.
 """
 
 from __future__ import annotations

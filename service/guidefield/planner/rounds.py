@@ -1,4 +1,4 @@
-"""Rounds of advance, slide and reorient towards a guide plane (planner.md section 3).
+"""Rounds of advance, slide and reorient towards a guide plane (service/docs/algorithm.md, "Crossing a guide plane").
 
 A round is made step by step, or several of them in one kernel where nobody has to be asked in between: Projected in
 one block, for robots whose capsules are their very shapes.

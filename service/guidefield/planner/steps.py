@@ -1,6 +1,6 @@
 """Steps towards a guide plane: advances of the tip, and every accepted configuration, which together are the path.
 
-planner.md section 3; findings-seed.md sections 2 and 3.
+service/docs/algorithm.md, "Crossing a guide plane", has the algorithm.
 """
 
 from __future__ import annotations

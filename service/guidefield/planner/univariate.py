@@ -1,9 +1,10 @@
 """Univariate: the thesis' own minimizer, one axis at a time, for chains of ball or universal joints.
 
-findings-seed.md section 3 has the algorithm. A search follows the sign of a projected force or torque: steps of one
-size as long as it stays, reversed and halved where it changes, halved where a trial isn't free. The tip of a fixed
-chain slides with its last link; every other link turns about its far end, the links before it are closed on its near
-end. A chain that nothing holds slides as a whole; its links turn about their joints, those behind are carried along.
+service/docs/algorithm.md, "Univariate", has the algorithm. A search follows the sign of a projected force or torque:
+steps of one size as long as it stays, reversed and halved where it changes, halved where a trial isn't free. The tip of
+a fixed chain slides with its last link; every other link turns about its far end, the links before it are closed on its
+near end. A chain that nothing holds slides as a whole; its links turn about their joints, those behind are carried
+along.
 """
 
 from __future__ import annotations
