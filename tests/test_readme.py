@@ -1,7 +1,9 @@
-"""README and the pages of the documentation do what they say: commands and Python are run, messages are sent."""
+"""README, the pages and the public docstrings do what they say: commands and Python are run, messages are sent."""
 
 from __future__ import annotations
 
+import doctest
+import inspect
 import json
 import re
 import shlex
@@ -14,6 +16,7 @@ from click import Command
 from typer.main import get_command
 from typer.testing import CliRunner
 
+import guidefield
 from guidefield.cli import app
 from guidefield.errors import ERRORS, Status
 from guidefield.messages import codec, replies, requests, scene
@@ -127,6 +130,17 @@ def test_a_page_does_what_it_says(
                 assert answer.is_reply, answer.payload
                 if block.words[0] == "PlanRequest":
                     assert answer.json()["status"]["name"] == "SUCCESS"
+
+
+@pytest.mark.parametrize("name", ["answer", "Client", "PlanReply", "PlanRequest"])
+def test_a_public_docstring_has_an_example_that_holds(name: str, request: pytest.FixtureRequest) -> None:
+    text = inspect.getdoc(getattr(guidefield, name)) or ""
+    if ON_A_PAGE in text:
+        text = text.replace(ON_A_PAGE, request.getfixturevalue("service").endpoint)
+    example = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
+    assert len(example.examples) >= 4
+    done = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(example)
+    assert done.failed == 0
 
 
 def _run(words: list[str]) -> None:

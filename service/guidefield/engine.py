@@ -287,11 +287,34 @@ _default = functools.cache(Engine)
 def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Path | None = None) -> Reply:
     """Answer one request in this process: what the service does, with no queue in front and nothing kept.
 
+    The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
+
     Args:
-        request: JSON bytes, plain data, or a Struct.
-        record_to: Where to write the recording of a plan, if anywhere.
+        request: A plan, a kinematics request, or any other that the service answers: a message such as `PlanRequest`,
+            the same as a dict, or its JSON. One without a ``type`` is a plan request. NumPy's numbers and arrays may
+            stand in it.
+        record_to: Where to write the recording of a plan (`.rrd`), if anywhere.
+
+    Returns:
+        The reply to the request's kind: of a plan a `PlanReply`. A plan that was not found is a reply too; its `status`
+        says why.
 
     Raises:
-        GuidefieldError: whatever the service would send as ``reply_err``.
+        GuidefieldError: if the request is ill-posed. Each kind of fault has its own exception, the one that the service
+            would send as ``reply_err``: `MalformedRequest`, `RobotInvalid`, `SceneInvalid`, `InvalidGoal` and so on.
+
+    Example:
+        >>> import guidefield
+        >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
+        >>> request = {"robot": "ur5", "scene": "table", "goal": goal, "guide_planes": []}
+        >>> reply = guidefield.answer(request)
+        >>> reply.status.name, reply.certificate.collision_free
+        ('SUCCESS', True)
+
+        A question that is ill-posed raises, and says what would be right:
+
+        >>> guidefield.answer({**request, "robot": "ur55"})
+        Traceback (most recent call last):
+        guidefield.errors.RobotInvalid: there is no robot 'ur55'; did you mean ur5? ...
     """
     return _default().answer(codec.checked(request), record_to=record_to)

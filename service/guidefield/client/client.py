@@ -38,11 +38,24 @@ _R = TypeVar("_R")
 class Client:
     """A connection to the service; a context manager, which closes it.
 
-    Whatever is asked raises the exception that the service's ``reply_err`` stands for, and NoService where nobody
-    answers. Any thread may ask. Stored scenes and runs are an instance's own.
+    `Client.connect` makes one. Every question waits for its one answer, and any thread may ask. Where there are several
+    instances, questions go to the freest; stored robots, scenes and runs are an instance's own. The client imports no
+    numeric package.
+
+    Whatever is asked raises the exception that the service's ``reply_err`` stands for, and `NoService` where nobody
+    answers. A plan that was not found raises nothing: look at its `status`.
 
     Args:
         exchange: What carries the questions; the client closes it.
+
+    Example:
+        >>> from guidefield import Client
+        >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
+        >>> with Client.connect("tcp/127.0.0.1:7447") as client:
+        ...     reply = client.plan(robot="ur5", scene="table", goal=goal, guide_planes=[])
+        ...     kept = client.run(reply.run_id)
+        >>> reply.status.name, kept.request.robot
+        ('SUCCESS', 'ur5')
     """
 
     def __init__(self, exchange: Exchange) -> None:

@@ -156,6 +156,9 @@ class Counters(Reply):
 class PlanReply(Reply):
     """The answer to a plan request, an honest "no" included.
 
+    Look at `status` first. The motion is `trajectory`: the cubic Hermite curve through its times, positions and
+    velocities is the curve that was certified.
+
     Attributes:
         run_id: Name of the run.
         status: How it ended.
@@ -176,6 +179,18 @@ class PlanReply(Reply):
         recording: Key or file of the recording, if there is one.
         schema: Version of this message.
         warnings: What was odd but harmless.
+
+    Example:
+        >>> import guidefield
+        >>> goal = {"type": "joints", "positions": {"elbow_joint": 1.2}}
+        >>> reply = guidefield.answer({"robot": "ur5", "scene": "table", "goal": goal, "guide_planes": []})
+        >>> reply.status.code == guidefield.Status.SUCCESS
+        True
+        >>> elbow = reply.position_names.index("elbow_joint")
+        >>> [round(row[elbow], 3) for row in reply.trajectory.positions][-1]
+        1.2
+        >>> reply.clearance.pair, reply.trajectory.times[-1] == reply.metrics.duration
+        (['shoulder_link', 'floor'], True)
     """
 
     run_id: str

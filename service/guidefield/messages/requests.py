@@ -149,6 +149,8 @@ class JointLimits(Message):
 class PlanRequest(Message):
     """Ask for a motion: a certified, timed path from `start` to `goal`.
 
+    Robot, scene and goal are enough. Lengths are in metres, angles in radians, times in seconds; joints go by name.
+
     Attributes:
         robot: A name of the catalog or of a stored robot, or the robot itself.
         scene: A name, or the scene itself.
@@ -176,6 +178,16 @@ class PlanRequest(Message):
         sample_rate: Samples per second of the trajectory in the reply [1/s]; null: the knots of the curve.
         recording: How much is recorded.
         seed: Of all randomness.
+
+    Example:
+        >>> from guidefield import Box, JointsGoal, PlanRequest, Scene
+        >>> crate = Box(name="crate", size=(0.2, 0.2, 0.2), position=(0.6, 0.6, 0.3))
+        >>> goal = JointsGoal({"elbow_joint": 1.2})
+        >>> request = PlanRequest("ur5", Scene("mine", obstacles=[crate]), goal, min_clearance=0.01)
+        >>> request.planner, request.allowed_planning_time
+        ('auto', 5.0)
+
+        `guidefield.answer(request)` plans it here, `Client.plan(request)` in a service.
     """
 
     robot: RobotReference
