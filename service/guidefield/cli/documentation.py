@@ -63,7 +63,7 @@ def pages_table() -> Table:
     table.add_column("subject", no_wrap=True)
     table.add_column("what it tells", overflow="fold")
     for subject in subjects():
-        table.add_row(subject, first_sentence(page(subject)))
+        table.add_row(subject, Markdown(first_sentence(page(subject))))
     return table
 
 
