@@ -15,8 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.position_limits import TOLERANCE, excesses
 from guidefield.collision.stretches import Stretch, stretches
 from guidefield.collision.world import PairNames, World
+from guidefield.robot.configuration import LimitFault
 
 COAL_ACCURACY = 1e-6
 """Added to every margin: how far off Coal's answers may be [m]."""
@@ -39,15 +41,18 @@ class Verdict:
     """What the certificate says about a motion.
 
     Attributes:
-        free: Whether no pair touches, and robot and obstacles keep the clearance asked for, all along the motion.
+        free: Whether no pair touches, robot and obstacles keep the clearance asked for, and the joints their position
+            limits, all along the motion.
         reason: free; contact: a pair touches; too close: robot and obstacle come closer than the clearance asked for;
-            undecided: a pair comes so close that the floor was reached; stopped: there was no time to tell.
+            beyond limits: a joint leaves its position limits; undecided: a pair comes so close that the floor was
+            reached; stopped: there was no time to tell.
         piece: Index of the piece that was refused; None if free.
         parameter: Where on it, from 0 to 1: the place that was judged; None if free.
         free_until: Parameter of that piece up to which the motion is certified, as all pieces before are; None if free.
         pair: Names of the pair that was refused; None if free, or where all pairs are left.
         configuration: Chart coordinates (nv,) of the place that was judged; None if free.
         evaluations: Configurations at which Coal was asked.
+        beyond: The joint that is beyond its limits, and its value there; None unless that is the reason.
     """
 
     free: bool
@@ -58,6 +63,7 @@ class Verdict:
     pair: PairNames | None
     configuration: np.ndarray | None
     evaluations: int
+    beyond: LimitFault | None = None
 
 
 def certify(
@@ -71,7 +77,8 @@ def certify(
 
     All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
     that everything before the refusal that is told is certified. Whether the robot is wholly inside a closed mesh at
-    the start is another question: `World.enclosed`.
+    the start is another question: `World.enclosed`. Of a piece on which a joint leaves its limits by more than
+    `TOLERANCE` nothing is certified, only what comes before it.
 
     Args:
         world: The robot among obstacles.
@@ -81,8 +88,9 @@ def certify(
         stopped: Asked now and then; anything true ends the judgement.
     """
     judge = _Judge(world, min_clearance, floor)
-    refusal = None
-    level = stretches(np.asarray(pieces, float))
+    pieces = np.asarray(pieces, float)
+    refusal = _beyond_limits(world, pieces)
+    level = stretches(pieces if refusal is None else pieces[: refusal.piece])
     while level:
         finer: list[Stretch] = []
         for first in range(0, len(level), BATCH):
@@ -104,6 +112,31 @@ def motion_free(
 ) -> Verdict:
     """Judge the straight motion between two points, each of shape (nv,), of the group's chart; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
+
+
+def _beyond_limits(world: World, pieces: np.ndarray) -> Verdict | None:
+    """The refusal of the first piece on which a joint leaves its limits, where it is farthest beyond; None if none."""
+    group = world.group
+    found, places = excesses(pieces, group.lower, group.upper)
+    refused = np.flatnonzero((found > TOLERANCE).any(axis=1))
+    if not len(refused):
+        return None
+    piece = int(refused[0])
+    at = int(np.argmax(found[piece]))
+    parameter = float(places[piece, at])
+    z = _point(pieces[piece], parameter)
+    joint = next(joint for joint in group.joints if joint.idx_v <= at < joint.idx_v + joint.nv)
+    fault = LimitFault(joint.name, float(z[at]), float(group.lower[at]), float(group.upper[at]))
+    return Verdict(False, "beyond limits", piece, parameter, 0.0, None, z, 0, fault)
+
+
+def _point(controls: np.ndarray, parameter: float) -> np.ndarray:
+    """The point (nv,) of a Bezier curve, control points (k, nv), at a parameter: de Casteljau's scheme."""
+    row = controls
+    while len(row) > 1:
+        row = row[:-1] + parameter * (row[1:] - row[:-1])
+    point: np.ndarray = row[0]
+    return point
 
 
 def _place(stretch: Stretch) -> tuple[int, float]:

@@ -17,7 +17,10 @@ from guidefield.planner.quality import ClearanceProfile, figures
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.group import PlanningGroup
 
-CERTIFICATE = "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair"
+CERTIFICATE = (
+    "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair;"
+    " position limits on the same pieces"
+)
 STAGES = ("ends", "connect", "guide", "relax", "parameterize", "certify")
 
 

@@ -17,7 +17,8 @@ class Outcome(Reply):
         code: Of `errors.Status`.
         name: Its name.
         message: One sentence to act on.
-        details: The values that it speaks about.
+        details: The values that it speaks about: of a motion that is beyond a joint's limits `joint`, `value`, `limits`
+            and `excess` [rad or m], and the `configuration` there.
     """
 
     code: int
@@ -94,7 +95,7 @@ class CertificateFigures(Reply):
     """What the certificate says.
 
     Attributes:
-        collision_free: Whether what it covers is free, between samples too.
+        collision_free: Whether what it covers is free and keeps the joints' position limits, between samples too.
         method: How it was judged.
         covers: What was judged.
         evaluations: With how many evaluations of configurations.

@@ -40,6 +40,13 @@ def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, 
     if verdict.reason == "stopped":
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
         return status, f"{why} before the motion was certified", details
+    if (fault := verdict.beyond) is not None:
+        message = (
+            f"the certificate refused the motion: joint {fault.joint} reaches {fault.value:.6g},"
+            f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
+        )
+        limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
+        return status, message, details | limits | {"excess": fault.excess}
     distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
         status = Status.CLEARANCE_BELOW_MINIMUM
