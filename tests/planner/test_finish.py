@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certificate import certify
+from guidefield.errors import Status
 from guidefield.planner import finish as module
 from guidefield.planner.finish import FINER, finish
+from guidefield.planner.refusal import refusal
 from guidefield.planner.relaxation import SEGMENT, Relaxed, relax
 from guidefield.planner.stages import Stages
 from tests.planner.test_relaxation import over_the_wall, smallest_clearance
@@ -66,3 +68,38 @@ def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: py
 def test_shorter_segments_are_more() -> None:
     made, path = over_the_wall()
     assert len(relax(made, path, {}, segment=FINER * SEGMENT).path) > 1.5 * len(relax(made, path, {}).path)
+
+
+def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+    upper = float(made.group.upper[0])
+
+    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+        relaxed = relax(*arguments, segment=segment)
+        beyond = relaxed.path.copy()
+        beyond[len(beyond) // 2, 0] = upper + 0.01
+        return dataclasses.replace(relaxed, path=beyond)
+
+    monkeypatch.setattr(module, "relax", misled)
+    finished = finish(made, path, {}, Stages(made))
+    assert finished.verdict.free
+    assert finished.trajectory.bezier()[:, :, 0].max() <= upper + 1e-12
+
+
+def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> None:
+    made, path = over_the_wall()
+    joint, upper = made.group.joints[0], float(made.group.upper[0])
+    beyond = path.copy()
+    beyond[0, 0] = upper + 0.01
+    stages = Stages(made)
+    refused = finish(made, beyond, {}, stages, proven=False).verdict
+    # a spline that is drawn closer to a path that is beyond a limit would be, too: it is not tried
+    assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["beyond limits"] * 2
+    assert (refused.reason, refused.piece) == ("beyond limits", 0)
+    status, message, details = refusal(made, refused)
+    assert status is Status.INVALID_MOTION_PLAN
+    assert f"joint {joint.name} reaches {upper + 0.01:.6g}, 0.01 beyond its limits" in message
+    assert (details["joint"], details["limits"]) == (joint.name, [made.group.lower[0], upper])
+    assert details["value"] == pytest.approx(upper + 0.01)
+    assert details["excess"] == pytest.approx(0.01)
+    assert details["configuration"][joint.name] == pytest.approx(upper + 0.01)

@@ -34,6 +34,19 @@ def search(seed: int = 0, **budget: object) -> tuple[lane_tree.Found, Lanes]:
     return lane_tree.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget(**budget)), lanes
 
 
+@pytest.mark.parametrize("locked", [0.1, 0.7])  # the nearest float32 is above the one and below the other
+def test_rounding_takes_no_sample_beyond_a_limit(locked: float) -> None:
+    joints = box_arm("y y y", 3).text.split("</joint>")
+    joints[1] = joints[1].replace('lower="-2" upper="2"', f'lower="{locked}" upper="{locked}"')
+    arm = grouped(UrdfText(text="</joint>".join(joints)))
+    world = World.build(arm, scene_of(messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))))
+    lanes, ends = Lanes.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
+    found = lane_tree.grow(lanes, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Budget())
+    assert found.path is not None
+    assert len(found.path) > 2
+    assert (found.path[:, 1] == locked).all()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_samples_of_what_is_found_are_free(seed: int) -> None:
     found, lanes = search(seed)

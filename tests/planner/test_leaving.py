@@ -10,6 +10,8 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import plan
 from guidefield.planner.problem import Problem
+from guidefield.robot.alike import Alike
+from tests.planner.limit_attack import extremes
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.robots import group, rest
 
@@ -73,3 +75,22 @@ def test_a_free_start_is_planned_as_ever() -> None:
     assert result.status is Status.SUCCESS
     assert result.judged_from == 0.0
     assert not result.warnings
+
+
+@pytest.mark.parametrize("jerk", [None, 100.0])
+def test_limits_are_kept_while_a_contact_is_left(jerk: float | None) -> None:
+    made = pressed(0.003)
+    start, goal = made.q_start, made.goal.configurations[0]
+    lower, upper = np.array(made.group.lower), np.array(made.group.upper)
+    lower[:3], upper[4:] = np.minimum(start, goal)[:3], np.maximum(start, goal)[4:]  # the start is at many limits
+    arm = dataclasses.replace(made.group, lower=lower, upper=upper, alike=Alike())
+    jerks = None if jerk is None else np.full(arm.nv, jerk)
+    limited = problem(arm, made.scene, made.goal, planes=(), leave_start_contact=True, jerk_limits=jerks)
+    result = plan(limited)
+    assert result.status is Status.SUCCESS, result.message
+    motion = result.trajectory
+    assert motion is not None
+    assert result.judged_from > 0.0
+    low, high, *_ = extremes(motion.times, motion.positions, motion.velocities)
+    assert (low >= lower - 1e-9).all()
+    assert (high <= upper + 1e-9).all()

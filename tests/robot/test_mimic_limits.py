@@ -37,6 +37,12 @@ def test_a_driver_goes_only_where_its_follower_keeps_its_limits():
     assert any("'j1', which 'j2' follows, only goes from -0.25 to 0.5" in warning for warning in robot.warnings)
 
 
+def test_a_follower_that_narrows_by_next_to_nothing_keeps_its_limits_too():
+    robot = load(arm(("revolute", -2, 1, ""), ("revolute", -2, 0.9999995, mimic(1, 1.0, 0.0))))
+    assert robot.joints[0].upper == [0.9999995]
+    assert not any("only goes" in warning for warning in robot.warnings)
+
+
 def test_a_chain_of_followers_binds_the_first():
     robot = load(
         arm(("revolute", -2, 2, ""), ("revolute", -9, 9, mimic(1, 2.0, 0.0)), ("prismatic", 0, 0.3, mimic(2, 0.1, 0.1)))

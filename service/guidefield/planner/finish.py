@@ -15,6 +15,7 @@ import numpy as np
 
 from guidefield.collision.certificate import Verdict, certify
 from guidefield.collision.constraint_certificate import certify_constraints
+from guidefield.collision.position_limits import TOLERANCE
 from guidefield.planner.constrained import Keeper
 from guidefield.planner.jerk import parameterize_gently
 from guidefield.planner.problem import Problem
@@ -99,7 +100,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
     knots, marks = path, dict(crossings)
     for repair in range(REPAIRS + 1):
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
-            spline = interpolate(knots if len(knots) > 1 else np.repeat(knots, 2, axis=0))
+            spline = through(problem, knots if len(knots) > 1 else np.repeat(knots, 2, axis=0))
             trajectory = timed(problem, spline)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
@@ -134,6 +135,11 @@ def _at_the_very_end(problem: Problem) -> Callable[[], object]:
     return lambda: time.monotonic() >= until and problem.budget.spent()
 
 
+def through(problem: Problem, path: np.ndarray) -> CubicSpline:
+    """The spline through a path's chart points (n, nv), n >= 2, that keeps the joints' position limits."""
+    return interpolate(path, problem.group.lower, problem.group.upper)
+
+
 def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
     """The motion along a curve within the problem's limits."""
     group = problem.group
@@ -143,7 +149,9 @@ def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
 
 
 def _refused_at(problem: Problem, z: np.ndarray, reason: str) -> bool:
-    """Whether a chart point (nv,) itself is refused for a reason: it touches, or keeps less than the clearance."""
+    """Whether a chart point (nv,) itself is refused for a reason: contact, less than the clearance, beyond limits."""
+    if reason == "beyond limits":
+        return bool(((z < problem.group.lower - TOLERANCE) | (z > problem.group.upper + TOLERANCE)).any())
     q = problem.group.from_chart(z)
     if reason == "too close":
         return problem.world.clearance(q).obstacle_distance < problem.min_clearance

@@ -18,6 +18,7 @@ from guidefield.kernels import hermite
 from guidefield.planner.spline import CubicSpline
 from guidefield.planner.timing import fastest, parameterize
 from guidefield.planner.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.within import leaving, smoothly_within
 
 WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6)
 """Windows that are tried, as shares of the optimal duration."""
@@ -81,7 +82,13 @@ def _averaged(
     knots = fine[::_FINE].copy()
     positions = spline.evaluate(np.clip(share, 0.0, spline.knots[-1]))[0]
     positions[0], positions[-1] = spline.waypoints[0], spline.waypoints[-1]
-    return knots, *_smooth(knots, positions)
+    positions, velocities = _smooth(knots, positions)
+    changed = leaving(knots, positions, velocities, spline.lower, spline.upper)
+    if changed.any():
+        limits = spline.lower[changed], spline.upper[changed]
+        kept = smoothly_within(knots, positions[:, changed], velocities[:, changed], *limits)
+        positions[:, changed], velocities[:, changed] = kept
+    return knots, positions, velocities
 
 
 def _integral(s: np.ndarray, times: np.ndarray, rates: np.ndarray, at: np.ndarray) -> np.ndarray:

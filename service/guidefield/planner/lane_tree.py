@@ -119,7 +119,9 @@ def grow(
         piece = PIECE if budget.spent() is None else 0
         ended = kernel.grow(lanes.words, sources.words, room.words, starts, goals, clearance, resolution, piece, begins)
         if ended == kernel.MET:
-            return Found(room.path[: counters[lane_nodes.ROWS]].copy(), counters.copy(), room.search)
+            # samples are float32: rounding may take one beyond a limit
+            path = np.clip(room.path[: counters[lane_nodes.ROWS]], lanes.world.group.lower, lanes.world.group.upper)
+            return Found(path, counters.copy(), room.search)
         begins = False
         if ended == kernel.FULL:
             room = room.roomier()

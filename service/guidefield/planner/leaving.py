@@ -14,9 +14,8 @@ from guidefield.collision.certificate import motion_free
 from guidefield.collision.contact import Contact
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.finish import timed
+from guidefield.planner.finish import through, timed
 from guidefield.planner.problem import Problem
-from guidefield.planner.spline import interpolate
 from guidefield.planner.stages import StageFailed, Stages
 from guidefield.planner.trajectory import Trajectory
 
@@ -89,7 +88,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
 def joined(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
     """The motion out of contact, from rest to rest, and what comes after it; and how long it takes [s]."""
     end = after.positions[0]  # whole turns may have been added
-    first = timed(problem, interpolate(np.array([left.start + (end - left.end), end])))
+    first = timed(problem, through(problem, np.array([left.start + (end - left.end), end])))
     times = np.concatenate([first.times, first.duration + after.times[1:]])
     positions = np.concatenate([first.positions[:-1], after.positions])
     return Trajectory(times, positions, np.concatenate([first.velocities, after.velocities[1:]])), first.duration

@@ -4,7 +4,7 @@ First the optimal speed along the spline is found on a grid that contains the sp
 derivative jumps there. Then the motion is *defined* as the cubic Hermite curve in time through the grid points. Its
 extrema are known exactly, so the limits are kept everywhere and not at samples only: the limits of the steps that came
 out too fast are tightened, and what excess remains is removed by stretching all time. The motion leaves the spline by a
-few microradians on a relaxed path, by up to 0.3 milliradians near sharp corners.
+few microradians on a relaxed path, by up to 0.3 milliradians near sharp corners; never beyond the spline's limits.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from guidefield.kernels import hermite, path_parameterization
 from guidefield.planner.spline import CubicSpline
 from guidefield.planner.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.within import bounded_slopes, leaving
 
 # The grid's steps count in r, with (dr/ds)² = 1 + (weight |q'| / its mean)². Two weights are tried on the first grid:
 # the spline's own parameter, and nearly the arc length. Waypoints unevenly spaced on a straight line cost up to twice
@@ -113,7 +114,7 @@ def parameterize(spline: CubicSpline, velocity_limits: np.ndarray, acceleration_
     limits = _Limits(_checked("velocity", velocity_limits, nv), _checked("acceleration", acceleration_limits, nv))
     if spline.is_point:
         return Trajectory(np.zeros(1), spline.waypoints[:1].copy(), np.zeros((1, nv)))
-    return _stretched(_fastest(spline, limits)[1], limits)
+    return _stretched(_within(_fastest(spline, limits)[1], spline, limits), limits)
 
 
 def fastest(
@@ -256,6 +257,19 @@ def _judged(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray, li
     speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
     hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
     return _Motion(times, positions, velocities, speeds / limits.velocity, accelerations / limits.acceleration)
+
+
+def _within(motion: _Motion, spline: CubicSpline, limits: _Limits) -> _Motion:
+    """The motion with velocities that keep it within the spline's position limits."""
+    times, positions, velocities = motion.times, motion.positions, motion.velocities
+    changed = leaving(times, positions, velocities, spline.lower, spline.upper)
+    if not changed.any():
+        return motion
+    velocities = velocities.copy()
+    velocities[:, changed] = bounded_slopes(
+        times, positions[:, changed], velocities[:, changed], spline.lower[changed], spline.upper[changed]
+    )
+    return _judged(times, positions, velocities, limits)
 
 
 def _stretched(motion: _Motion, limits: _Limits) -> Trajectory:

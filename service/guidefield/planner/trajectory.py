@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from guidefield.planner.within import bezier
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -81,9 +83,7 @@ class Trajectory:
         """
         if len(self.times) == 1:
             return np.repeat(self.positions[None], 4, axis=1)
-        third = np.diff(self.times)[:, None] / 3.0
-        start, end = self.positions[:-1], self.positions[1:]
-        return np.stack([start, start + self.velocities[:-1] * third, end - self.velocities[1:] * third, end], axis=1)
+        return bezier(self.times, self.positions, self.velocities)
 
     def piece_times(self) -> np.ndarray:
         """When the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""

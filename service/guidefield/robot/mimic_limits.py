@@ -12,7 +12,7 @@ from guidefield.robot.model import Joint, JointKind, Mimic
 
 LIMITED = (JointKind.REVOLUTE, JointKind.PRISMATIC)
 ROUNDING = 1e-6
-"""A range that a follower narrows by less is left as it is [rad or m]: limits are written with few digits."""
+"""That a follower narrows a range by less is not told [rad or m]: limits are written with few digits."""
 
 
 def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
@@ -37,8 +37,11 @@ def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
         if both[0] > both[1]:
             warnings.append(f"{who} has no value at which {follower.name!r} is within its limits: they are not kept")
             by_name[follower.name] = _limited(follower, -np.inf, np.inf)
-        elif both[0] > driver.lower[0] + ROUNDING or both[1] < driver.upper[0] - ROUNDING:
-            warnings.append(f"{who} only goes from {both[0]:g} to {both[1]:g}, so that its follower keeps its limits")
+        elif both != (driver.lower[0], driver.upper[0]):
+            if max(both[0] - driver.lower[0], driver.upper[0] - both[1]) > ROUNDING:
+                warnings.append(
+                    f"{who} only goes from {both[0]:g} to {both[1]:g}, so that its follower keeps its limits"
+                )
             by_name[driver.name] = _limited(driver, *both)
     return tuple(by_name[joint.name] for joint in joints)
 
