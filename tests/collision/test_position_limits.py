@@ -95,3 +95,9 @@ def test_whichever_comes_first_is_told():
     refused = certify(world, np.array([[aside, beyond], [aside, upright]]))
     assert (refused.reason, refused.piece) == ("beyond limits", 0)
     assert certify(world, np.array([[aside, aside]])).free
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_never_free(value):
+    with pytest.raises(ValueError, match="finite"):
+        certify(world_of(ARM, []), np.array([[[0.5, 0.0], [value, 0.0]]]))

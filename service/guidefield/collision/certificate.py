@@ -86,9 +86,14 @@ def certify(
         min_clearance: What robot and obstacles must keep apart [m]; the robot and itself must only not touch.
         floor: A pair whose possible motion [m] is down to this and which still can't be told apart is undecided.
         stopped: Asked now and then; anything true ends the judgement.
+
+    Raises:
+        ValueError: if a control point is not finite.
     """
     judge = _Judge(world, min_clearance, floor)
     pieces = np.asarray(pieces, float)
+    if not np.isfinite(pieces).all():
+        raise ValueError("control points have to be finite")
     refusal = _beyond_limits(world, pieces)
     level = stretches(pieces if refusal is None else pieces[: refusal.piece])
     while level:
