@@ -1,5 +1,7 @@
 """Curves are kept within limits: by their de Boor points smoothly, by their slopes without."""
 
+import warnings
+
 import numpy as np
 import pytest
 import scipy.interpolate
@@ -75,6 +77,14 @@ def test_the_timed_motion_keeps_every_limit_exactly(seed, jerk):
         assert (steepness <= jerk * (1 + 1e-6)).all()
         steps = np.abs(np.diff(motion.evaluate(motion.times)[2], axis=0)) / np.diff(motion.times)[:, None]
         assert (steps <= jerk * (1 + 1e-6)).all()  # no step of the acceleration at a knot
+
+
+def test_a_curve_that_all_but_stands_at_its_end_is_timed_without_a_warning():
+    waypoints, lower, upper = clamped_walk(435886)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = parameterize(interpolate(waypoints, lower, upper), VELOCITIES, ACCELERATIONS)
+    assert motion.duration < 2.5
 
 
 @settings(max_examples=60, deadline=None)

@@ -85,8 +85,9 @@ class _Motion(NamedTuple):
 
     @property
     def stretched_duration(self) -> float:
-        """Its duration once it exceeds no limit [s]."""
-        return float(self.times[-1]) * max(self.load, 1.0)
+        """Its duration once it exceeds no limit [s]; infinite where it stands still between two knots."""
+        duration = float(self.times[-1])
+        return duration * max(self.load, 1.0) if math.isfinite(duration) else math.inf
 
 
 class _Limits(NamedTuple):
@@ -249,7 +250,8 @@ def _optimal(path: _Path, limits: _Limits) -> _Motion:
 def _timed(path: _Path, tightened: _Limits, limits: _Limits) -> _Motion:
     """The motion that is optimal under `tightened` limits, and what it makes of the true ones."""
     speed = np.sqrt(_squared_speeds(path, tightened))
-    dt = 2.0 * path.steps / (speed[:-1] + speed[1:])  # d²r/dt² is constant over a step
+    with np.errstate(divide="ignore"):  # where a curve all but stands, one of the drafts may: the other is taken
+        dt = 2.0 * path.steps / (speed[:-1] + speed[1:])  # d²r/dt² is constant over a step
     return _judged(np.concatenate([[0.0], np.cumsum(dt)]), path.positions, path.first * speed[:, None], limits)
 
 
