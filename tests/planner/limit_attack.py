@@ -7,7 +7,7 @@ plans or certifies has a part in it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
@@ -36,6 +36,8 @@ EXACT = 1e-9
 """A position may be beyond its limit by this, for rounding [rad or m]."""
 RATES = 1e-9
 """A velocity or an acceleration may be above its limit by this share, for rounding."""
+SECONDS = 30.0
+"""How long a plan may take [s]."""
 DRAWS = 60
 """Ends that are drawn until one is free."""
 SHARES = {
@@ -126,7 +128,7 @@ def cases(reference: RobotReference, robot: RobotModel, seed: int, kinds: tuple[
             start=start,
             goal=_pose(group, ends[1]) if kind == "pose" else JointsGoal(positions=goal),
             guide_planes=[],
-            allowed_planning_time=20.0,
+            allowed_planning_time=SECONDS,
             recording="off",
             seed=seed,
             **more,  # type: ignore[arg-type]
@@ -230,33 +232,24 @@ def extremes(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -
     )
 
 
-@dataclass
-class _Ranges:
-    """Joints of a URDF as it is written: limits, and what they follow."""
-
-    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
-    follows: dict[str, tuple[str, float, float]] = field(default_factory=dict)
-    kinds: dict[str, str] = field(default_factory=dict)
-
-
 def ranges(urdf: str) -> dict[str, tuple[float, float, float, float, str]]:
     """Of every joint with limits: these, and multiplier, offset and name of the joint that it follows, or its own."""
-    read = _Ranges()
+    limits: dict[str, tuple[float, float]] = {}
+    follows: dict[str, tuple[str, float, float]] = {}
     for joint in ElementTree.fromstring(urdf).iter("joint"):
         name, limit, mimic = joint.get("name", ""), joint.find("limit"), joint.find("mimic")
-        read.kinds[name] = joint.get("type", "")
         if limit is not None and joint.get("type") in LIMITED:
-            read.limits[name] = float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+            limits[name] = float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
         if mimic is not None:
             terms = float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0))
-            read.follows[name] = mimic.get("joint", ""), *terms
+            follows[name] = mimic.get("joint", ""), *terms
     found = {}
-    for name, (lower, upper) in read.limits.items():
+    for name, (lower, upper) in limits.items():
         driver, scale, offset = name, 1.0, 0.0
-        while driver in read.follows:
-            driver, factor, more = read.follows[driver]
+        while driver in follows:
+            driver, factor, more = follows[driver]
             scale, offset = scale * factor, offset + scale * more
-        own = read.limits.get(driver)
+        own = limits.get(driver)
         kept = own is not None and (driver == name or _can_be_kept(own, (lower, upper), scale, offset))
         if kept:
             found[name] = lower, upper, scale, offset, driver
