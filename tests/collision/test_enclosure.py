@@ -43,6 +43,16 @@ def test_a_robot_in_a_hollow_is_free_and_one_in_its_wall_is_not():
     assert world_of(arm, [walled]).enclosed(rest(arm)) is not None
 
 
+def test_a_robot_in_a_box_of_single_triangles_is_enclosed():
+    arm = group("panda")
+    vertices, triangles = box_mesh(6.0)
+    corners = vertices[triangles].reshape(-1, 3)
+    corners += np.random.default_rng(0).uniform(-5e-6, 5e-6, corners.shape)
+    world = world_of(arm, [mesh_message(corners, np.arange(len(corners)).reshape(-1, 3))])
+    assert world.enclosed(rest(arm)) is not None
+    assert "cracks" in world.scene.warnings[0]
+
+
 def test_an_open_mesh_encloses_nothing():
     arm = group("panda")
     vertices, triangles = box_mesh(6.0)

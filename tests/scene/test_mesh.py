@@ -50,6 +50,39 @@ def test_vertices_at_one_place_are_one():
     assert surface.hull is not None
 
 
+@pytest.mark.parametrize("width", [1e-9, 1e-5, 9e-4])
+@pytest.mark.parametrize(("mesh", "expected"), [(box_mesh(), 1.0), (l_prism(), 3.0), (room(2.0, 1.0), 7.0)])
+def test_cracks_are_closed_and_told(width, mesh, expected):
+    vertices, triangles = soup(*mesh)
+    moves = np.random.default_rng(0).uniform(-0.5, 0.5, vertices.shape) * width / np.sqrt(3.0)
+    surface = mesh_surface(vertices + moves, triangles)
+    assert surface.solid
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(expected, abs=20.0 * width)
+    assert "cracks" in surface.warnings[-1]
+    given = {tuple(map(tuple, corners)) for corners in (vertices + moves + 0.0)[triangles].round(12)}
+    kept = {tuple(map(tuple, corners)) for corners in surface.vertices[surface.triangles].round(12)}
+    assert given <= kept  # nothing is moved
+
+
+def test_cracks_and_triangles_that_face_inwards_are_mended_together():
+    vertices, triangles = soup(*l_prism())
+    vertices += np.random.default_rng(0).uniform(-1e-5, 1e-5, vertices.shape)
+    triangles[::3] = triangles[::3, ::-1]
+    surface = mesh_surface(vertices, triangles)
+    assert surface.solid
+    assert volume(surface.vertices, surface.triangles) == pytest.approx(3.0, abs=1e-3)
+    assert "faced inwards" in surface.warnings[0]
+    assert "cracks" in surface.warnings[1]
+
+
+def test_a_hull_with_corners_apart_by_rounding_only_is_judged_as_a_hull():
+    vertices, triangles = soup(*box_mesh())
+    vertices *= 1.0 + 1e-12 * np.arange(len(vertices))[:, None]
+    surface = mesh_surface(vertices, triangles)
+    assert surface.hull is not None
+    assert surface.hull.computeVolume() == pytest.approx(1.0)
+
+
 def test_unused_vertices_do_not_enter_the_hull():
     vertices, triangles = box_mesh()
     surface = mesh_surface(np.vstack([vertices, [[9.0, 9.0, 9.0]]]), triangles)

@@ -45,7 +45,7 @@ def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float
     Returns:
         The lids, shape (n, 3), and the largest extent of a part of the boundary [m]; 0 if the surface is closed.
     """
-    edges = _boundary(triangles, len(vertices))
+    edges = boundary(triangles, len(vertices))
     if not len(edges):
         return np.empty((0, 3), np.int64), 0.0
     used, local = np.unique(edges, return_inverse=True)
@@ -83,13 +83,21 @@ def volume(vertices: Floats, triangles: Integers) -> float:
     return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
 
 
-def _boundary(triangles: Integers, vertex_count: int) -> Integers:
-    """Edges (n, 2) of the boundary, as often as they are run through more this way than the other."""
+def boundary(triangles: Integers, vertex_count: int) -> Integers:
+    """Edges of the boundary, as often as they are run through more this way than the other.
+
+    Args:
+        triangles: Indices of vertices, shape (t, 3).
+        vertex_count: How many vertices there are.
+
+    Returns:
+        First and second vertex of each, shape (n, 2).
+    """
     start = triangles.ravel()
     end = np.roll(triangles, -1, axis=1).ravel()
     edges, index = np.unique(np.minimum(start, end) * vertex_count + np.maximum(start, end), return_inverse=True)
     surplus = np.bincount(index.reshape(-1), weights=np.where(start < end, 1.0, -1.0)).astype(np.int64)
     low, high = np.divmod(edges, vertex_count)
     forward = np.where(surplus > 0, low, high), np.where(surplus > 0, high, low)
-    boundary: Integers = np.repeat(np.column_stack(forward), np.abs(surplus), axis=0)
-    return boundary
+    edges_of_it: Integers = np.repeat(np.column_stack(forward), np.abs(surplus), axis=0)
+    return edges_of_it

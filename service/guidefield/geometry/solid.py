@@ -9,6 +9,7 @@ import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.closed import closing_lids, compact, connected_pieces, volume
+from guidefield.geometry.cracks import WIDEST_CRACK, crack_lids, seams
 from guidefield.geometry.pseudonormals import pseudonormals
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.inscribed import depths_at, distances_at
@@ -89,8 +90,9 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
     """The body that triangles bound.
 
     A surface is closed if every edge is run through as often in one direction as in the other. Meshes come with cracks:
-    gaps of limited extent are closed by lids. A piece that encloses a negative volume is a hollow of the solid that it
-    lies in; in none, it is a solid turned inside out, and turned back.
+    gaps of limited extent are closed by lids, and so are cracks between corners that should be one. A piece that
+    encloses a negative volume is a hollow of the solid that it lies in; in none, it is a solid turned inside out, and
+    turned back.
 
     Args:
         vertices: Shape (v, 3) [m]; those at the same place become one.
@@ -104,7 +106,7 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
     across = _with_area(vertices, triangles)
     if not across.any():
         raise ValueError("a surface needs a triangle with an area")
-    lids, widest = closing_lids(vertices, triangles)
+    lids, widest = _lids(vertices, triangles, widest_gap)
     closed = widest <= widest_gap
     owners = np.zeros(len(triangles), np.int64)
     if closed:
@@ -117,6 +119,14 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
         array.setflags(write=False)
     tables, spans = _tables(vertices, triangles, owners)
     return Solid(surface(vertices, triangles), owners, given, closed, tables, spans)
+
+
+def _lids(vertices: Floats, triangles: Integers, widest_gap: float) -> tuple[Integers, float]:
+    """Triangles that close the surface, and the largest extent of a gap [m]; one no wider than a crack has none."""
+    joined, _ = seams(vertices, triangles, min(widest_gap, WIDEST_CRACK))
+    thin = crack_lids(triangles, joined)
+    lids, widest = closing_lids(vertices, np.concatenate([triangles, thin]))
+    return np.concatenate([thin, lids]), widest
 
 
 def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from guidefield.geometry.closed import compact, connected_pieces, volume
 from guidefield.geometry.convex import convex, convex_hull
+from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
 
 _FLAT = 1e-9
@@ -45,7 +46,8 @@ class MeshSurface:
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     """Judge a triangle mesh; None if its triangles have no area.
 
-    Vertices at the same place become one. Where the mesh is closed, triangles that face inwards are turned.
+    Vertices at the same place become one. Cracks up to `WIDEST_CRACK` wide are closed by thin lids, as long as nothing
+    else is open. Where the mesh is closed then, triangles that face inwards are turned.
 
     Args:
         vertices: Shape (v, 3) [m], in any frame; the result is in the same.
@@ -54,8 +56,12 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
     vertices, triangles, _ = compact(vertices, triangles)
     if not len(triangles) or _areas(vertices, triangles).max() <= 1e-12 * np.ptp(vertices, axis=0).max() ** 2:
         return None
-    triangles, solid, warnings = _facing_outwards(vertices, triangles)
-    hull = _own_hull(vertices, triangles) if solid else None
+    joined, width = seams(vertices, triangles)
+    triangles, solid, warnings = _facing_outwards(vertices, triangles, joined)
+    hull = _own_hull(vertices, _welded(triangles, joined)) if solid else None
+    if solid and width > 0.0:
+        triangles = np.concatenate([triangles, crack_lids(triangles, joined)])
+        warnings.append(f"its surface had cracks up to {1000.0 * width:.2g} mm wide, which were closed")
     for array in (vertices, triangles):
         array.setflags(write=False)
     return MeshSurface(vertices, triangles, solid, hull, tuple(warnings))
@@ -64,12 +70,16 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
 def crossing_warnings(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str, ...]:
     """What to tell of triangles that cross each other, by the indices they are given with; nothing if none do.
 
+    Those that overlap at a crack alone don't count.
+
     Args:
         vertices: Shape (v, 3) [m], in any frame.
         triangles: Indices of vertices, shape (t, 3).
     """
     distinct, corners, given = compact(vertices, triangles)
-    found = crossings(distinct, corners)
+    joined, _ = seams(distinct, corners)
+    given = given[are_proper(joined[corners])]
+    found = crossings(distinct, _welded(corners, joined))
     warnings = []
     if len(found.pairs):
         count = f"{len(found.pairs)} pairs" if len(found.pairs) > 1 else "1 pair"
@@ -123,22 +133,32 @@ def _edge_counts(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.bincount(index[upwards], minlength=count), np.bincount(index[~upwards], minlength=count)
 
 
-def _facing_outwards(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, bool, list[str]]:
-    """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings."""
-    forward, backward = _edge_counts(triangles)
+def _facing_outwards(
+    vertices: np.ndarray, triangles: np.ndarray, joined: np.ndarray
+) -> tuple[np.ndarray, bool, list[str]]:
+    """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings.
+
+    It is looked at with its cracks closed: `joined` says which vertex each should be.
+    """
+    welded, proper = _welded(triangles, joined), np.flatnonzero(are_proper(joined[triangles]))
+    if not len(welded):
+        return triangles, False, ["it is as small as a crack: it is judged as a thin wall"]
+    forward, backward = _edge_counts(welded)
     warnings = []
     if not np.array_equal(forward, backward):
-        boundary = int(((forward + backward) == 1).sum())
-        if boundary:
-            fault = f"its surface is open ({boundary} edges belong to one triangle): it is judged as a thin wall"
+        open_edges = int(((forward + backward) == 1).sum())
+        if open_edges:
+            fault = f"its surface is open ({open_edges} edges belong to one triangle): it is judged as a thin wall"
             return triangles, False, [fault]
-        consistent = _turned_alike(vertices, triangles) if ((forward + backward) == 2).all() else None
+        consistent = _turned_alike(vertices, welded) if ((forward + backward) == 2).all() else None
         if consistent is None:
             return triangles, False, ["its triangles can't be turned to face outwards: it is judged as a thin wall"]
-        turned = int((consistent != triangles).any(axis=1).sum())
-        warnings.append(f"{turned} of its triangles faced inwards and were turned")
-        triangles = consistent
-    enclosed = volume(vertices, triangles)
+        turned = proper[(consistent != welded).any(axis=1)]
+        warnings.append(f"{len(turned)} of its triangles faced inwards and were turned")
+        triangles = triangles.copy()
+        triangles[turned] = triangles[turned][:, ::-1]
+        welded = consistent
+    enclosed = volume(vertices, welded)
     if abs(enclosed) <= _FLAT * np.linalg.norm(np.ptp(vertices, axis=0)) ** 3:
         return triangles, False, [*warnings, "it is closed around no volume: it is judged as a thin wall"]
     if enclosed < 0.0:
@@ -146,6 +166,13 @@ def _facing_outwards(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.nd
             warnings.append("its triangles ran clockwise from outside and were turned")
         triangles = triangles[:, ::-1]
     return np.ascontiguousarray(triangles), True, warnings
+
+
+def _welded(triangles: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    """The triangles with each vertex as the one it should be, but those that are none then."""
+    corners = joined[triangles]
+    welded: np.ndarray = corners[are_proper(corners)]
+    return welded
 
 
 def _turned_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
@@ -195,13 +222,13 @@ def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: lis
 
 
 def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
-    """The hull of a solid, outward mesh if the mesh is that hull: one piece, no edge dented, the hull's volume."""
+    """The hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume."""
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     forward, backward = _edge_counts(triangles)
     if not ((forward == 1) & (backward == 1)).all():
         return None
     if (
-        len(np.unique(connected_pieces(len(vertices), triangles))) > 1
+        len(np.unique(connected_pieces(len(vertices), triangles)[triangles])) > 1
         or _deepest_dent(vertices, triangles) > _CONVEX * size
     ):
         return None

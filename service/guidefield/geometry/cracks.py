@@ -1,0 +1,96 @@
+"""Cracks of a surface of triangles: corners that nearly coincide are found, and thin lids put between them."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from guidefield.geometry.closed import boundary, connected_pieces
+from guidefield.geometry.surfaces import Floats, Integers
+
+WIDEST_CRACK = 1e-3
+"""Cracks up to this width are closed [m]: the diagonal of a box about the corners that should be one."""
+
+_STEPS = 1e-4, 1e-3, 1e-2, 1e-1, 1.0
+"""Widths that are tried, as shares of the widest: the corners of small triangles must not be taken for one."""
+
+
+def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -> tuple[Integers, float]:
+    """Which corners along the edges of a surface should be one, so that no edge is left that is one triangle's only.
+
+    Args:
+        vertices: Shape (v, 3) [m], no two at one place.
+        triangles: Shape (t, 3), each with three different vertices.
+        widest: Largest width of a crack [m].
+
+    Returns:
+        For each vertex the one that it should be, shape (v,), itself where it is none of those; and the width of the
+        widest crack [m]. Where the surface has no such edge, or joining leaves some, each is itself and the width 0.
+    """
+    alone = np.arange(len(vertices))
+    loose = _loose(triangles, len(vertices))
+    if not len(loose) or widest <= 0.0:
+        return alone, 0.0
+    for width in widest * np.array(_STEPS):
+        joined, widths = alone.copy(), np.zeros(1)
+        joined[loose], widths = _joined(vertices[loose], loose, float(width))
+        welded = joined[triangles]
+        if not len(_loose(welded[are_proper(welded)], len(vertices))):
+            return joined, float(widths.max())
+    return alone, 0.0
+
+
+def crack_lids(triangles: Integers, joined: Integers) -> Integers:
+    """Triangles between the edges of a surface and the edges that they should be: what is left of its boundary cancels.
+
+    No triangle is moved; a lid reaches no further from an edge than the crack is wide. Where the joined surface is
+    closed, so is this one with its lids.
+
+    Args:
+        triangles: Shape (t, 3).
+        joined: For each vertex the one that it should be, shape (v,), as of `seams`.
+
+    Returns:
+        The lids, shape (n, 3).
+    """
+    start, end = boundary(triangles, len(joined)).T
+    lids = np.concatenate(
+        [np.column_stack([end, start, joined[start]]), np.column_stack([end, joined[start], joined[end]])]
+    )
+    kept: Integers = lids[are_proper(lids)]
+    return kept
+
+
+def are_proper(triangles: Integers) -> np.ndarray:
+    """Which triangles (t, 3) have three different vertices, shape (t,)."""
+    a, b, c = triangles.T
+    proper: np.ndarray = (a != b) & (b != c) & (c != a)
+    return proper
+
+
+def _loose(triangles: Integers, count: int) -> Integers:
+    """Vertices of the edges that are one triangle's only, ascending, shape (n,)."""
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    edges, uses = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_counts=True)
+    return np.unique(np.divmod(edges[uses == 1], count))
+
+
+def _joined(points: Floats, indices: Integers, width: float) -> tuple[Integers, Floats]:
+    """For each point of some the index of the first of those it should be, its own if they don't fit in the width.
+
+    Points that are at most `width` apart share a cell of twice the width in one of eight grids.
+    """
+    near = []
+    for shift in itertools.product((0.0, 0.5), repeat=3):
+        cells = np.floor(points / (2.0 * width) + shift)
+        order = np.lexsort(cells.T)
+        same = (cells[order][1:] == cells[order][:-1]).all(axis=1)
+        near.append(np.column_stack([order[:-1], order[1:]])[same])
+    labels = connected_pieces(len(points), np.concatenate(near))
+    low, high = np.full((len(points), 3), np.inf), np.full((len(points), 3), -np.inf)
+    np.minimum.at(low, labels, points)
+    np.maximum.at(high, labels, points)
+    widths = np.linalg.norm(high[labels] - low[labels], axis=1)
+    fit = widths <= width
+    return np.where(fit, indices[labels], indices), np.where(fit, widths, 0.0)
