@@ -229,16 +229,17 @@ class Engine:
         from guidefield.handlers.robots import prepared
 
         self._robots.write(request.name, request.files, self._catalog.load)
-        return Done(done=f"robot {request.name!r} is stored{prepared(self._robot(request.name))}")
+        stored = self._robot(request.name)
+        return Done(done=f"robot {request.name!r} is stored{prepared(stored)}", warnings=list(stored.warnings))
 
     def _delete_robot(self, request: requests.DeleteRobot) -> Done:
         self._robots.delete(request.name)
         return Done(done=f"robot {request.name!r} is deleted")
 
     def _store_scene(self, request: requests.StoreScene) -> Done:
-        self._scene(request.scene)
+        built = self._scene(request.scene)
         self._scenes.write(request.scene)
-        return Done(done=f"scene {request.name!r} is stored")
+        return Done(done=f"scene {request.name!r} is stored", warnings=list(built.warnings))
 
     def _delete_scene(self, request: requests.DeleteScene) -> Done:
         self._scenes.delete(request.name)

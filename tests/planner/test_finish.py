@@ -11,9 +11,9 @@ import pytest
 from guidefield.collision.certificate import certify
 from guidefield.errors import Status
 from guidefield.planner import finish as module
-from guidefield.planner.finish import FINER, finish
+from guidefield.planner.finish import FINER, HURRIED, finish
 from guidefield.planner.refusal import refusal
-from guidefield.planner.relaxation import SEGMENT, Relaxed, relax
+from guidefield.planner.relaxation import SEGMENT, Outcome, Relaxed, relax
 from guidefield.planner.stages import Stages
 from tests.planner.test_relaxation import over_the_wall, smallest_clearance
 
@@ -48,6 +48,23 @@ def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.Mo
     outcomes = [stage.outcome for stage in stages.left if stage.name == "certify"]
     # a spline drawn closer to a path that touches would touch, too: it is not tried
     assert outcomes == ["contact", "free"]
+
+
+def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+    asked: list[float] = []
+
+    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+        relaxed = relax(*arguments, segment=segment)
+        asked.append(segment)
+        if len(asked) == 1:
+            return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path))
+        return dataclasses.replace(relaxed, outcome=Outcome.OUT_OF_TIME)
+
+    monkeypatch.setattr(module, "relax", misled)
+    finished = finish(made, path, {}, Stages(made), proven=False)
+    assert finished.verdict.free
+    assert finished.warnings == (HURRIED,)
 
 
 def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,9 +117,9 @@ class AsyncClient:
         srdf: str | None = None,
         meshes: Mapping[str, bytes] | None = None,
         root_joint: RootJoint = "fixed",
-    ) -> None:
+    ) -> list[str]:
         """Store a robot of one's own under a name; `meshes` are files by the URIs that the URDF has for them."""
-        await self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))
+        return (await self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))).warnings
 
     async def delete_robot(self, name: str) -> None:
         """Forget a stored robot."""
@@ -133,9 +133,9 @@ class AsyncClient:
         """One scene."""
         return (await self._ask(questions.scene(name))).scene
 
-    async def store_scene(self, scene: Scene) -> None:
-        """Store a scene under its own name."""
-        await self._ask(questions.store_scene(scene))
+    async def store_scene(self, scene: Scene) -> list[str]:
+        """Store a scene under its own name; what is odd about its obstacles but harmless."""
+        return (await self._ask(questions.store_scene(scene))).warnings
 
     async def delete_scene(self, name: str) -> None:
         """Forget a stored scene."""

@@ -188,8 +188,8 @@ class Client:
         srdf: str | None = None,
         meshes: Mapping[str, bytes] | None = None,
         root_joint: RootJoint = "fixed",
-    ) -> None:
-        """Store a robot of one's own, in place of an earlier one of its name.
+    ) -> list[str]:
+        """Store a robot of one's own, in place of an earlier one of its name; what is odd about it but harmless.
 
         Args:
             name: What to call it; not a name of the catalog.
@@ -202,7 +202,7 @@ class Client:
             RobotInvalid: if it can't be used, or the name is the catalog's.
             RequestTooLarge: if it is too large, or too many are stored.
         """
-        self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))
+        return self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint)).warnings
 
     def delete_robot(self, name: str) -> None:
         """Forget a stored robot.
@@ -230,13 +230,13 @@ class Client:
         """
         return self._ask(questions.scene(name)).scene
 
-    def store_scene(self, scene: Scene) -> None:
-        """Store a scene under its own name.
+    def store_scene(self, scene: Scene) -> list[str]:
+        """Store a scene under its own name; what is odd about its obstacles but harmless.
 
         Raises:
             SceneInvalid: if something in it can't be used, or the name is a packaged scene's.
         """
-        self._ask(questions.store_scene(scene))
+        return self._ask(questions.store_scene(scene)).warnings
 
     def delete_scene(self, name: str) -> None:
         """Forget a stored scene.

@@ -69,4 +69,5 @@ def _held(one: AttachedObject, index: int) -> Held:
                 f" not {len(body.cloud.points)}: thin it out"
             )
         shape = bvh(body.vertices, body.triangles)
-    return Held(one.obstacle.name, shape, placement, one.link, tuple(one.touch_links))
+    warnings = tuple(f"`attached_objects[{index}]`, {warning}" for warning in body.warnings)
+    return Held(one.obstacle.name, shape, placement, one.link, tuple(one.touch_links), warnings)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -37,8 +38,10 @@ from guidefield.scene.scene import Scene
 
 
 def answer_kinematics(request: requests.KinematicsRequest, robot: RobotModel | None, scene: Scene | None) -> Reply:
-    """The reply to a request of any kind; raises as its own function."""
-    return _ANSWERS[type(request)](request, robot, scene)
+    """The reply to a request of any kind, with what is odd about robot and scene; raises as its own function."""
+    reply = _ANSWERS[type(request)](request, robot, scene)
+    warnings = [warning for one in (robot, scene) if one is not None for warning in one.warnings]
+    return msgspec.structs.replace(reply, warnings=warnings)
 
 
 def forward_kinematics(

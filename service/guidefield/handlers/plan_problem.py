@@ -29,6 +29,7 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """What a request asks the planner for, and warnings about what was odd but harmless.
 
+    They are about the robot, what it holds, the scene and the start.
     Guide planes that are to be derived are not in it yet.
 
     Args:
@@ -69,7 +70,7 @@ def problem_of(
         seed=request.seed,
         budget=budget,
     )
-    return problem, tuple(warnings)
+    return problem, (*robot.warnings, *scene.warnings, *warnings)
 
 
 def _require_served(request: PlanRequest, scene: Scene) -> None:

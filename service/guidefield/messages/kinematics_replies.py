@@ -12,10 +12,12 @@ class ForwardKinematicsReply(Reply):
 
     Attributes:
         placements: By configuration, then by frame.
+        warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
 
     placements: list[list[Placement]]
+    warnings: list[str] = []
     schema: int = 1
 
 
@@ -25,11 +27,13 @@ class InverseKinematicsReply(Reply):
     Attributes:
         configurations: By pose.
         reasons: By pose, why there are none or not more; else empty.
+        warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
 
     configurations: list[list[Positions]]
     reasons: list[str]
+    warnings: list[str] = []
     schema: int = 1
 
 
@@ -41,6 +45,7 @@ class ClearanceReply(Reply):
         pair: The closest link and obstacle.
         witness_points: Their closest points [m, world].
         self_minimum: Smallest distance of the robot to itself [m].
+        warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
 
@@ -48,6 +53,7 @@ class ClearanceReply(Reply):
     pair: list[list[str] | None]
     witness_points: list[list[Vector3] | None]
     self_minimum: list[float | None]
+    warnings: list[str] = []
     schema: int = 1
 
 
@@ -58,12 +64,14 @@ class PointPotentialReply(Reply):
         potential: [1/m].
         gradient: [1/m^2], in the world.
         winding: How often solids wind around the point: 0 outside.
+        warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
 
     potential: list[float]
     gradient: list[Vector3]
     winding: list[float]
+    warnings: list[str] = []
     schema: int = 1
 
 
@@ -87,6 +95,7 @@ class RobotPotentialReply(Reply):
         generalized_force: -dU/dv, in the columns of `velocity_names`.
         velocity_names: Names of the columns, in the tangent space.
         links: By name.
+        warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
 
@@ -94,4 +103,5 @@ class RobotPotentialReply(Reply):
     generalized_force: Rows
     velocity_names: list[str]
     links: dict[str, LinkWrench]
+    warnings: list[str] = []
     schema: int = 1

@@ -115,9 +115,10 @@ class RunReply(Reply):
 
 
 class Done(Reply):
-    """A command was carried out."""
+    """A command was carried out; what is odd but harmless about the robot or scene that was stored."""
 
     done: str
+    warnings: list[str] = []
     schema: int = 1
 
 

@@ -72,9 +72,7 @@ def finish(
     with stages.entered("relax", "to the middle of the free space") as stage:
         relaxed = relax(problem, path, crossings)
         stage.outcome = relaxed.outcome
-    finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
-    if relaxed.outcome is Outcome.OUT_OF_TIME:
-        finished = replace(finished, warnings=(HURRIED,))
+    finished = _of_relaxed(problem, relaxed, stages)
     if not (finished.verdict.free or problem.budget.spent()):
         finished = _repaired(problem, relaxed, stages) or finished
     if finished.verdict.free or not proven:
@@ -91,8 +89,14 @@ def _repaired(problem: Problem, refused: Relaxed, stages: Stages) -> Finished | 
     with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
         relaxed = relax(problem, refused.path, refused.crossings, segment=FINER * SEGMENT)
         stage.outcome = relaxed.outcome
-    finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
+    finished = _of_relaxed(problem, relaxed, stages)
     return finished if finished.verdict.free else None
+
+
+def _of_relaxed(problem: Problem, relaxed: Relaxed, stages: Stages) -> Finished:
+    """The trajectory along a relaxed path, with a warning where time was up meanwhile."""
+    finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
+    return replace(finished, warnings=(HURRIED,)) if relaxed.outcome is Outcome.OUT_OF_TIME else finished
 
 
 def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages) -> Finished:

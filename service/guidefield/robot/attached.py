@@ -20,11 +20,12 @@ class Held:
     """An object that a link holds.
 
     Attributes:
-        name: Its name; no link's.
+        name: Its name; no link's, frame's or collision shape's.
         shape: Bounded Coal geometry in its own frame.
         placement: Of the shape in the link's frame, a pinocchio.SE3.
         link: The link that holds it.
         touch_links: Links that it may touch besides.
+        warnings: What is odd about it but harmless.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Held:
     placement: Any
     link: str
     touch_links: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
@@ -42,9 +44,10 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
 
     Raises:
         UnknownFrame: if a link that holds or may be touched isn't one of the robot's.
-        UnknownObject: if an object has the name of a link or of another object.
+        UnknownObject: if an object has the name of a link, of a frame, of a collision shape or of another object.
     """
     model, geometry, links, choices = robot.model.copy(), robot.geometry.copy(), robot.links, robot.geometry_choices
+    frames, shapes = {frame.name for frame in model.frames}, {shape.name for shape in geometry.geometryObjects}
     for one in held:
         for link in (one.link, *one.touch_links):
             if link not in links:
@@ -53,10 +56,10 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
                     link=link,
                     available=list(links),
                 )
-        if one.name in links:
-            raise UnknownObject(
-                f"the attached object {one.name!r} has the name of a link or of another", object=one.name
-            )
+        for what, names in (("a link or another object", links), ("a frame", frames), ("a collision shape", shapes)):
+            if one.name in names:
+                message = f"the attached object {one.name!r} has the name of {what}: give it another"
+                raise UnknownObject(message, object=one.name)
         carrier = model.frames[frame_index(model, one.link)]
         placement = carrier.placement * one.placement
         frame = model.addFrame(pin.Frame(one.name, carrier.parentJoint, placement, pin.FrameType.OP_FRAME), False)
@@ -68,7 +71,10 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
                 geometry.addCollisionPair(pin.CollisionPair(other, index))
         links = (*links, one.name)
         choices = (*choices, GeometryChoice(one.name, one.name, *_judged(one.shape)))
-    return dataclasses.replace(robot, model=model, geometry=geometry, links=links, geometry_choices=choices)
+    warnings = (*robot.warnings, *(warning for one in held for warning in one.warnings))
+    return dataclasses.replace(
+        robot, model=model, geometry=geometry, links=links, geometry_choices=choices, warnings=warnings
+    )
 
 
 def _judged(shape: Any) -> tuple[str, str]:
