@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.broad_phase import MANY_BODIES
 from guidefield.collision.world import World
-from guidefield.errors import UnknownObject
+from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.messages import scene as messages
 from guidefield.robot.selection import select
 from tests.collision.scenery import box, panda_in, scattered, world_of
@@ -121,6 +121,14 @@ def test_allowed_collisions_are_left_out():
     without = world_of(arm, [crate], [own])
     assert without.n_self < world.n_self
     assert own not in {without.pair_names(k) for k in range(without.n_self)}
+
+
+def test_an_obstacle_with_the_name_of_a_link_is_refused():
+    crate = box("panda_link3", (0.1, 0.1, 0.1), (0.307, 0, 0.6))
+    for allowed in ([], [("panda_link3", "panda_link5")]):
+        with pytest.raises(SceneInvalid, match=r"obstacle 'panda_link3' has the name of a link") as caught:
+            world_of(group("panda"), [box("far", (0.1, 0.1, 0.1), (3, 0, 0)), crate], allowed)
+        assert caught.value.details["path"] == "$.obstacles[1].name"
 
 
 def test_unknown_names_list_those_there_are():

@@ -68,3 +68,9 @@ def test_names_must_fit():
         with_held(robot("panda"), [rod("panda_hand")])
     with pytest.raises(UnknownObject, match="rod"):
         with_held(robot("panda"), [rod(), rod()])
+
+
+@pytest.mark.parametrize(("name", "what"), [("panda_joint3", "frame"), ("panda_link5_0", "collision shape")])
+def test_names_that_the_robot_has_for_something_else_are_refused(name: str, what: str):
+    with pytest.raises(UnknownObject, match=f"'{name}' has the name of a {what}"):
+        with_held(robot("panda"), [rod(name)])

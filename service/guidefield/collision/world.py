@@ -18,7 +18,7 @@ from guidefield.collision.contact import Contact, contacts
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.hulls import with_hulls
 from guidefield.collision.motion_bound import MotionBound, motion_bound
-from guidefield.errors import UnknownObject
+from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.robot.alike import kept_with_alike
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.scratch_space import scratch_space
@@ -62,8 +62,10 @@ class World:
             allowed_collisions: Pairs of names, of links or obstacles, that may touch.
 
         Raises:
+            SceneInvalid: if an obstacle has the name of a link, or of what the robot holds: pairs go by names.
             UnknownObject: if an allowed name is neither a link nor an obstacle; lists those there are.
         """
+        _require_other_names(group, scene)
         names, (pairs, n_self) = _link_names(group), _pairs(group, len(scene.obstacles))
         bodies = (*names, *[obstacle.name for obstacle in scene.obstacles])
         allowed = _allowed(group, scene, allowed_collisions)
@@ -218,6 +220,19 @@ class World:
             q: Configuration of the group, shape (nq,).
         """
         return enclosed(self, q)
+
+
+def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
+    """Refuse an obstacle that is named as a link: in pairs, given or told, nobody could say which is meant."""
+    links = set(group.robot.links)
+    for index, obstacle in enumerate(scene.obstacles):
+        if obstacle.name in links:
+            raise SceneInvalid(
+                f"obstacle {obstacle.name!r} has the name of a link of robot {group.robot.name!r}: give it another",
+                obstacle=obstacle.name,
+                link=obstacle.name,
+                path=f"$.obstacles[{index}].name",
+            )
 
 
 def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]]) -> set[frozenset[str]]:
