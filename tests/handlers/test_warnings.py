@@ -64,7 +64,8 @@ def test_warnings_of_robot_scene_and_start_are_the_plans(engine: Engine) -> None
 
 
 def test_warnings_of_a_stored_scene_are_told_when_it_is_stored_and_planned_in(engine: Engine) -> None:
-    stored = engine.answer({"type": "store_scene", "name": "odd", "scene": scene(in_single_triangles("bin", 0.2, 0.01, **FAR))})
+    odd = scene(in_single_triangles("bin", 0.2, 0.01, **FAR))
+    stored = engine.answer({"type": "store_scene", "name": "odd", "scene": odd})
     assert isinstance(stored, Done)
     assert any("'bin'" in warning for warning in stored.warnings)
     assert any("'bin'" in warning for warning in plan(engine, "odd").warnings)
