@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import coal
 import numpy as np
 import pytest
+import trimesh
 
+from guidefield.messages.requests import UrdfFile
+from guidefield.robot.model import RobotModel
 from guidefield.robot.shapes import HULL_STAND_OFF, triangulation
 from tests.geometry import solids
-from tests.robots import ARMS, robot
+from tests.robots import ARMS, load, robot
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -70,3 +75,39 @@ def _farthest_probe(body: object) -> float:
         here = coal.Transform3s(np.eye(3), point)
         farthest = max(farthest, coal.distance(probe, here, body, there, request, result))
     return farthest
+
+
+def _arm_of(mesh: solids.Mesh, folder: Path) -> RobotModel:
+    """One link of a mesh that turns on a small base."""
+    trimesh.Trimesh(*mesh, process=False).export(folder / "shell.stl")
+    box = '<collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision>'
+    shell = '<collision><geometry><mesh filename="shell.stl"/></geometry></collision>'
+    joint = (
+        '<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="1 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    text = f'<robot name="r"><link name="base">{box}</link><link name="arm">{shell}</link>{joint}</robot>'
+    (folder / "r.urdf").write_text(text)
+    return load(UrdfFile(path=str(folder / "r.urdf")))
+
+
+@pytest.mark.parametrize("inverted", [True, False])
+def test_a_sealed_hollow_that_a_hull_fills_is_told(tmp_path: Path, inverted: bool) -> None:
+    inner = solids.box((0.19, 0.19, 0.19))
+    arm = _arm_of(solids.together(solids.box((0.2, 0.2, 0.2)), solids.turned(inner) if inverted else inner), tmp_path)
+    assert arm.geometry_choices[1].judged_as == "convex hull"
+    assert "link 'arm': mesh 'shell.stl' is judged by its hull, which fills 6.86 l of hollows" in arm.warnings
+
+
+def test_a_hollow_behind_a_narrow_opening_that_a_hull_fills_is_told(tmp_path: Path) -> None:
+    profile = [(0, 0), (0.1, 0), (0.1, 0.2), (0.003, 0.2), (0.003, 0.195), (0.095, 0.195), (0.095, 0.005), (0, 0.005)]
+    bottle = trimesh.creation.revolve(np.array(profile), sections=48)
+    arm = _arm_of((np.array(bottle.vertices), np.array(bottle.faces)), tmp_path)
+    assert arm.geometry_choices[1].judged_as == "convex hull"
+    told = next(warning for warning in arm.warnings if "fills" in warning)
+    assert 4.0 < float(told.split("fills ")[1].split()[0]) < 1e3 * np.pi * 0.095**2 * 0.19
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_tight_hulls_fill_nothing(name: str) -> None:
+    assert not any("fills" in warning for warning in robot(name).warnings)

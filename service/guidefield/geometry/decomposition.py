@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.clipping import clipped, corners_of_cell
-from guidefield.geometry.convex import convex_hull, hull_volume
+from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.stand_off import stand_off
-from guidefield.geometry.surfaces import Floats, Surface
+from guidefield.geometry.surfaces import Floats, Integers, Surface
 
 PLACES = 7
 """Planes along each axis that are compared."""
@@ -27,8 +27,11 @@ PLACES = 7
 SAMPLES = 500
 """About how many points of a part's surface the comparison looks at."""
 
-DIRECTIONS = 64
-"""Of the points of a half the comparison keeps those furthest in these directions, and in the opposite ones."""
+BESIDE = 1e-5
+"""How far beside a face a plane is tried, as a share of the cell's extent along its normal."""
+
+DIRECTIONS = 128
+"""Of the points of a half the comparison keeps those furthest in these directions."""
 
 TOLERANCE = 5e-4
 """How much too large a part's stand-off may be given, as that of `stand_off`."""
@@ -36,7 +39,7 @@ TOLERANCE = 5e-4
 OVERLAP = 1e-9
 """How far a cell reaches beyond its planes [m], so that rounding leaves nothing between two."""
 
-WORTH = 0.97
+WORTH = 0.995
 """Halving has to leave at most this share of the volume."""
 
 
@@ -148,51 +151,99 @@ def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
 
 def _planes(cell: _Cell) -> Floats:
     """Planes (n, 4) that are worth halving a cell by, the best first."""
-    points = _samples(cell)
-    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    heights = (points @ (axes.T / np.maximum(spread, 1e-9 * spread[0]))) @ _DIRECTIONS
-    whole = _volume(points, heights)
+    samples = _Samples(cell)
+    whole = samples.volume()
     rated = []
-    for axis in np.vstack([axes, np.eye(3)]):
-        along = points @ axis
-        low, high = along.min(), along.max()
-        for place in low + (high - low) * np.arange(1, PLACES + 1) / (PLACES + 1):
-            left = sum(_volume(points[half], heights[half]) for half in (along <= place, along >= place))
-            if left < WORTH * whole:
-                rated.append((left, *axis, place))
+    for axis in _different(np.vstack([samples.axes, np.eye(3)])):
+        rated += [(left, *axis, place) for place, left in samples.volumes_across(axis) if left < WORTH * whole]
     planes: Floats = np.array(sorted(rated)[:4]).reshape(-1, 5)[:, 1:]
     return planes
 
 
-def _samples(cell: _Cell) -> Floats:
-    """Points on the surface of a cell's share, close enough together that few are needed next to a plane."""
-    size = max(float(np.sqrt(4.0 * cell.pieces.area / SAMPLES)), 1e-9)
-    corners = bisected(cell.pieces, size).corners.reshape(-1, 3)
-    cells = np.unique(np.floor(corners / size).astype(np.int64), axis=0, return_index=True)[1]
-    samples: Floats = np.vstack([corners[np.sort(cells)], cell.part.hull.vertices])
-    return samples
+def _different(axes: Floats) -> Floats:
+    """Unit vectors (n, 3), but those along one before."""
+    along = np.tril(np.abs(axes @ axes.T), -1) > _SAME_AXIS
+    different: Floats = axes[~along.any(axis=1)]
+    return different
+
+
+class _Samples:
+    """Points on the surface of a cell's share, by which the hulls of its halves are compared.
+
+    Args:
+        cell: The cell.
+
+    Attributes:
+        axes: Its principal axes, shape (3, 3).
+    """
+
+    axes: Floats
+
+    def __init__(self, cell: _Cell) -> None:
+        size = max(float(np.sqrt(4.0 * cell.pieces.area / SAMPLES)), 1e-9)
+        self._pieces = bisected(cell.pieces, size)
+        corners = self._pieces.corners.reshape(-1, 3)
+        cells = np.floor((corners - corners.min(axis=0)) / size).astype(np.int64)
+        _, first = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)
+        self._points = np.vstack([corners[np.sort(first)], cell.part.hull.vertices])
+        _, spread, self.axes = np.linalg.svd(self._points - self._points.mean(axis=0), full_matrices=False)
+        self._seen = (self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T
+        self._heights = self._points @ self._seen
+
+    def volume(self) -> float:
+        """About the volume of the hull [m^3]."""
+        return _volume(self._points, self._heights)
+
+    def volumes_across(self, axis: Floats) -> list[tuple[float, float]]:
+        """Places of planes across an axis [m], and about the volumes of the hulls of both halves together [m^3]."""
+        along, corners = self._points @ axis, self._pieces.corners @ axis
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        found = []
+        for place in _places(along):
+            across = self._pieces.some((low <= place) & (high >= place) & (low < high))
+            halves = ((along < place, axis, place), (along > place, -axis, -place))
+            found.append((place, sum(self._volume_below(*half, across) for half in halves)))
+        return found
+
+    def _volume_below(self, below: np.ndarray, normal: Floats, offset: float, across: Pieces) -> float:
+        """About the volume of the hull of points below a plane and of what is below it of pieces across it [m^3]."""
+        cut = clipped(across, np.append(normal, offset)).corners.reshape(-1, 3)
+        points, heights = np.vstack([self._points[below], cut]), np.vstack([self._heights[below], cut @ self._seen])
+        return _volume(points, heights) if len(points) else 0.0
+
+
+def _places(along: Floats) -> list[float]:
+    """Where planes are tried [m]; beside a face that lies in one, so that one half has it all."""
+    low, high = float(along.min()), float(along.max())
+    beside = BESIDE * (high - low)
+    found = []
+    for place in low + (high - low) * np.arange(1, PLACES + 1) / (PLACES + 1):
+        in_plane = bool((np.abs(along - place) < 0.5 * beside).any())
+        found += [place - beside, place + beside] if in_plane else [place]
+    return found
 
 
 def _volume(points: Floats, heights: Floats) -> float:
-    """Volume of the hull of those points (n, 3) that are furthest in some direction; heights are (n, d) [m^3]."""
-    if not len(points):
-        return 0.0
-    points = points[np.unique(np.concatenate([heights.argmax(axis=0), heights.argmin(axis=0)]))]
-    try:
-        return hull_volume(points)
-    except ValueError:  # a vertex with too many neighbours: as large as its box
-        return float(np.prod(np.ptp(points, axis=0)))
+    """About the volume of the hull of points (n, 3) [m^3], by those furthest in `_DIRECTIONS`; heights are (n, d).
+
+    They are joined as the directions are, which a hull's own corners nearly are.
+    """
+    a, b, c = np.moveaxis(points[heights.argmax(axis=0)][_FACES] - points[0], 1, 0)
+    return abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
 
 
-def _spread_directions() -> Floats:
-    """Directions (3, `DIRECTIONS`) over a half of the sphere, about evenly."""
+def _spread_directions() -> tuple[Floats, Integers]:
+    """Directions (`DIRECTIONS`, 3) over the sphere, about evenly, and the triangles (t, 3) between neighbours."""
     k = np.arange(DIRECTIONS)
-    heights, turns = (k + 0.5) / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - heights**2)
-    return np.stack([across * np.cos(turns), across * np.sin(turns), heights])
+    heights, turns = 1.0 - (2.0 * k + 1.0) / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
+    around = convex_hull(np.stack([*(np.sqrt(1.0 - heights**2) * [np.cos(turns), np.sin(turns)]), heights], axis=1))
+    return around.vertices, around.triangles
 
 
-_DIRECTIONS = _spread_directions()
+_DIRECTIONS, _FACES = _spread_directions()
+
+_SAME_AXIS = 0.999
+"""Cosine of axes that are not told apart."""
 
 
 def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:

@@ -46,8 +46,7 @@ class Solid:
     @property
     def area(self) -> float:
         """Area of the surface [m^2]."""
-        a, b, c = np.moveaxis(self.surface.corners, 1, 0)
-        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        return self.surface.area
 
     @property
     def lids(self) -> int:
@@ -117,7 +116,7 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
         triangles, given, owners = triangles[order], given[order], owners[order]
     for array in (owners, given):
         array.setflags(write=False)
-    tables, spans = _tables(vertices, triangles, owners)
+    tables, spans = surface_tables(vertices, triangles, owners)
     return Solid(surface(vertices, triangles), owners, given, closed, tables, spans)
 
 
@@ -182,7 +181,7 @@ class _Around:
         own = self._pieces[solid]
         if not _with_area(self._vertices, own).any():
             return None
-        return _tables(self._vertices, own, np.zeros(len(own), np.int64))
+        return surface_tables(self._vertices, own, np.zeros(len(own), np.int64))
 
 
 def _with_area(vertices: Floats, triangles: Integers) -> np.ndarray:
@@ -194,7 +193,7 @@ def _with_area(vertices: Floats, triangles: Integers) -> np.ndarray:
     return wide
 
 
-def _tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:
+def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:
     """The triangles with an area as the kernels read them, each owner's in a tree, and where the trees stand."""
     wide = _with_area(vertices, triangles)
     triangles, owners = triangles[wide], owners[wide]

@@ -27,6 +27,12 @@ class Surface(NamedTuple):
     triangles: Integers
 
     @property
+    def area(self) -> float:
+        """Area of all triangles [m^2]."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+    @property
     def corners(self) -> Floats:
         """Corners of every triangle, shape (t, 3, 3) [m]."""
         return self.vertices[self.triangles]

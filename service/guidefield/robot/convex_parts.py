@@ -12,6 +12,7 @@ import numpy as np
 
 from guidefield.geometry.cache import Arrays, recalled, remembered
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
+from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Surface
 from guidefield.robot.coverage import Progress
@@ -87,7 +88,7 @@ def _question(mesh: Any) -> tuple[str, Arrays, Callable[[], Arrays]]:
 def _found(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Part, ...]:
     """The hull and the parts; nothing of what is flat."""
     try:
-        found = decompose(solid(vertices, triangles, WIDEST_GAP), TIGHT, MOST)
+        found = decompose(filled(solid(vertices, triangles, WIDEST_GAP)), TIGHT, MOST)
     except ValueError:
         return ()
     return (found.hull, *found.parts)

@@ -14,6 +14,7 @@ import numpy as np
 from guidefield.geometry.cache import Arrays, recalled, remembered
 from guidefield.geometry.cover import Cover, cover
 from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.nested import filled
 from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
 from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
 from guidefield.geometry.solid import solid
@@ -140,7 +141,7 @@ def _allowed(area: float, delta: float) -> float:
 
 def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
     body = solid(arrays["vertices"], arrays["triangles"], WIDEST_GAP)
-    return ShapeCoverage(cover(body, _allowed(body.area, delta)), inner_balls(body).reshape(-1, 4))
+    return ShapeCoverage(cover(filled(body), _allowed(body.area, delta)), inner_balls(body).reshape(-1, 4))
 
 
 def _mesh_arrays(shape: Any) -> Arrays:

@@ -67,8 +67,8 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
         raise RobotInvalid(
             f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
         )
-    choices = shapes.settle(model, geometry)
     warnings = [*facts.warnings, *srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])]
+    choices = shapes.settle(model, geometry, facts.meshes, warnings)
     laws = followers.laws(facts)
     joints = tuple(_joint(model, index, laws, card, warnings) for index in range(1, model.njoints))
     for driver, follower in followers.unwrapped(facts).items():
