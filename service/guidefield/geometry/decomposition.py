@@ -30,7 +30,7 @@ SAMPLES = 500
 BESIDE = 1e-5
 """How far beside a face a plane is tried, as a share of the cell's extent along its normal."""
 
-DIRECTIONS = 128
+DIRECTIONS = 64
 """Of the points of a half the comparison keeps those furthest in these directions."""
 
 TOLERANCE = 5e-4

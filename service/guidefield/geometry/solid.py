@@ -194,7 +194,16 @@ def _with_area(vertices: Floats, triangles: Integers) -> np.ndarray:
 
 
 def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:
-    """The triangles with an area as the kernels read them, each owner's in a tree, and where the trees stand."""
+    """The triangles with an area as the kernels read them, each owner's in a tree, and where the trees stand.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+        owners: For each triangle, which solid's it is, shape (t,).
+
+    Returns:
+        The tables, and a row for each owner, shape (k, 4).
+    """
     wide = _with_area(vertices, triangles)
     triangles, owners = triangles[wide], owners[wide]
     nodes, corners, normals, spans = [], [], [], []
