@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 from hypothesis import HealthCheck, settings
+
+from guidefield.kernels.cache import keep_kernels_of
 
 # The same examples every time, or those of another day: `tools/test --hypothesis-profile=afresh`.
 UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -16,3 +19,6 @@ settings.load_profile("the-same")
 for name in ("FORCE_COLOR", "GITHUB_ACTIONS", "PY_COLORS", "TERMINAL_WIDTH", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
     os.environ.pop(name, None)
 os.environ["COLUMNS"] = "120"
+
+# Kernels of tests: their machine code is kept by all that they depend on, as that of the package is.
+keep_kernels_of("tests", Path(__file__).parent)

@@ -13,6 +13,7 @@ import pytest
 import guidefield
 from guidefield import first_start
 from tests.journeys.service import await_death
+from tests.kernels.copies import COMPILING
 
 HERE = Path(guidefield.__file__).parent
 
@@ -44,7 +45,7 @@ def package(folder: Path, result: str) -> Path:
     (kernels.parent / "__init__.py").touch()
     for name in ("first_start", "whole_file"):
         shutil.copy(HERE / f"{name}.py", kernels.parent)
-    for name in ("__init__", "ahead", "cache", "compilers", "dependencies", "quick_typing", "signatures"):
+    for name in ("ahead", *COMPILING):
         shutil.copy(HERE / "kernels" / f"{name}.py", kernels)
     imported = "from guidefield.kernels.callee import callee"
     (kernels / "a_caller.py").write_text(KERNEL.format(imported=imported, name="a_caller", result="callee(x) + 1.0"))

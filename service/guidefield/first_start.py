@@ -26,6 +26,9 @@ EVERY = 2.0
 PATIENCE = 0.2
 """How often it is asked whether to stop [s]."""
 
+PLAIN = "GUIDEFIELD_PLAIN_NUMBA"
+"""The variable of the environment that has kernels compiled without changes to what is inside numba."""
+
 
 def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = lambda: False) -> None:
     """Compile what has no machine code yet, on all processors; at once if that was done for this version before.
@@ -87,10 +90,20 @@ def cache_parent() -> Path:
     return Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
 
 
+def plain_numba() -> bool:
+    """Whether kernels are compiled by what numba offers to everybody: `PLAIN` is set, and not to 0."""
+    return os.environ.get(PLAIN, "") not in ("", "0")
+
+
+def kernel_compiler() -> str:
+    """What compiles kernels, in words: machine code that something else made is another one."""
+    return f"{'plain ' if plain_numba() else ''}numba {version('numba')}"
+
+
 @functools.cache
 def kernels_fingerprint() -> str:
-    """Sixteen hexadecimal digits that change with Python's and numba's version and with every kernel."""
-    digest = hashlib.sha256(f"{sys.implementation.cache_tag} {version('numba')}".encode())
+    """Sixteen hexadecimal digits that change with Python's version, what compiles kernels, and every kernel."""
+    digest = hashlib.sha256(f"{sys.implementation.cache_tag} {kernel_compiler()}".encode())
     for source in sorted(KERNELS.rglob("*.py")):
         name = str(source.relative_to(KERNELS))
         digest.update(name.encode() + b"\0" + hashlib.sha256(source.read_bytes()).digest())

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from numba import types
@@ -21,8 +20,9 @@ from numba.np import arrayobj
 
 from guidefield import kernels
 from guidefield.kernels import quick_typing
-from guidefield.kernels.compilers import KernelCompiler, part, shorten_messages
+from guidefield.kernels.patched_compiler import kernel, part, quicken
 from guidefield.kernels.signatures import SCALAR, VECTOR, VECTOR_OUT, inlined
+from tests.kernels.copies import COMPILING
 
 HERE = Path(kernels.__file__).parent
 
@@ -51,7 +51,7 @@ def doubled(x: float) -> float:
     return 2.0 * x
 
 
-@numba.njit(SCALAR(VECTOR), pipeline_class=KernelCompiler)
+@kernel(SCALAR(VECTOR))
 def doubled_sum(values: np.ndarray) -> float:
     total = 0.0
     for i in range(values.shape[0]):
@@ -59,7 +59,7 @@ def doubled_sum(values: np.ndarray) -> float:
     return total
 
 
-@numba.njit(SCALAR(VECTOR), pipeline_class=KernelCompiler)
+@kernel(SCALAR(VECTOR))
 def more(values: np.ndarray) -> float:
     return doubled_sum(values) + 1.0
 
@@ -81,13 +81,17 @@ def test_a_kernel_calls_parts_and_kernels() -> None:
 def test_a_part_has_no_machine_code_and_runs_as_its_source_does() -> None:
     assert doubled(3.0) == 6.0
     assert doubled(4) == 8.0
-    assert part(lambda x: x * x)(3) == 9
+    assert part(lambda x: x * x, False, None)(3) == 9
 
 
 def test_arrays_of_other_shapes_are_not_assigned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arrayobj, "raise_with_shape_context", arrayobj.raise_with_shape_context)
-    shorten_messages()
-    copied = numba.njit(types.void(VECTOR, VECTOR_OUT), pipeline_class=KernelCompiler)(copy)
+    for changed, name in (
+        *((arrayobj, "raise_with_shape_context"), (BaseFunction, "get_call_type")),
+        *((TargetConfig, "values"), (TargetConfig, "__hash__")),
+    ):
+        monkeypatch.setattr(changed, name, getattr(changed, name))
+    quicken()
+    copied = kernel(types.void(VECTOR, VECTOR_OUT))(copy)
     out = np.zeros(3)
     copied(np.arange(3.0), out)
     assert (out == np.arange(3.0)).all()
@@ -102,7 +106,7 @@ def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -
     (sources.parent / "__init__.py").touch()
     for name in ("first_start", "whole_file"):
         shutil.copy(HERE.parent / f"{name}.py", sources.parent)
-    for name in ("__init__", "cache", "compilers", "dependencies", "signatures"):
+    for name in COMPILING:
         shutil.copy(HERE / f"{name}.py", sources)
     loops = "for i in range(x.shape[0]):\n        out[i] = 2.0 * x[i]"
     (sources / "callee.py").write_text(KERNEL.format(imported="", name="callee", body=loops))

@@ -17,8 +17,7 @@ import threading
 from collections.abc import Callable
 
 from guidefield.kernels.cache import sources, uncompiled
-from guidefield.kernels.compilers import shorten_messages
-from guidefield.kernels.quick_typing import quicken_typing
+from guidefield.kernels.compilers import quicken
 
 Told = Callable[[str], None]
 """Told, in one sentence, how far it is."""
@@ -120,8 +119,7 @@ def _ahead_of(needs: dict[str, set[str]]) -> dict[str, int]:
 
 def _compile_what_is_named() -> None:
     # here only: a program that imports kernels may have numba compile functions of its own
-    quicken_typing()
-    shorten_messages()
+    quicken()
     gc.disable()  # the compiler makes millions of objects, and looking through them all is a fifth of its time
     for line in sys.stdin:
         try:

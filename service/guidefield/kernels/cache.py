@@ -10,27 +10,31 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
-import numba
-from numba.core.caching import CacheImpl, UserProvidedCacheLocator
+from numba import config
+from numba.core.caching import UserProvidedCacheLocator
 
-from guidefield.first_start import KERNELS, cache_parent, kernels_fingerprint
+from guidefield.first_start import KERNELS, cache_parent, kernel_compiler, kernels_fingerprint
 from guidefield.kernels.dependencies import Sources
 from guidefield.whole_file import write_whole
 
 _KEPT = re.compile(r"^@(?:compiled|lane_kernel|lane_step)\(", re.MULTILINE)
 
+_NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
+"""Whom numba asks for folders, where the variable ``NUMBA_CACHE_LOCATOR_CLASSES`` says nothing else."""
+
 
 class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # numba has no types
-    """Tells numba the folder of a kernel's machine code; leaves every function outside this package alone."""
+    """Tells numba the folder of a kernel's machine code; leaves every function that is none of ours alone."""
 
-    def __init__(self, function: Callable[..., object], file: str) -> None:
+    def __init__(self, function: Callable[..., object], file: str, folder: Path) -> None:
         super().__init__(function, file)
-        self._folder = kernel_folder(_name(Path(file)))
+        self._folder = folder
 
     @classmethod
     def from_function(cls, function: Callable[..., object], file: str) -> KernelCacheLocator | None:
@@ -39,9 +43,10 @@ class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # num
         Raises:
             OSError: if its folder cannot be made or written; set ``NUMBA_CACHE_DIR`` to a writable one.
         """
-        if not Path(file).is_relative_to(KERNELS):
+        folder = _folder_of(Path(file))
+        if folder is None:
             return None
-        locator = cls(function, file)
+        locator = cls(function, file, folder)
         locator.ensure_cache_path()
         return locator
 
@@ -51,9 +56,28 @@ class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # num
 
 
 def use_kernel_folders() -> None:
-    """Have numba ask `KernelCacheLocator` first, in this process."""
-    if CacheImpl._locator_classes[0] is not KernelCacheLocator:
-        CacheImpl._locator_classes.insert(0, KernelCacheLocator)
+    """Have numba ask `KernelCacheLocator` first, in this process.
+
+    Before every kernel: numba reads its settings again when a variable of the environment has changed.
+    """
+    ours, others = f"{__name__}.{KernelCacheLocator.__name__}", config.CACHE_LOCATOR_CLASSES or _NUMBAS_OWN
+    if not others.startswith(ours):
+        config.CACHE_LOCATOR_CLASSES = f"{ours},{others}"
+
+
+def is_kept(function: Callable[..., object]) -> bool:
+    """Whether a function is one of the kernels whose machine code is kept."""
+    return _folder_of(Path(inspect.getfile(function))) is not None
+
+
+def keep_kernels_of(package: str, folder: Path) -> None:
+    """Keep machine code of the kernels of another package too, which may call ours; that of the tests, for instance.
+
+    Args:
+        package: Its name.
+        folder: Where its files are.
+    """
+    _OTHERS[package] = Sources(folder, package, sources())
 
 
 def cache_folder() -> Path:
@@ -76,9 +100,24 @@ def kernel_folder(name: str) -> Path:
     return cache_folder() / f"{name}-{_fingerprints()[name]}"
 
 
-def _name(file: Path) -> str:
-    """A kernel file's name below the folder of all kernels, with dots."""
-    return ".".join(file.relative_to(KERNELS).with_suffix("").parts)
+_OTHERS: dict[str, Sources] = {}
+"""Other packages whose kernels are kept, by name."""
+
+
+def _folder_of(file: Path) -> Path | None:
+    """The folder of a file's machine code; None for one that has no kernels of ours."""
+    if file.is_relative_to(KERNELS):
+        return kernel_folder(_name(file, KERNELS))
+    for package, known in _OTHERS.items():
+        if file.is_relative_to(known.folder):
+            name = _name(file, known.folder)
+            return cache_folder() / f"{package}.{name}-{known.fingerprint(name, kernel_compiler())}"
+    return None
+
+
+def _name(file: Path, folder: Path) -> str:
+    """A file's name below a folder, with dots."""
+    return ".".join(file.relative_to(folder).with_suffix("").parts)
 
 
 @functools.cache
@@ -95,7 +134,7 @@ def _fingerprints() -> dict[str, str]:
         found: dict[str, str] = json.loads(kept.read_text())
         return found
     known = sources()
-    made = {name: known.fingerprint(name, numba.__version__) for name in known.names}
+    made = {name: known.fingerprint(name, kernel_compiler()) for name in known.names}
     with contextlib.suppress(OSError):  # where nothing can be written, numba says so at the first kernel
         kept.parent.mkdir(parents=True, exist_ok=True)
         write_whole(kept, json.dumps(made).encode(), durable=False)

@@ -48,11 +48,18 @@ class Source:
 
 
 class Sources:
-    """All files below a folder of kernels, by their names below it, with dots: each is read once."""
+    """All files below a folder of kernels, by their names below it, with dots: each is read once.
 
-    def __init__(self, folder: Path, package: str) -> None:
+    Args:
+        folder: The folder.
+        package: What it is imported as.
+        others: Files of another package that these may import from; here they go by their full names.
+    """
+
+    def __init__(self, folder: Path, package: str, others: Sources | None = None) -> None:
         self.folder = folder
         self.package = package
+        self._others = others
         self._read: dict[str, Source] = {}
 
     @cached_property
@@ -63,6 +70,8 @@ class Sources:
 
     def path(self, name: str) -> Path:
         """The file of a name."""
+        if self._others is not None and name.startswith(f"{self._others.package}."):
+            return self._others.path(name.removeprefix(f"{self._others.package}."))
         return self.folder.joinpath(*name.split(".")).with_suffix(".py")
 
     def source(self, name: str) -> Source:
@@ -160,7 +169,9 @@ class Sources:
                         yield name, (file, alias.name)
 
     def _file(self, module: str) -> str | None:
-        """The name of a module's file below the folder; None if there is no such file."""
+        """The name of a module's file, of this package or the other one; None if there is no such file."""
+        if self._others is not None and self._others._file(module) is not None:
+            return module
         if not module.startswith(f"{self.package}."):
             return None
         name = module.removeprefix(f"{self.package}.")

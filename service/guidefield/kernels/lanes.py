@@ -13,15 +13,15 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-from guidefield.kernels.compilers import KernelCompiler, part
+from guidefield.kernels.compilers import kernel as made, part
 from guidefield.kernels.signatures import Kernel
 
 LANES = 16
@@ -94,20 +94,12 @@ def lane_part(kernel: Kernel) -> Kernel:
 
     Sums keep their order, unlike in the other kernels: the range reduction of angles depends on it.
     """
-    decorated: Kernel = part(kernel, fastmath={"contract"}, error_model="numpy")
-    return decorated
+    return cast(Kernel, part(kernel, fastmath={"contract"}))
 
 
 def lane_kernel(signature: Any, **options: bool) -> Callable[[Kernel], Kernel]:
     """Decorator of a lane kernel of one signature: machine code from the cache, no GIL; sums keep their order."""
-
-    def decorate(kernel: Kernel) -> Kernel:
-        common = {"cache": True, "error_model": "numpy", "nogil": True, "pipeline_class": KernelCompiler}
-        compiled = njit(signature, fastmath={"contract"}, **common, **options)
-        decorated: Kernel = compiled(kernel)
-        return decorated
-
-    return decorate
+    return made(signature, fastmath={"contract"}, **options)
 
 
 def lane_step(signature: Any) -> Callable[[Kernel], Kernel]:

@@ -22,7 +22,6 @@ from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin
-from numba.np import arrayobj
 
 from guidefield.kernels.point_lanes_model import (
     Lanes,
@@ -192,7 +191,7 @@ def _load_type(array: Any, at: Any) -> Any:
 
 
 def _pointer(context: Any, builder: Any, kind: Any, array: Any, at: Any, lanes: Lanes) -> Any:
-    data = arrayobj.make_array(kind)(context, builder, array).data
+    data = context.make_array(kind)(context, builder, array).data
     element = builder.gep(data, [at])
     return builder.bitcast(element, context.get_value_type(lanes).as_pointer())
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.datamodel import models
-from numba.extending import register_model
+from numba.extending import models, register_model
 
 LANES_64 = 8
 """Points at once in double precision."""

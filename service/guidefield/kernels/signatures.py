@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
-from guidefield.kernels.compilers import KernelCompiler, part
+from guidefield.kernels.compilers import kernel as made, part
 
 Floats = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
@@ -41,15 +41,14 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 def inlined(kernel: Kernel) -> Kernel:
     """Decorator of the parts of kernels: compiled into each caller, so that its loops become vector loops."""
-    return cast(Kernel, part(kernel, fastmath=FASTMATH, error_model="numpy"))
+    return cast(Kernel, part(kernel, fastmath=FASTMATH))
 
 
 def optimized(kernel: Kernel) -> Kernel:
     """Decorator like `inlined`, of a loop that is a fifth slower where it is optimised within its caller only."""
-    return cast(Kernel, part(kernel, optimized=True, fastmath=FASTMATH, error_model="numpy"))
+    return cast(Kernel, part(kernel, optimized=True, fastmath=FASTMATH))
 
 
 def compiled(signature: Any) -> Callable[[Kernel], Kernel]:
     """Decorator of a kernel of one signature: machine code from the cache, no GIL, division by zero gives infinity."""
-    options = {"cache": True, "error_model": "numpy", "nogil": True, "pipeline_class": KernelCompiler}
-    return cast(Callable[[Kernel], Kernel], njit(signature, fastmath=FASTMATH, **options))
+    return made(signature, fastmath=FASTMATH)

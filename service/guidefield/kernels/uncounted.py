@@ -18,9 +18,9 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 def uncounted(kernel: Kernel) -> Kernel:
     """Decorator like `inlined`, of what neither makes nor returns arrays, or is only called from such parts."""
-    return cast(Kernel, part(kernel, fastmath=FASTMATH, error_model="numpy", _nrt=False))
+    return cast(Kernel, part(kernel, counting=False, fastmath=FASTMATH))
 
 
 def counted(kernel: Kernel) -> Kernel:
     """Decorator like `inlined`, of what makes arrays and is called from parts that don't count."""
-    return cast(Kernel, part(kernel, fastmath=FASTMATH, error_model="numpy", _nrt=True))
+    return cast(Kernel, part(kernel, counting=True, fastmath=FASTMATH))

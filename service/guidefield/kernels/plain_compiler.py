@@ -1,0 +1,27 @@
+"""Kernels compiled by what numba offers to everybody, and documents: slower to compile, and with the same results.
+
+Each part gets machine code that nobody calls, and each kernel is compiled once more into every kernel that calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+from numba.extending import register_jitable
+
+
+def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a kernel of one signature or several, with numba's options."""
+    decorator: Callable[[Callable[..., Any]], Any] = njit(signature, **options)
+    return decorator
+
+
+def part(function: Callable[..., Any], optimized: bool, counting: bool | None, **options: Any) -> Any:  # noqa: ARG001
+    """The function itself, that numba compiles into kernels from now on: always optimised, always counting."""
+    return register_jitable(forceinline=True, **options)(function)
+
+
+def quicken() -> None:
+    """Nothing: numba stays as it is."""
