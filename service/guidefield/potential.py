@@ -100,7 +100,7 @@ class RobotField:
         return float(self.potentials(q[None])[0])
 
     def potentials(self, qs: np.ndarray) -> np.ndarray:
-        """U at many configurations.
+        """U at many configurations: in single precision alone, which takes half the time of `evaluate`.
 
         Args:
             qs: Configurations of the group, shape (m, nq).
@@ -108,6 +108,8 @@ class RobotField:
         Returns:
             Shape (m,) [m].
         """
+        if self._precision is Precision.DOUBLE:
+            return np.array([self.evaluate(q).potential for q in qs])
         expanded = np.array([self.group.expand(q) for q in qs], dtype=np.float64).reshape(len(qs), -1)
         values = np.empty(len(qs))
         potentials(self.joints, self.charged, self.tables, expanded, values)

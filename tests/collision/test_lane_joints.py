@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels.lane_kinematics import POSE, placements_of_configurations
+from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_tables import BAND
 from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.messages.scene import Scene
@@ -21,6 +21,7 @@ from guidefield.robot.model import RobotModel
 from guidefield.robot.selection import select
 from guidefield.scene.scene import build
 from tests.collision.test_lanes import draw, narrowest, zoo
+from tests.kernels.lane_callers import placements_of_configurations
 from tests.robot.random_chains import chains
 from tests.robots import box_arm, load, robot
 

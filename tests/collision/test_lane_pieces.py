@@ -10,11 +10,12 @@ import pytest
 
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels.lane_kinematics import POSE, placements_of_configurations
+from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_tables import BAND
 from guidefield.kernels.packing import packed
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
+from tests.kernels.lane_callers import placements_of_configurations
 from tests.robots import group
 
 

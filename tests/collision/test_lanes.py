@@ -12,13 +12,14 @@ import pytest
 from guidefield.collision.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
-from guidefield.kernels.lane_kinematics import POSE, placements_of_configurations
+from guidefield.kernels.lane_kinematics import POSE
 from guidefield.kernels.lane_tables import BAND
 from guidefield.messages import scene as messages
 from guidefield.robot.group import PlanningGroup
 from guidefield.robot.selection import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
+from tests.kernels.lane_callers import placements_of_configurations
 from tests.robots import box_arm, group, grouped
 
 COUNTS = {"panda": 1700, "ur5": 1700, "kinova": 150}

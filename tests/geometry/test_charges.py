@@ -9,7 +9,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.charges import surface_points
 from guidefield.geometry.surfaces import Surface
-from guidefield.kernels.field import potential_at_points
+from guidefield.kernels.field import field_at_points
 from tests.geometry.measures import areas
 from tests.oracles import distance_to_triangle
 
@@ -75,10 +75,10 @@ def test_weighted_sums_tend_to_the_integral() -> None:
     for axis in range(3):
         for side in (-0.5, 0.5):
             grid = np.insert(np.column_stack([u, v]), axis, side, axis=1) * size
-            exact += potential_at_points(ball, grid).mean() * np.prod(np.delete(size, axis))
+            exact += field_at_points(ball, grid).potential.mean() * np.prod(np.delete(size, axis))
     for spacing, accuracy in ((0.1, 0.1), (0.03, 0.02)):
         charges = surface_points(*box, spacing)
-        assert charges.weights @ potential_at_points(ball, charges.points) == pytest.approx(exact, rel=accuracy)
+        assert charges.weights @ field_at_points(ball, charges.points).potential == pytest.approx(exact, rel=accuracy)
 
 
 def test_the_same_surface_gives_the_same_points() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field import field_at_points, potential_at_points
+from guidefield.kernels.field import add_potential, field_at_points, padded
+from guidefield.kernels.field_tables import FieldTables
 
 
 class Field(NamedTuple):
@@ -24,6 +25,18 @@ def field(point: np.ndarray, triangles: np.ndarray | None = None, **charged: Any
     """Field of charged surfaces, in the arguments of `field_tables`, at a point."""
     at = field_at_points(field_tables(triangles, **charged), np.array([point], float))
     return Field(float(at.potential[0]), at.gradient[0], float(at.curvature[0]), float(at.winding[0]))
+
+
+def potential_at_points(tables: FieldTables, points: np.ndarray) -> np.ndarray:
+    """What `add_potential` makes of points (n, 3), in the precision of the tables: shape (n,) [1/m].
+
+    Its machine code is in single precision only; in double its source runs on NumPy arrays.
+    """
+    at = padded(tables, points)
+    out = np.zeros(at.shape[1], at.dtype)
+    added = add_potential if at.dtype == np.float32 else add_potential.py_func
+    added(tables, at, 0, out)
+    return out[: len(points)].astype(np.float64)
 
 
 def gradient_by_differences(point: np.ndarray, step: float, **charged: Any) -> np.ndarray:

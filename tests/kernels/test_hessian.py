@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.hessian import hessian_at_points
 from tests.kernels.evaluation import field, rigid_motions, triangles, vectors
+from tests.kernels.hessian import hessian_at_points
 from tests.oracles import EPS, PolygonCase, distance_to_triangle, polygon_cases
 
 HESSIAN_ULPS = 64

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels import lane_nearest, lane_nodes
+from guidefield.kernels import lane_nodes
 from guidefield.kernels.lane_buckets import BUCKET, KNOWN, STATE
 from guidefield.kernels.lane_samples import Sampling
 from guidefield.kernels.packing import packed
 from guidefield.planner.lane_tree import _Room, held_by
+from tests.kernels.lane_callers import nearest_nodes, nearest_nodes_of_samples
 
 WRAPS = np.array([0.0, 2.0 * np.pi, 0.0, 0.0, 2.0 * np.pi], np.float32)
 
@@ -54,7 +55,7 @@ def test_the_nearest_of_few_nodes_is_brute_forces() -> None:
     for size in range(1, 41):
         room.search.counters[lane_nodes.SIZE] = size
         least = apart(points[None, :size], targets[:, None], WRAPS).argmin(axis=1)
-        for asked in (lane_nearest.nearest_nodes, lane_nearest.nearest_nodes_of_samples):
+        for asked in (nearest_nodes, nearest_nodes_of_samples):
             asked(room.words, packed(sampling), 0, targets.astype(np.float32), nodes)
             np.testing.assert_array_equal(nodes, least)
 
@@ -75,7 +76,7 @@ def test_the_nearest_node_is_brute_forces(kind: str, wraps: np.ndarray) -> None:
         room.search.counters[lane_nodes.SIZE + 1] = size
         for tree, points in ((0, roots[0]), (1, roots[1][:size])):
             least = apart(points[None], targets[:, None], wraps).min(axis=1)
-            for asked in (lane_nearest.nearest_nodes, lane_nearest.nearest_nodes_of_samples):
+            for asked in (nearest_nodes, nearest_nodes_of_samples):
                 nodes[:] = -1
                 asked(search, words, tree, targets, nodes)
                 np.testing.assert_allclose(apart(points[nodes], targets, wraps), least, atol=1e-5)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.lane_sieve import SIEVE, hits_of_configurations
+from guidefield.kernels.lane_sieve import SIEVE
 from guidefield.kernels.lanes import LANES
 from tests.collision.test_lanes import draw, world_of
+from tests.kernels.lane_callers import hits_of_configurations
 
 
 @pytest.mark.parametrize("robot", ["panda", "ur5"])

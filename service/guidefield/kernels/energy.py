@@ -245,9 +245,9 @@ def energy(
     return potential
 
 
-@compiled([SCALAR(JOINTS, ROBOT, t, VECTOR) for t in (TABLES, TABLES_32)])
+@compiled(SCALAR(JOINTS, ROBOT, TABLES_32, VECTOR))
 def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
-    """Potential U alone of a robot at a configuration q, shape (nq,) [m]."""
+    """Potential U alone of a robot at a configuration q, shape (nq,) [m]; as descents ask for it."""
     count = robot.points.shape[0]
     kind, counting = tables.boxes.dtype, _counting(tables)
     step, lane = lanes_of(counting), load(counting, 0)
@@ -278,7 +278,7 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
     return float(total(U))
 
 
-@compiled([void(JOINTS, ROBOT, t, MATRIX, VECTOR_OUT) for t in (TABLES, TABLES_32)])
+@compiled(void(JOINTS, ROBOT, TABLES_32, MATRIX, VECTOR_OUT))
 def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
     """`potential` at many configurations.
 

@@ -12,15 +12,12 @@ from guidefield.kernels.lane_math import Floats32, cosine_and_sine, quaternion_o
 from guidefield.kernels.lanes import (
     FLOAT_POINTER,
     FLOATS,
-    FLOATS_OUT,
     LANES,
     Vector,
-    lane_kernel,
     lane_part,
     lane_step,
     load,
     pointed,
-    pointers,
     splat,
     store,
 )
@@ -266,9 +263,3 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
             _place_free(joints, i, coordinates, poses_out)
         else:
             _place_plain(turning, numbers, base, value, c, s, poses_out, here, there)
-
-
-@lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
-def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
-    """`lane_placements` for callers from Python."""
-    lane_placements(pointers(joints), pointers(coordinates), pointers(poses_out))

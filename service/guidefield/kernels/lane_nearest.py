@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import int64, types, void
+from numba import int64, void
 
 from guidefield.kernels.lane_buckets import KNOWN, STATE, nearest_in_buckets, put_in_bucket, short_way
 from guidefield.kernels.lane_math import Floats32
-from guidefield.kernels.lane_nodes import LATE, SEARCH, SIZE, Search, search_of
-from guidefield.kernels.lane_samples import SAMPLING, Sampling, sampling_of
+from guidefield.kernels.lane_nodes import LATE, SEARCH, SIZE, Search
+from guidefield.kernels.lane_samples import SAMPLING, Sampling
 from guidefield.kernels.lanes import (
     ALL_LANES,
     FLOAT_POINTER,
-    INTEGERS_OUT,
     LANES,
     below,
     first_lane,
     lane,
-    lane_kernel,
     lane_part,
     lane_step,
     load,
@@ -28,8 +26,6 @@ from guidefield.kernels.lanes import (
     store,
     where_below,
 )
-from guidefield.kernels.packing import Words
-from guidefield.kernels.tree_kinematics import INDICES
 
 _PLACES = np.arange(LANES, dtype=np.float32)
 
@@ -130,26 +126,3 @@ def nearest_to_each(search: Search, tree: int, sampling: Sampling) -> None:
     if known:
         for k in range(LANES):
             _nearer_in_buckets(search, tree, sampling, k)
-
-
-@lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))
-def nearest_nodes_of_samples(
-    search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray
-) -> None:
-    """The same by `nearest_to_each`, for sixteen targets at a time: n is a multiple of 16."""
-    trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
-    for i in range(0, len(targets), LANES):
-        for k in range(LANES):
-            for j in range(trees.nv):
-                trees.samples[j * LANES + k] = targets[i + k, j]
-        nearest_to_each(trees, tree, sources)
-        for k in range(LANES):
-            nodes_out[i + k] = int(trees.near[LANES + k])
-
-
-@lane_kernel(void(INDICES, INDICES, int64, types.Array(types.float32, 2, "C"), INTEGERS_OUT))
-def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray) -> None:
-    """`nearest` for callers from Python: of each of some targets, shape (n, nv), the node of a tree, shape (n,)."""
-    trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
-    for i in range(len(targets)):
-        nodes_out[i] = nearest(trees, tree, pointers(targets[i]), sources)

@@ -10,7 +10,6 @@ from numba import int64, types
 
 from guidefield.kernels.lane_kinematics import JOINTS, Integers, LaneJoints, lane_placements
 from guidefield.kernels.lane_math import Floats32
-from guidefield.kernels.lane_motion import world_of
 from guidefield.kernels.lane_near import ball_centre, boxes_near, near_obstacle, place_carriers
 from guidefield.kernels.lane_tables import (
     BALL,
@@ -25,19 +24,13 @@ from guidefield.kernels.lane_tables import (
 from guidefield.kernels.lanes import (
     ALL_LANES,
     FLOAT_POINTER,
-    FLOATS,
     INTEGER_POINTER,
-    INTEGERS_OUT,
     LANES,
     first_lane,
-    lane_kernel,
     lane_part,
     lane_step,
     load,
-    pointers,
 )
-from guidefield.kernels.packing import Words
-from guidefield.kernels.tree_kinematics import INDICES
 
 SIEVE = 32
 """How many of the inner balls that met an obstacle are tried before any other."""
@@ -148,12 +141,3 @@ def certain_hits(
                 if mask == ALL_LANES:
                     return mask
     return int(mask)
-
-
-@lane_kernel(int64(INDICES, types.float64, FLOATS, INTEGERS_OUT))
-def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32, hits: Integers) -> int:
-    """`certain_hits` for callers from Python, in a world that is packed."""
-    world = world_of(pointers(words))
-    return certain_hits(
-        world.joints, world.bodies, world.obstacles, clearance, pointers(coordinates), world.scratch, pointers(hits)
-    )

@@ -93,9 +93,3 @@ def allows(guard: TipGuard, p: Vector3) -> bool:
 def closest_point(guard: TipGuard, point: Floats, point_out: Floats) -> None:
     """`closest` for a point of shape (3,) [m, world], into one of shape (3,)."""
     point_out[0], point_out[1], point_out[2] = closest(guard, (point[0], point[1], point[2]))
-
-
-@compiled(types.boolean(GUARD, VECTOR))
-def allowed(guard: TipGuard, point: Floats) -> bool:
-    """`allows` for a point of shape (3,) [m, world]."""
-    return allows(guard, (point[0], point[1], point[2]))

@@ -6,7 +6,7 @@ e_i = a_i/l_i, S = sum l_i, E = sum e_i, F_i = (l_i + S)(S - l_i) - L_i^2 and si
     Hess F = (sum F_i/l_i) 1 - sum (2 l_i + F_i/l_i) e_i e_i^T + 2 S E E^T
     Hess Phi = Phi_FF gF gF^T + sigma Phi_Fh (gF n^T + n gF^T) + Phi_hh n n^T + Phi_F Hess F
 
-Not for loops over many points: one triangle at a time, in double precision.
+An oracle for what kernels make of first derivatives: one triangle at a time, as Python runs it.
 """
 
 from __future__ import annotations
@@ -15,14 +15,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import types, void
 
 from guidefield.kernels.faces import PLANE_ROWS, sliver_part
-from guidefield.kernels.field_tables import CHARGE_PER_AREA, TABLES, FieldTables
-from guidefield.kernels.signatures import MATRIX, Floats, Vector3, compiled, inlined
+from guidefield.kernels.field_tables import CHARGE_PER_AREA, FieldTables
+from guidefield.kernels.signatures import Floats, Vector3
 from guidefield.kernels.solid_angle import arctangent_tail
-
-BLOCKS_OUT = types.Array(types.float64, 3, "C")
 
 _SMALL = math.tan(math.pi / 8) ** 2
 
@@ -46,11 +43,11 @@ def hessian_at_points(tables: FieldTables, points: Floats) -> Floats:
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"`points` must have shape (n, 3), got {points.shape}")
     hessian = np.zeros((len(points), 3, 3))
-    _add_hessians(tables, points, hessian)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a selection both sides are worked out
+        _add_hessians(tables, points, hessian)
     return hessian
 
 
-@inlined
 def _slopes(A: float, F: float, h: float) -> tuple[float, float, float, float]:
     """Phi_F, Phi_FF, Phi_Fh and Phi_hh of Phi = (2/h) atan2(4 A h, F)."""
     y = 4.0 * A * h
@@ -66,7 +63,6 @@ def _slopes(A: float, F: float, h: float) -> tuple[float, float, float, float]:
     return -8.0 * A / N, 16.0 * A * F / (N * N), cube * h / (N * N), hh
 
 
-@inlined
 def _add_hessian(a1: Vector3, a2: Vector3, a3: Vector3, charge: float, row: Any, out: Floats) -> None:
     """Add one triangle's; its row is that of kernels/faces.py."""
     corners = (a1, a2, a3)
@@ -102,7 +98,6 @@ def _add_hessian(a1: Vector3, a2: Vector3, a3: Vector3, charge: float, row: Any,
             out[r, c] += charge * value
 
 
-@compiled(void(TABLES, MATRIX, BLOCKS_OUT))
 def _add_hessians(t: Any, points: Floats, hessian_out: Floats) -> None:
     for i in range(points.shape[0]):
         p = points[i]
