@@ -157,7 +157,7 @@ class _Judge:
             motion, (centre, radius) = self.worlds.obstacles[k].motion, self.worlds.balls[k]
             assert motion is not None, "only what moves is judged here"
             bounds[k] += half * motion.speed(stretch.since, stretch.until, centre, radius)
-        left = [k for k in stretch.pairs if not self._apart(k, time, self.kept + bounds[k])]
+        left = [k for k in stretch.pairs if self._within(k, time, self.kept + bounds[k] + COAL_ACCURACY)]
         if not left:
             return None
         first, second = stretch.halves(left)
@@ -177,24 +177,23 @@ class _Judge:
         bounds = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
         return np.array(bounds[0][self.worlds.pairs])
 
-    def _apart(self, k: int, time: float, margin: float) -> bool:
-        """Whether a pair keeps more than a margin where the robot was placed last, at a time."""
+    def _within(self, k: int, time: float, margin: float) -> bool:
+        """Whether a pair comes within a margin (>= 0) of each other where the robot was placed last, at a time.
+
+        Coal answers for no margin below 0 where a body is a mesh.
+        """
         world, obstacle = self.worlds.moving, self.worlds.obstacles[k]
         body = int(world.pairs[self.worlds.pairs[k]].min())
         shape, placement = world.geometry.geometryObjects[body].geometry, world.margin_data.oMg[body]
         request, result = coal.CollisionRequest(), coal.CollisionResult()
-        request.security_margin = margin + COAL_ACCURACY
+        request.security_margin = margin
         there = obstacle.placement_at(time)
-        return not coal.collide(shape, _transform(placement), obstacle.shape, _transform(there), request, result)
+        return bool(coal.collide(shape, _transform(placement), obstacle.shape, _transform(there), request, result))
 
     def _refused_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
         """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         self._bounds(rest.control[0], np.zeros(rest.control.shape[1]))
-        found = None
-        for k in left:
-            if not self._apart(k, rest.since, self.kept - 2.0 * COAL_ACCURACY):
-                found = ("too close" if self._apart(k, rest.since, 0.0) else "contact", k)
-                break
+        found = self._touching(rest.since, left)
         if found is None:
             undecided = [k for k in left if bounds[k] <= self.floor]
             if not undecided:
@@ -204,6 +203,16 @@ class _Judge:
         return Verdict(
             False, found[0], rest.piece, rest.start, free_until, names, rest.control[0], self.evaluations
         )  # fmt: skip
+
+    def _touching(self, time: float, pairs: list[int]) -> tuple[str, int] | None:
+        """What is wrong where the robot was placed last, contact or too close, and with which pair; or None."""
+        for k in pairs:
+            if self._within(k, time, 0.0):
+                return "contact", k
+        for k in pairs:
+            if self.kept > 0.0 and self._within(k, time, self.kept):
+                return "too close", k
+        return None
 
 
 def _transform(placement: Any) -> Any:

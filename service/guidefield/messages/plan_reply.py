@@ -95,7 +95,8 @@ class CertificateFigures(Reply):
     """What the certificate says.
 
     Attributes:
-        collision_free: Whether what it covers is free and keeps the joints' position limits, between samples too.
+        collision_free: Whether what it covers is free, keeps the clearance asked for and the joints' position limits,
+            between samples too.
         method: How it was judged.
         covers: What was judged.
         evaluations: With how many evaluations of configurations.

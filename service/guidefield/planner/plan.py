@@ -168,7 +168,9 @@ def _plan_in_time(problem: Problem, found: Found, stages: Stages, attempts: Sequ
         found.path, found.crossings = np.array(timed.points), timed.crossings
         trajectory = timed.trajectory()
         with stages.entered("certify", "the motion as far as it got, in time") as stage:
-            verdict = certify_timed(problem.timed_world, trajectory.bezier(), trajectory.piece_times())
+            verdict = certify_timed(
+                problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
+            )
             stage.outcome = verdict.reason
         return _failed(found, failure, verdict, stages)
     trajectory = timed.trajectory()
@@ -217,7 +219,7 @@ def _cross_planes(
 def _partial(problem: Problem, found: Found, failure: StageFailed, stages: Stages) -> Plan:
     """The best motion so far, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
-        verdict = certify(problem.world, polyline(found.path))
+        verdict = certify(problem.world, polyline(found.path), problem.min_clearance)
         stage.outcome = verdict.reason
     return _failed(found, failure, verdict, stages)
 
