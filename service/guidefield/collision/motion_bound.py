@@ -59,22 +59,38 @@ class MotionBound:
             centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
             half_widths: Of the boxes in the group's chart, shape (s, group.nv) [rad or m].
         """
-        spread = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
-        sweep = np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)[..., None]
-        # about the middle of the robot, where differences of squares lose the least
-        middle = centres.mean(axis=1, keepdims=True)
-        w = jacobians[:, 3:]
-        v = jacobians[:, :3] + _cross(w, middle.swapaxes(1, 2))
-        c = centres - middle
-        # |v + w x c|^2
-        squared = (v * v).sum(axis=1)[:, None] + 2.0 * (c @ _cross(v, w)) - (c @ w) ** 2
-        squared += (c * c).sum(axis=2)[:, :, None] * (w * w).sum(axis=1)[:, None]
-        reach = (np.sqrt(np.maximum(squared, 0.0) @ self.centred) + self.radii) * self.moved_by
+        reach, sweep = self.reach(jacobians, centres), self.sweep(half_widths)[..., None]
         own = (reach[:, self.own[:, 0]] * self.first_only + reach[:, self.own[:, 1]] * self.second_only) @ sweep
         return np.concatenate([own[..., 0], (reach @ sweep)[..., 0][:, self.before_obstacles]], axis=1)
 
+    def spread(self, half_widths: np.ndarray) -> np.ndarray:
+        """Half widths, or rates, of the joints' moves, shape (s, nv of the model), of those in the chart, (s, nv)."""
+        spread: np.ndarray = np.sqrt((half_widths @ self.half_widths.T) ** 2 @ self.together)
+        return spread
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def sweep(self, half_widths: np.ndarray) -> np.ndarray:
+        """How far each joint moves a point at a distance of 1 at most, shape (s, nv of the model); see `spread`."""
+        spread = self.spread(half_widths)
+        return np.where(self.turns, 2.0 * np.sin(0.5 * np.minimum(spread, np.pi)), spread)
+
+    def reach(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """Largest distance of each body from each axis that moves it, shape (s, r, nv of the model) [m].
+
+        It is 1 for a joint that slides, and 0 for one that does not move the body; arguments as in `at`.
+        """
+        # about the middle of the robot, where differences of squares lose the least
+        middle = centres.mean(axis=1, keepdims=True)
+        w = jacobians[:, 3:]
+        v = jacobians[:, :3] + cross(w, middle.swapaxes(1, 2))
+        c = centres - middle
+        # |v + w x c|^2
+        squared = (v * v).sum(axis=1)[:, None] + 2.0 * (c @ cross(v, w)) - (c @ w) ** 2
+        squared += (c * c).sum(axis=2)[:, :, None] * (w * w).sum(axis=1)[:, None]
+        reach: np.ndarray = (np.sqrt(np.maximum(squared, 0.0) @ self.centred) + self.radii) * self.moved_by
+        return reach
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross products of columns, shapes (s, 3, n); NumPy's own takes five times as long."""
     columns = [a[:, i] * b[:, j] - a[:, j] * b[:, i] for i, j in ((1, 2), (2, 0), (0, 1))]
     return np.stack(columns, axis=1)

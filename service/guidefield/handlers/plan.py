@@ -20,7 +20,7 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
-from guidefield.planner.quality import ClearanceProfile, clearance_profile
+from guidefield.planner.quality import ClearanceProfile, clearance, clearance_profile
 from guidefield.planner.trace import Event, Silent
 from guidefield.robot.configuration import LimitFault, limit_faults
 from guidefield.robot.group import PlanningGroup
@@ -87,13 +87,13 @@ def answer_plan(
     load_seconds += time.monotonic() - begin
     problem = dataclasses.replace(problem, observer=recording or Silent())
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    profile, begin = None, time.monotonic()
+    measured, begin = None, time.monotonic()
     if made.trajectory is not None:
-        profile = clearance_profile(made.trajectory, problem)
-    measured = time.monotonic() - begin
-    reply = reply_to(request, problem, made, profile, run_id, received, load_seconds, measured, warnings)
+        measured = clearance(made.trajectory, problem)
+    measure_seconds = time.monotonic() - begin
+    reply = reply_to(request, problem, made, measured, run_id, received, load_seconds, measure_seconds, warnings)
     if recording is not None:
-        recording.finish(reply, profile)
+        recording.finish(reply, None if measured is None else clearance_profile(measured, problem))
     return reply
 
 

@@ -13,7 +13,7 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane
 from guidefield.planner.plan import Plan
 from guidefield.planner.problem import Problem
-from guidefield.planner.quality import ClearanceProfile, figures
+from guidefield.planner.quality import Clearance, Closest, figures
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.group import PlanningGroup
 
@@ -28,7 +28,7 @@ def reply_to(
     request: PlanRequest,
     problem: Problem,
     made: Plan,
-    profile: ClearanceProfile | None,
+    measured: Clearance | None,
     run_id: str,
     received: float,
     load_seconds: float,
@@ -41,11 +41,11 @@ def reply_to(
         request: What was asked.
         problem: What was planned.
         made: What came of it.
-        profile: Distances along the trajectory; None without one.
+        measured: How far the trajectory keeps from everything; None without one.
         run_id: Name of the run.
         received: As in `answer_plan`.
         load_seconds: As in `answer_plan`.
-        measure_seconds: Time that the profile took [s].
+        measure_seconds: Time that measuring took [s].
         warnings: What was odd before planning.
     """
     group, begin = problem.group, time.monotonic()
@@ -56,7 +56,7 @@ def reply_to(
         status=replies.Outcome(
             code=int(made.status), name=made.status.name, message=made.message, details=made.details
         ),
-        warnings=[*warnings, *made.warnings],
+        warnings=[*warnings, *made.warnings, *_unmeasured(measured)],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         path=[group.wire_positions(z) for z in made.path],
@@ -69,8 +69,8 @@ def reply_to(
             replies.Stage(name=stage.name, outcome=stage.outcome, seconds=stage.seconds, plane=stage.plane)
             for stage in made.stages
         ],
-        clearance=_clearance(profile),
-        self_clearance=_self_clearance(profile),
+        clearance=_clearance(measured, made, problem),
+        self_clearance=_self_clearance(measured, made),
         certificate=replies.CertificateFigures(
             collision_free=made.verdict.free,
             method=CERTIFICATE,
@@ -133,33 +133,58 @@ def _tangent_rates(
     return rates, second
 
 
-def _clearance(profile: ClearanceProfile | None) -> replies.ClearanceFigures | None:
-    if profile is None:
+def _clearance(measured: Clearance | None, made: Plan, problem: Problem) -> replies.ClearanceFigures | None:
+    if measured is None:
         return None
-    distance = profile.obstacle_distance
-    worst = int(np.argmin(distance))
-    pair = profile.obstacle_pair[worst]
-    if not np.isfinite(distance[worst]):
+    closest, certified = measured.obstacle, _certified(made, problem.min_clearance)
+    if closest.pair is None:
         return replies.ClearanceFigures(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
     return replies.ClearanceFigures(
-        minimum=float(distance[worst]),
-        mean=float(distance.mean()),
-        inner=profile.inner,
-        ends=float(min(distance[0], distance[-1])),
-        pair=list(pair) if pair else None,
-        time=float(profile.times[worst]),
+        minimum=_stated(closest, certified),
+        mean=measured.mean,
+        inner=None if measured.inner is None else _stated(measured.inner, certified),
+        ends=measured.ends,
+        pair=list(closest.pair),
+        time=closest.time,
     )
 
 
-def _self_clearance(profile: ClearanceProfile | None) -> replies.SelfClearance | None:
-    if profile is None:
+def _self_clearance(measured: Clearance | None, made: Plan) -> replies.SelfClearance | None:
+    if measured is None:
         return None
-    worst = int(np.argmin(profile.self_distance))
-    pair = profile.self_pair[worst]
-    finite = bool(np.isfinite(profile.self_distance[worst]))
-    return replies.SelfClearance(
-        minimum=float(profile.self_distance[worst]) if finite else None, pair=list(pair) if pair else None
-    )
+    if measured.own.pair is None:
+        return replies.SelfClearance(minimum=None, pair=None)
+    return replies.SelfClearance(minimum=_stated(measured.own, _certified(made, 0.0)), pair=list(measured.own.pair))
+
+
+def _certified(made: Plan, kept: float) -> float:
+    """What the certificate says is kept all along [m]; minus infinity where it does not say it of the whole motion."""
+    return kept if made.verdict.free and made.judged_from == 0.0 else -np.inf
+
+
+def _stated(closest: Closest, certified: float) -> float | None:
+    """The smallest distance [m]; where there was no time to find it, what is certain; None if nothing is."""
+    if closest.exact:
+        return closest.distance
+    kept = max(closest.bound, certified)
+    return kept if np.isfinite(kept) else None
+
+
+def _unmeasured(measured: Clearance | None) -> list[str]:
+    """A warning for each smallest distance that there was no time to find."""
+    if measured is None:
+        return []
+    stated = [
+        ("clearance.minimum", measured.obstacle),
+        ("clearance.inner", measured.inner),
+        ("self_clearance.minimum", measured.own),
+    ]
+    return [
+        f"time was up while distances were measured: `{name}` is not the smallest distance but what is kept at least;"
+        f" the smallest that was found is {1000 * closest.distance:.1f} mm"
+        for name, closest in stated
+        if closest is not None and not closest.exact
+    ]
 
 
 def _metrics(made: Plan, problem: Problem) -> replies.Metrics | None:

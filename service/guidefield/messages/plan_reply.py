@@ -60,11 +60,16 @@ class Stage(Reply):
 
 
 class ClearanceFigures(Reply):
-    """Distance between moving links and obstacles along the trajectory; null without such a pair.
+    """Distance between moving links and obstacles along the trajectory, as they then stand; null without such a pair.
+
+    The smallest distances are over the whole curve, between any samples too, and while the robot waits: no distance is
+    smaller by more than 0.1 mm. Where there was no time to find one (it is looked for until `allowed_planning_time` is
+    up, and for half a second at least), a warning says so, and what stands there is what is kept at least instead, null
+    if nothing is known.
 
     Attributes:
         minimum: The smallest [m].
-        mean: Over the motion [m].
+        mean: Over the motion, sampled [m].
         inner: The smallest without 0.3 rad or m of the way at each end [m].
         ends: The smaller of those at start and goal [m].
         pair: Link and obstacle where it is smallest.
@@ -83,7 +88,7 @@ class SelfClearance(Reply):
     """Distance of the robot to itself along the trajectory; null without such a pair.
 
     Attributes:
-        minimum: The smallest [m].
+        minimum: The smallest, as in `ClearanceFigures` [m].
         pair: The two links.
     """
 

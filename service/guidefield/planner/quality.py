@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from guidefield.collision.curve import Curve
+from guidefield.collision.places import Places, Surveyor
+from guidefield.collision.smallest import TOLERANCE, Question, Smallest, smallest
 from guidefield.planner.problem import Problem
 from guidefield.planner.trajectory import Trajectory
 from guidefield.robot.kinematics import Kinematics
@@ -15,8 +19,63 @@ from guidefield.robot.kinematics import Kinematics
 SPACING = 0.05
 """Joint distance between samples of the clearance [rad or m]."""
 MOST_SAMPLES = 100
+SAMPLES_A_SECOND = 10.0
+"""Among obstacles that move there are at least so many samples [Hz], within the most."""
 END_STRETCH = 0.3
-"""Joint distance at each end that the inner clearance leaves out [rad]."""
+"""Joint distance at each end that the inner clearance leaves out [rad or m]."""
+FINER = 100
+"""Times between two close ones at which it is looked when exactly a distance has been travelled."""
+LAST_MEASUREMENT = 0.5
+"""For how long the smallest distances may still be looked for when time is up or the run is ended [s]."""
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The smallest distance of some pairs along a motion.
+
+    Attributes:
+        distance: The smallest that was found, attained at `time` [m]; infinite without such a pair.
+        bound: What is kept all along, certified [m]: `TOLERANCE` less, or smaller where there was no time to tell.
+        time: When [s].
+        pair: Names of the two bodies, a link first; None without such a pair.
+    """
+
+    distance: float
+    bound: float
+    time: float
+    pair: tuple[str, str] | None
+
+    @property
+    def exact(self) -> bool:
+        """Whether no distance is smaller by more than the tolerance."""
+        return self.pair is None or self.distance - self.bound <= 1.01 * TOLERANCE
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """How far a motion keeps from everything: exact over its whole length, and samples along it.
+
+    Attributes:
+        obstacle: Of the moving links from obstacles, as they stand at the time.
+        inner: The same less `END_STRETCH` of the way at each end; None if nothing is left.
+        own: Of the robot from itself.
+        times: Of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move.
+        lengths: Joint distance travelled at them, shape (k,) [rad or m].
+        mean: Mean distance from obstacles over every second sample [m].
+        ends: The smaller of the distances from obstacles at start and goal [m].
+        surveyor: What measured.
+        places: The robot at some times, among them every second sample's.
+    """
+
+    obstacle: Closest
+    inner: Closest | None
+    own: Closest
+    times: np.ndarray
+    lengths: np.ndarray
+    mean: float
+    ends: float
+    surveyor: Surveyor
+    places: Places
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +83,7 @@ class ClearanceProfile:
     """Distances along a motion, exact at its samples.
 
     Attributes:
-        times: Shape (n,) [s].
+        times: Shape (n,) [s]; those at which distances are smallest are among them.
         configurations: Of the group, shape (n, nq).
         lengths: Joint distance travelled, shape (n,) [rad or m].
         obstacle_distance: From moving links to obstacles, shape (n,) [m]; infinite without obstacles.
@@ -50,12 +109,6 @@ class ClearanceProfile:
         """U along the motion, shape (n,) [m]: found when it is asked for, since only recordings hold it."""
         return self.potentials()
 
-    @property
-    def inner(self) -> float | None:
-        """Smallest distance to obstacles less `END_STRETCH` of the way at each end; None if nothing is left."""
-        inside = (self.lengths >= END_STRETCH) & (self.lengths <= self.lengths[-1] - END_STRETCH)
-        return float(self.obstacle_distance[inside].min()) if inside.any() else None
-
 
 @dataclass(frozen=True)
 class Figures:
@@ -76,25 +129,91 @@ class Figures:
     smoothness: float
 
 
-def clearance_profile(trajectory: Trajectory, problem: Problem) -> ClearanceProfile:
-    """Sample distances and potential evenly along a trajectory, among the obstacles as they then stand."""
-    times, lengths = _even_times(trajectory)
-    positions = trajectory.evaluate(times)[0]
-    qs = np.array([problem.group.from_chart(z) for z in positions])
-    then = [problem.at(time) for time in times]
-    found = [at.world.clearance(q) for at, q in zip(then, qs, strict=True)]
-    far = np.full((2, 3), np.nan)
+def clearance(trajectory: Trajectory, problem: Problem) -> Clearance:
+    """Measure a trajectory, among the obstacles as they stand meanwhile.
+
+    The smallest distances are looked for until time is up, and at least for `LAST_MEASUREMENT`: see `Closest.exact`.
+    """
+    until = time.monotonic() + LAST_MEASUREMENT
+
+    def stopped() -> object:
+        return time.monotonic() >= until and problem.budget.spent()
+
+    surveyor = Surveyor(problem.timed_world, Curve(trajectory.bezier(), trajectory.piece_times()))
+    times, lengths, inside = _samples(trajectory, problem)
+    coarse, start, end = np.unique(np.r_[times[::2], times[-1]]), float(times[0]), float(times[-1])
+    breaks = surveyor.breaks[(surveyor.breaks > start) & (surveyor.breaks < end)]
+    places = surveyor.places(np.unique(np.concatenate([coarse, breaks, inside or ()])))
+    world, rows = problem.world, np.searchsorted(places.times, coarse)
+    mixed = np.flatnonzero(world.is_obstacle_pair)
+    sampled = np.full(len(rows), np.inf)
+    if len(mixed):
+        sampled = places.distances[rows, surveyor.closest(places, rows, mixed)]
+    spans = [(start, end), *([inside] if inside else [])]
+    questions = [Question(world.is_obstacle_pair, *span) for span in spans]
+    obstacle, *inner = smallest(surveyor, places, questions, stopped=stopped)
+    few = np.isin(places.times, np.concatenate([coarse[::2], breaks, [end]]))
+    (own,) = smallest(
+        surveyor, places.rows(np.flatnonzero(few)), [Question(~world.is_obstacle_pair, start, end)], stopped=stopped
+    )
+    return Clearance(
+        obstacle=_closest(obstacle, problem),
+        inner=_closest(inner[0], problem) if inner else None,
+        own=_closest(own, problem),
+        times=times,
+        lengths=lengths,
+        mean=float(sampled.mean()),
+        ends=float(min(sampled[0], sampled[-1])),
+        surveyor=surveyor,
+        places=places,
+    )
+
+
+def clearance_profile(measured: Clearance, problem: Problem) -> ClearanceProfile:
+    """Distances and potential at the samples of a trajectory that was measured, for its recording."""
+    group, surveyor = problem.group, measured.surveyor
+    smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
+    times = np.unique(np.concatenate([measured.times, smallest_at]))
+    known = np.isin(times, measured.places.times)
+    places = measured.places.with_more(surveyor.places(times[~known]))
+    order = np.argsort(places.times, kind="stable")
+    rows = order[np.searchsorted(places.times[order], times)]
+    configurations = np.array([group.from_chart(z) for z in surveyor.curve.at(times)[0]])
+    mixed, witness = problem.world.is_obstacle_pair, np.full((len(times), 2, 3), np.nan)
+    obstacle_distance, obstacle_pair = _at_rows(surveyor, places, rows, np.flatnonzero(mixed))
+    self_distance, self_pair = _at_rows(surveyor, places, rows, np.flatnonzero(~mixed))
+    for index, (row, pair) in enumerate(zip(rows.tolist(), obstacle_pair, strict=True)):
+        if pair is not None:
+            witness[index] = surveyor.witness(places, row, pair)
     return ClearanceProfile(
         times=times,
-        configurations=qs,
-        lengths=lengths,
-        obstacle_distance=np.array([c.obstacle_distance for c in found]),
-        obstacle_pair=tuple(c.obstacle_pair for c in found),
-        witness=np.array([far if c.witness is None else c.witness for c in found]),
-        self_distance=np.array([c.self_distance for c in found]),
-        self_pair=tuple(c.self_pair for c in found),
-        potentials=lambda: np.array([at.robot_field.potential(q) for at, q in zip(then, qs, strict=True)]),
+        configurations=configurations,
+        lengths=np.interp(times, measured.times, measured.lengths),
+        obstacle_distance=obstacle_distance,
+        obstacle_pair=tuple(None if pair is None else problem.world.pair_names(pair) for pair in obstacle_pair),
+        witness=witness,
+        self_distance=self_distance,
+        self_pair=tuple(None if pair is None else problem.world.pair_names(pair) for pair in self_pair),
+        potentials=lambda: np.array(
+            [problem.at(t).robot_field.potential(q) for t, q in zip(times.tolist(), configurations, strict=True)]
+        ),
     )
+
+
+def _closest(found: Smallest, problem: Problem) -> Closest:
+    """An answer in the words of the scene."""
+    pair = None if found.pair < 0 else problem.world.pair_names(found.pair)
+    return Closest(found.distance, found.bound, found.time, pair)
+
+
+def _at_rows(
+    surveyor: Surveyor, places: Places, rows: np.ndarray, pairs: np.ndarray
+) -> tuple[np.ndarray, list[int] | list[None]]:
+    """The smallest distance (k,) of some pairs at rows (k,) of places, and of which pair it is."""
+    if not len(pairs):
+        return np.full(len(rows), np.inf), [None] * len(rows)
+    nearest = surveyor.closest(places, rows, pairs)
+    return places.distances[rows, nearest], nearest.tolist()
 
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
@@ -112,13 +231,48 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     )
 
 
+def _samples(trajectory: Trajectory, problem: Problem) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
+    """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
+    fine, travelled = _travelled(trajectory)
+    inside = None
+    if travelled[-1] > 2.0 * END_STRETCH:
+        since, until = (_when(trajectory, length) for length in (END_STRETCH, float(travelled[-1]) - END_STRETCH))
+        inside = (since, until)
+    times = _even_times(trajectory)[0]
+    if problem.scene.moves or travelled[-1] <= 0.0:
+        count = max(len(times), int(np.ceil(trajectory.duration * SAMPLES_A_SECOND)) + 1)
+        times = np.linspace(fine[0], fine[-1], min(count, MOST_SAMPLES))
+    times[[0, -1]] = fine[[0, -1]]
+    times = np.unique(times)
+    return times, np.interp(times, fine, travelled), inside
+
+
 def _even_times(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Times at which a trajectory has travelled equal joint distances, and those distances."""
-    fine = np.linspace(0.0, trajectory.duration, 20 * len(trajectory.times) + 2)
-    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(trajectory.evaluate(fine)[0], axis=0), axis=1))]
+    fine, travelled = _travelled(trajectory)
     count = int(np.clip(np.ceil(travelled[-1] / SPACING) + 1, 2, MOST_SAMPLES))
     lengths = np.linspace(0.0, travelled[-1], count)
     return np.interp(lengths, travelled, fine), lengths
+
+
+def _when(trajectory: Trajectory, length: float) -> float:
+    """When a trajectory has travelled a joint distance [s]."""
+    fine, travelled = _travelled(trajectory)
+    first = int(np.clip(np.searchsorted(travelled, length) - 1, 0, len(fine) - 2))
+    finer = np.linspace(fine[first], fine[first + 1], FINER)
+    return float(np.interp(length, travelled[first] + _lengths(trajectory, finer), finer))
+
+
+def _travelled(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Many times along a trajectory, and the joint distances that it has travelled by then."""
+    fine = np.linspace(0.0, trajectory.duration, 20 * len(trajectory.times) + 2)
+    return fine, _lengths(trajectory, fine)
+
+
+def _lengths(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
+    """Joint distances travelled since the first of some times (n,), shape (n,) [rad or m]."""
+    steps = np.linalg.norm(np.diff(trajectory.evaluate(times)[0], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _bending(trajectory: Trajectory) -> float:

@@ -67,11 +67,29 @@ class ObstacleMotion:
             radius: Its radius [m].
         """
         moving = (self.times[1:] > start) & (self.times[:-1] < end)
-        fastest = 0.0
-        for twist in self.twists[moving]:
-            linear = float(np.linalg.norm(twist[:3] + np.cross(twist[3:], centre)))
-            fastest = max(fastest, linear + radius * float(np.linalg.norm(twist[3:])))
-        return fastest
+        return float(_rates(self.twists[moving], centre, radius)[0].max(initial=0.0))
+
+    def rates(self, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """The largest speed and acceleration of any point of such a ball: before, between any two times, and after.
+
+        A point's acceleration on a screw is omega x (v + omega x c).
+
+        Args:
+            centre: As in `speed`, shape (3,) [m].
+            radius: As there [m].
+
+        Returns:
+            Both of shape (k + 1,), the first and the last 0 [m/s and m/s^2].
+        """
+        speeds, accelerations = _rates(self.twists, centre, radius)
+        return np.r_[0.0, speeds, 0.0], np.r_[0.0, accelerations, 0.0]
+
+
+def _rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """The largest speed and acceleration of points of a ball on screws of some twists (k, 6), both of shape (k,)."""
+    angular = np.linalg.norm(twists[:, 3:], axis=1)
+    speeds = np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], centre), axis=1) + radius * angular
+    return speeds, angular * speeds
 
 
 def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle | None:

@@ -1,0 +1,192 @@
+"""What a reply says of distances along a motion: exact between samples, and honest where there was no time."""
+
+from __future__ import annotations
+
+import inspect
+import time
+
+import numpy as np
+import pytest
+
+from guidefield.collision.smallest import TOLERANCE
+from guidefield.errors import Status
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec, scene as messages
+from guidefield.messages.requests import UrdfText
+from guidefield.messages.values import Placement
+from guidefield.planner import quality
+from guidefield.planner.problem import Budget
+from guidefield.planner.quality import END_STRETCH, clearance, clearance_profile
+from guidefield.planner.trajectory import Trajectory
+from guidefield.scene import library
+from guidefield.scene.scene import build
+from tests.planner.problems import problem, scene_of
+from tests.robots import group, grouped, load, rest, robot
+
+APART = 2e-3
+"""How far a carriage passes by a thin post [m]."""
+
+
+def carriage(length: float) -> UrdfText:
+    """A box that slides along x, and one that slides along y on it."""
+    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    limits = f'<limit lower="-1" upper="{length + 1}" effort="1" velocity="1"/>'
+    return UrdfText(
+        text=f'<robot name="carriage"><link name="rail"/><link name="car">{box}</link>'
+        '<joint name="along" type="prismatic"><parent link="rail"/><child link="car"/><axis xyz="1 0 0"/>'
+        f"{limits}</joint></robot>"
+    )
+
+
+def post(x: float) -> messages.Cylinder:
+    """A post of 1 mm radius whose surface is 2 mm beside the way of the carriage."""
+    return messages.Cylinder(name="post", radius=1e-3, length=1.0, position=(x, 0.05 + APART + 1e-3, 0.0))
+
+
+def run(length: float) -> Trajectory:
+    points = np.array([[0.0], [length]])
+    return Trajectory(np.array([0.0, length]), points, np.zeros_like(points))
+
+
+@pytest.mark.parametrize("length", [0.6, 10.0, 100.0])
+@pytest.mark.parametrize("share", [0.31, 0.5, 0.777])
+def test_a_thin_post_is_passed_at_its_distance_however_long_the_way_is(length: float, share: float) -> None:
+    made = problem(grouped(carriage(length)), scene_of(post(share * length)), q_start=np.zeros(1))
+    measured = clearance(run(length), made)
+    assert measured.obstacle.exact
+    assert APART - 1e-6 <= measured.obstacle.distance <= APART + TOLERANCE
+    assert measured.obstacle.pair == ("car", "post")
+    there = run(length).evaluate(np.array([measured.obstacle.time]))[0][0, 0]
+    assert abs(there - share * length) <= 0.05 + 1e-3
+    if length > 1.0:
+        assert measured.inner == measured.obstacle
+
+
+def test_a_reply_says_how_close_a_thin_post_was_passed() -> None:
+    message = codec.decode_request(
+        {
+            "robot": {"type": "urdf", "text": carriage(10.0).text},
+            "scene": "empty",
+            "start": {"along": 0.0},
+            "goal": {"type": "joints", "positions": {"along": 10.0}},
+            "guide_planes": [],
+            "allowed_planning_time": 60.0,
+        }
+    )
+    told = []
+
+    class Recording:
+        def observe(self, event) -> None:
+            pass
+
+        def finish(self, reply, profile) -> None:
+            told.append(profile)
+
+    scene = scene_of(post(4.321))
+    reply = answer_plan(
+        message, load(carriage(10.0)), scene, run_id="run", received=time.monotonic(), record=lambda *_: Recording()
+    )
+    assert reply.status.name == "SUCCESS"
+    assert APART - 1e-6 <= reply.clearance.minimum <= APART + TOLERANCE
+    assert APART - 1e-6 <= reply.clearance.inner <= APART + TOLERANCE
+    assert reply.clearance.pair == ["car", "post"]
+    assert reply.clearance.ends > 4.0
+    assert reply.clearance.mean > 1.0
+    (profile,) = told
+    smallest = int(np.argmin(profile.obstacle_distance))
+    assert profile.obstacle_distance[smallest] == reply.clearance.minimum
+    assert profile.times[smallest] == reply.clearance.time
+    between = np.linalg.norm(profile.witness[smallest, 0] - profile.witness[smallest, 1])
+    assert between == pytest.approx(reply.clearance.minimum, abs=1e-6)
+
+
+def passing_by(gap: float, at: float) -> messages.Sphere:
+    """A ball that flies past a carriage at rest at x = 0, closest at a time [s]."""
+    y = 0.05 + 0.02 + gap
+    flight = messages.ObstacleTrajectory(
+        times=[at - 0.4, at + 0.4], placements=[Placement(position=(-4.0, y, 0.0)), Placement(position=(4.0, y, 0.0))]
+    )
+    return messages.Sphere(name="ball", radius=0.02, trajectory=flight)
+
+
+def waiting() -> Trajectory:
+    """It waits for three seconds, then leaves."""
+    points = np.array([[0.0], [0.0], [2.0]])
+    return Trajectory(np.array([0.0, 3.0, 9.0]), points, np.zeros_like(points))
+
+
+@pytest.mark.parametrize("at", [0.4, 1.2345, 2.3])
+def test_what_comes_close_while_the_robot_waits_is_seen(at: float) -> None:
+    made = problem(grouped(carriage(10.0)), scene_of(passing_by(0.003, at)), q_start=np.zeros(1))
+    measured = clearance(waiting(), made)
+    assert 0.003 - 1e-6 <= measured.obstacle.distance <= 0.003 + TOLERANCE
+    assert measured.obstacle.time == pytest.approx(at, abs=0.05 / 10.0)
+    profile = clearance_profile(measured, made)
+    assert profile.obstacle_distance.min() == measured.obstacle.distance
+    assert (np.diff(profile.times) < 0.11).all()
+    np.testing.assert_allclose(profile.lengths[profile.times <= 3.0], 0.0, atol=1e-3)
+    assert profile.lengths[-1] == pytest.approx(2.0)
+
+
+def test_the_inner_way_leaves_out_the_ends() -> None:
+    made = problem(grouped(carriage(10.0)), scene_of(post(0.1)), q_start=np.zeros(1))
+    measured = clearance(run(10.0), made)
+    assert measured.obstacle.distance == pytest.approx(APART, abs=TOLERANCE)
+    beside = np.hypot(END_STRETCH - 0.1 - 0.05, APART + 1e-3) - 1e-3
+    assert measured.inner is not None
+    assert measured.inner.distance == pytest.approx(beside, abs=2 * TOLERANCE)
+    short = clearance(run(0.5), made)
+    assert short.inner is None
+
+
+def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is told as the smallest that may not be; the certificate's clearance is what is certain."""
+    monkeypatch.setattr(quality, "LAST_MEASUREMENT", 0.0)
+    ready = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
+    message = codec.decode_request(
+        {
+            "robot": "panda",
+            "scene": "table",
+            "start": ready,
+            "goal": {"type": "joints", "positions": {"panda_joint1": 0.6, "panda_joint4": -2.0}},
+            "min_clearance": 0.01,
+            "allowed_planning_time": 60.0,
+        }
+    )
+
+    def asked():
+        return answer_plan(message, robot("panda"), build(library.read("table")), run_id="r", received=time.monotonic())
+
+    exact = asked()
+    assert not exact.warnings
+    monkeypatch.setattr(Budget, "spent", lambda _: None if not measuring() else Status.TIMED_OUT)
+    hurried = asked()
+    assert hurried.status.name == "SUCCESS"
+    assert [w.partition(" is not")[0].rpartition("`")[0].rpartition("`")[2] for w in hurried.warnings] == [
+        "clearance.minimum",
+        "clearance.inner",
+        "self_clearance.minimum",
+    ]
+    assert 0.01 <= hurried.clearance.minimum <= exact.clearance.minimum + TOLERANCE
+    assert 0.01 <= hurried.clearance.inner <= exact.clearance.inner + TOLERANCE
+    assert 0.0 <= hurried.self_clearance.minimum <= exact.self_clearance.minimum + TOLERANCE
+    assert codec.encode(hurried)
+
+
+def measuring() -> bool:
+    """Whether the distances are being measured, by who asks."""
+    return any(frame.function == "clearance" and "quality" in frame.filename for frame in inspect.stack())
+
+
+def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
+    made = problem("panda", "bookshelf")
+    z = made.group.chart(rest(group("panda")))
+    still = Trajectory(np.array([0.0]), z[None], np.zeros_like(z[None]))
+    measured = clearance(still, made)
+    there = made.world.clearance(made.q_start)
+    assert measured.obstacle.distance == there.obstacle_distance
+    assert measured.own.distance == there.self_distance
+    assert (measured.mean, measured.ends, measured.inner) == (there.obstacle_distance, there.obstacle_distance, None)
+    profile = clearance_profile(measured, made)
+    assert profile.obstacle_pair[0] == there.obstacle_pair
+    np.testing.assert_allclose(profile.witness[0], there.witness)
