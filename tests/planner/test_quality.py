@@ -29,7 +29,7 @@ APART = 2e-3
 
 def carriage(length: float) -> UrdfText:
     """A box that slides along x, and one that slides along y on it."""
-    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    box = '<collision><geometry><box size="0.02 0.1 0.1"/></geometry></collision>'
     limits = f'<limit lower="-1" upper="{length + 1}" effort="1" velocity="1"/>'
     return UrdfText(
         text=f'<robot name="carriage"><link name="rail"/><link name="car">{box}</link>'
@@ -49,7 +49,7 @@ def run(length: float) -> Trajectory:
 
 
 @pytest.mark.parametrize("length", [0.6, 10.0, 100.0])
-@pytest.mark.parametrize("share", [0.31, 0.5, 0.777])
+@pytest.mark.parametrize("share", [0.31, 0.4975, 0.777])
 def test_a_thin_post_is_passed_at_its_distance_however_long_the_way_is(length: float, share: float) -> None:
     made = problem(grouped(carriage(length)), scene_of(post(share * length)), q_start=np.zeros(1))
     measured = clearance(run(length), made)
@@ -57,7 +57,7 @@ def test_a_thin_post_is_passed_at_its_distance_however_long_the_way_is(length: f
     assert APART - 1e-6 <= measured.obstacle.distance <= APART + TOLERANCE
     assert measured.obstacle.pair == ("car", "post")
     there = run(length).evaluate(np.array([measured.obstacle.time]))[0][0, 0]
-    assert abs(there - share * length) <= 0.05 + 1e-3
+    assert abs(there - share * length) <= 0.01 + 2e-3
     if length > 1.0:
         assert measured.inner == measured.obstacle
 
@@ -132,7 +132,7 @@ def test_the_inner_way_leaves_out_the_ends() -> None:
     made = problem(grouped(carriage(10.0)), scene_of(post(0.1)), q_start=np.zeros(1))
     measured = clearance(run(10.0), made)
     assert measured.obstacle.distance == pytest.approx(APART, abs=TOLERANCE)
-    beside = np.hypot(END_STRETCH - 0.1 - 0.05, APART + 1e-3) - 1e-3
+    beside = np.hypot(END_STRETCH - 0.1 - 0.01, APART + 1e-3) - 1e-3
     assert measured.inner is not None
     assert measured.inner.distance == pytest.approx(beside, abs=2 * TOLERANCE)
     short = clearance(run(0.5), made)

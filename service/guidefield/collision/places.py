@@ -128,7 +128,9 @@ class Surveyor:
         if exact.any():
             at, of = rows[exact], pairs[exact]
             for row, pair in self._each(places, at, of, world.geometry, world.geometry_data):
-                places.distances[row, pair] = world.distance(pair)[0]
+                places.distances[row, pair], result = world.distance(pair)
+                points = result.getNearestPoint1(), result.getNearestPoint2()
+                self._witnesses[float(places.times[row]), pair] = points
             places.stages[at, of] = EXACT
 
     def closest(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -150,15 +152,22 @@ class Surveyor:
             self.come_closer(places, rows[open_rows], nearest[open_rows])
         return nearest
 
-    def witness(self, places: Places, row: int, pair: int) -> np.ndarray:
-        """The closest points of a pair at a place, the link's first, shape (2, 3) [m, world]."""
-        world, one = self.worlds.moving, np.array([pair])
-        for _ in self._each(places, np.array([row]), one, world.geometry, world.geometry_data):
-            result = world.distance(pair)[1]
-        points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+    def witness(self, time: float, pair: int) -> np.ndarray:
+        """The closest points of a pair at a time [s], the link's first, shape (2, 3) [m, world].
+
+        Args:
+            time: Of a place where the distance of the pair is exact.
+            pair: Index of the pair.
+        """
+        points = np.array(self._witnesses[time, pair])
         between = points[0] - points[1]
-        points[1] += between * (world.roundings[pair] / max(float(np.linalg.norm(between)), 1e-12))
+        points[1] += between * (self.worlds.moving.roundings[pair] / max(float(np.linalg.norm(between)), 1e-12))
         return points
+
+    @cached_property
+    def _witnesses(self) -> dict[tuple[float, int], tuple[np.ndarray, np.ndarray]]:
+        """Coal's closest points, by time and pair, of all exact distances."""
+        return {}
 
     def rates_of_obstacles(self, since: np.ndarray, until: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest speeds and accelerations of what moves between two times, both of shape (s, 1 + obstacles).

@@ -19,6 +19,8 @@ from guidefield.robot.kinematics import Kinematics
 SPACING = 0.05
 """Joint distance between samples of the clearance [rad or m]."""
 MOST_SAMPLES = 100
+FEWER = 3
+"""The mean is over every so manieth sample; the smallest distances are looked for from there."""
 SAMPLES_A_SECOND = 10.0
 """Among obstacles that move there are at least so many samples [Hz], within the most."""
 END_STRETCH = 0.3
@@ -61,10 +63,10 @@ class Clearance:
         own: Of the robot from itself.
         times: Of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move.
         lengths: Joint distance travelled at them, shape (k,) [rad or m].
-        mean: Mean distance from obstacles over every second sample [m].
+        mean: Mean distance from obstacles over every third sample [m].
         ends: The smaller of the distances from obstacles at start and goal [m].
         surveyor: What measured.
-        places: The robot at some times, among them every second sample's.
+        places: The robot at some times, among them every third sample's.
     """
 
     obstacle: Closest
@@ -141,7 +143,7 @@ def clearance(trajectory: Trajectory, problem: Problem) -> Clearance:
 
     surveyor = Surveyor(problem.timed_world, Curve(trajectory.bezier(), trajectory.piece_times()))
     times, lengths, inside = _samples(trajectory, problem)
-    coarse, start, end = np.unique(np.r_[times[::2], times[-1]]), float(times[0]), float(times[-1])
+    coarse, start, end = np.unique(np.r_[times[::FEWER], times[-1]]), float(times[0]), float(times[-1])
     breaks = surveyor.breaks[(surveyor.breaks > start) & (surveyor.breaks < end)]
     places = surveyor.places(np.unique(np.concatenate([coarse, breaks, inside or ()])))
     world, rows = problem.world, np.searchsorted(places.times, coarse)
@@ -152,10 +154,10 @@ def clearance(trajectory: Trajectory, problem: Problem) -> Clearance:
     spans = [(start, end), *([inside] if inside else [])]
     questions = [Question(world.is_obstacle_pair, *span) for span in spans]
     obstacle, *inner = smallest(surveyor, places, questions, stopped=stopped)
-    few = np.isin(places.times, np.concatenate([coarse[::2], breaks, [end]]))
-    (own,) = smallest(
-        surveyor, places.rows(np.flatnonzero(few)), [Question(~world.is_obstacle_pair, start, end)], stopped=stopped
-    )
+    few = np.flatnonzero(np.isin(places.times, np.concatenate([coarse[::2], breaks, [end]])))
+    fewer = places.rows(few)
+    (own,) = smallest(surveyor, fewer, [Question(~world.is_obstacle_pair, start, end)], stopped=stopped)
+    places.distances[few], places.stages[few] = fewer.distances, fewer.stages
     return Clearance(
         obstacle=_closest(obstacle, problem),
         inner=_closest(inner[0], problem) if inner else None,
@@ -182,9 +184,9 @@ def clearance_profile(measured: Clearance, problem: Problem) -> ClearanceProfile
     mixed, witness = problem.world.is_obstacle_pair, np.full((len(times), 2, 3), np.nan)
     obstacle_distance, obstacle_pair = _at_rows(surveyor, places, rows, np.flatnonzero(mixed))
     self_distance, self_pair = _at_rows(surveyor, places, rows, np.flatnonzero(~mixed))
-    for index, (row, pair) in enumerate(zip(rows.tolist(), obstacle_pair, strict=True)):
+    for index, (instant, pair) in enumerate(zip(times.tolist(), obstacle_pair, strict=True)):
         if pair is not None:
-            witness[index] = surveyor.witness(places, row, pair)
+            witness[index] = surveyor.witness(instant, pair)
     return ClearanceProfile(
         times=times,
         configurations=configurations,
@@ -236,9 +238,10 @@ def _samples(trajectory: Trajectory, problem: Problem) -> tuple[np.ndarray, np.n
     fine, travelled = _travelled(trajectory)
     inside = None
     if travelled[-1] > 2.0 * END_STRETCH:
-        since, until = (_when(trajectory, length) for length in (END_STRETCH, float(travelled[-1]) - END_STRETCH))
+        ends = (END_STRETCH, float(travelled[-1]) - END_STRETCH)
+        since, until = (_when(trajectory, fine, travelled, length) for length in ends)
         inside = (since, until)
-    times = _even_times(trajectory)[0]
+    times = np.interp(_even_lengths(travelled), travelled, fine)
     if problem.scene.moves or travelled[-1] <= 0.0:
         count = max(len(times), int(np.ceil(trajectory.duration * SAMPLES_A_SECOND)) + 1)
         times = np.linspace(fine[0], fine[-1], min(count, MOST_SAMPLES))
@@ -247,17 +250,14 @@ def _samples(trajectory: Trajectory, problem: Problem) -> tuple[np.ndarray, np.n
     return times, np.interp(times, fine, travelled), inside
 
 
-def _even_times(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which a trajectory has travelled equal joint distances, and those distances."""
-    fine, travelled = _travelled(trajectory)
+def _even_lengths(travelled: np.ndarray) -> np.ndarray:
+    """Equal joint distances up to the last of some that were travelled (n,), shape (k,)."""
     count = int(np.clip(np.ceil(travelled[-1] / SPACING) + 1, 2, MOST_SAMPLES))
-    lengths = np.linspace(0.0, travelled[-1], count)
-    return np.interp(lengths, travelled, fine), lengths
+    return np.linspace(0.0, travelled[-1], count)
 
 
-def _when(trajectory: Trajectory, length: float) -> float:
-    """When a trajectory has travelled a joint distance [s]."""
-    fine, travelled = _travelled(trajectory)
+def _when(trajectory: Trajectory, fine: np.ndarray, travelled: np.ndarray, length: float) -> float:
+    """When a trajectory has travelled a joint distance [s], from many times (n,) and the distances by then (n,)."""
     first = int(np.clip(np.searchsorted(travelled, length) - 1, 0, len(fine) - 2))
     finer = np.linspace(fine[first], fine[first + 1], FINER)
     return float(np.interp(length, travelled[first] + _lengths(trajectory, finer), finer))
@@ -277,7 +277,9 @@ def _lengths(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
 
 def _bending(trajectory: Trajectory) -> float:
     """Integral of the squared curvature by length, times the length."""
-    times, lengths = _even_times(trajectory)
+    fine, travelled = _travelled(trajectory)
+    lengths = _even_lengths(travelled)
+    times = np.interp(lengths, travelled, fine)
     if lengths[-1] <= 0.0 or len(times) < 3:
         return 0.0
     points = trajectory.evaluate(times)[0]
