@@ -2,11 +2,12 @@
 
 Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--peers] [--worst N]
 
-The folder is described in problems.py. Every trajectory is sampled `JUDGED_STEP` apart on the exact collision geometry,
-whoever made it. *inner* leaves out `END_STRETCH` at each end; *at the ends* is the share of problems whose minimum over
-the whole motion is the ends' own, less a millimetre; length is a multiple of VAMP's simplified path, from its rows in
-the folder. Times are CPU times of one thread, the best of `REPEATS` [ms]; *whole* is connect to certify, the world,
-its tables and the checks of the ends apart: those stand under *ends* and *load*.
+The folder is described in problems.py. Every trajectory is judged on the exact collision geometry, whoever made it:
+the smallest distances are exact along it, whether it hits is sampled `JUDGED_STEP` apart. *inner* leaves out
+`END_STRETCH` at each end; *at the ends* is the share of problems whose minimum over the whole motion is the ends' own,
+less a millimetre; length is a multiple of VAMP's simplified path, from its rows in the folder. Times are CPU times of
+one thread, the best of `REPEATS` [ms]; *whole* is connect to certify, the world, its tables and the checks of the ends
+apart: those stand under *ends* and *load*.
 """
 
 from __future__ import annotations
@@ -22,17 +23,22 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers
+from benchmarks.along import smallest_along
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
+from guidefield.collision.curve import Curve
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.plan import Plan, plan
+from guidefield.planner.plan import Plan, plan, polyline
 from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.quality import END_STRETCH, figures
 from guidefield.planner.trace import Event, StageEntered, StageLeft
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""
+
+FINER = 40
+"""Places on each piece between which its length is measured."""
 
 REPEATS = 3
 SECONDS = 20.0
@@ -143,8 +149,7 @@ def _measured(
     row = Row(name, problem["set"], made.status.name, seconds=seconds, warnings=made.warnings)
     if made.trajectory is None or made.status is not Status.SUCCESS:
         return row
-    fine = np.linspace(0.0, made.trajectory.duration, 40 * len(made.trajectory.times))
-    row.judged = judged(asked.world, made.trajectory.evaluate(fine)[0])
+    row.judged = judged(asked.world, Curve(made.trajectory.bezier(), made.trajectory.piece_times()))
     row.relative_length = _relative(row.judged, problem, vamp)
     row.smoothness, row.duration = figures(made.trajectory, asked.kinematics).smoothness, made.trajectory.duration
     return row
@@ -165,25 +170,31 @@ def _peers_row(
     row.seconds = {"load": 1e-3 * answer.scene, "connect": 1e-3 * answer.plan, "relax": 1e-3 * answer.simplify}
     row.seconds["whole"] = row.seconds["connect"] + row.seconds["relax"]
     if answer.path is not None:
-        row.judged = judged(world, answer.path)
+        row.judged = judged(world, Curve(polyline(answer.path), np.arange(max(2.0, len(answer.path)))))
         row.relative_length = _relative(row.judged, problem, vamp)
     return row
 
 
-def judged(world: World, points: np.ndarray) -> Judged:
-    """A polyline of chart points (n, nv) on the exact geometry, `JUDGED_STEP` apart."""
+def judged(world: World, curve: Curve) -> Judged:
+    """A motion on the exact geometry: distances by branch and bound, hits `JUDGED_STEP` apart."""
+    fine = np.unique(np.linspace(curve.times[:-1], curve.times[1:], FINER))
+    points = curve.at(fine)[0]
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
     places = np.linspace(0.0, lengths[-1], max(2, int(np.ceil(lengths[-1] / JUDGED_STEP)) + 1))
     samples = np.column_stack([np.interp(places, lengths, column) for column in points.T])
-    qs = [world.group.from_chart(z) for z in samples]
-    distances = np.array([world.clearance(q).obstacle_distance for q in qs])
-    inside = (places >= END_STRETCH) & (places <= places[-1] - END_STRETCH)
+    start, end = float(fine[0]), float(fine[-1])
+    spans = [(start, end)]
+    if lengths[-1] > 2.0 * END_STRETCH:
+        since, until = np.interp([END_STRETCH, lengths[-1] - END_STRETCH], lengths, fine).tolist()
+        spans.append((since, until))
+    minimum, *inner = smallest_along(world, curve, spans)
+    ends = [world.clearance(world.group.from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
     return Judged(
-        minimum=float(distances.min()),
-        inner=float(distances[inside].min()) if inside.any() else np.nan,
-        ends=float(min(distances[0], distances[-1])),
+        minimum=minimum,
+        inner=inner[0] if inner else np.nan,
+        ends=min(ends),
         length=float(lengths[-1]),
-        hits=any(world.in_collision(q) for q in qs),
+        hits=any(world.in_collision(world.group.from_chart(z)) for z in samples),
     )
 
 

@@ -18,7 +18,9 @@ from unittest.mock import patch
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.along import smallest_along
 from benchmarks.posed import posed
+from guidefield.collision.curve import Curve
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner import rounds
@@ -26,6 +28,7 @@ from guidefield.planner.aim import Aim
 from guidefield.planner.attempts import ATTEMPTS
 from guidefield.planner.auto_planes import derive
 from guidefield.planner.guide import cross
+from guidefield.planner.plan import polyline
 from guidefield.planner.problem import LastPlaneGoal, Problem
 from guidefield.planner.projected import Projected
 from guidefield.planner.rounds import FIRST_STEP, Attempt
@@ -128,13 +131,15 @@ def crossed(problem: Problem, planes: Sequence[GuidePlane], attempts: Sequence[A
 
 
 def clearance(problem: Problem, path: np.ndarray) -> tuple[float, float]:
-    """Smallest and mean clearance along a path, between its points too [mm]."""
+    """Smallest clearance along a path, exact, and the mean of samples [mm]."""
     zs = problem.group.chart_path(list(path))
     found = []
     for a, b in pairwise(zs):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / 0.02)), endpoint=False):
             found.append(problem.world.clearance(problem.group.from_chart(a + t * (b - a))).obstacle_distance)
-    return 1000.0 * min(found), 1000.0 * float(np.mean(found))
+    curve = Curve(polyline(zs), np.arange(max(2.0, len(zs))))
+    (least,) = smallest_along(problem.world, curve, [(0.0, float(curve.times[-1]))])
+    return 1000.0 * least, 1000.0 * float(np.mean(found))
 
 
 def turning(problem: Problem, path: np.ndarray) -> tuple[float, float]:
