@@ -51,7 +51,7 @@ def test_a_batch_is_killed_taken_up_and_finished(tmp_path: Path) -> None:
     requests, folder = _written(tmp_path / "requests.jsonl", wanted), tmp_path / "out"
     with subprocess.Popen(_command(requests, folder), stderr=subprocess.DEVNULL, start_new_session=True) as first:
         deadline = time.monotonic() + PATIENCE
-        while not (folder / RESULTS).exists() or (folder / RESULTS).stat().st_size == 0:
+        while not (folder / RESULTS).exists() or b"\n" not in (folder / RESULTS).read_bytes():
             assert time.monotonic() < deadline
             assert first.poll() is None
             time.sleep(0.002)
