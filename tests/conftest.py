@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, settings
 
-from guidefield.kernels.cache import keep_kernels_of
+from guidefield.kernels.jit.cache import keep_kernels_of
 
 # The same examples every time, or those of another day: `tools/test --hypothesis-profile=afresh`.
 UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

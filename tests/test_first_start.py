@@ -13,12 +13,12 @@ import pytest
 import guidefield
 from guidefield import first_start
 from tests.journeys.service import await_death
-from tests.kernels.copies import COMPILING
+from tests.kernels.jit.copies import COMPILING
 
 HERE = Path(guidefield.__file__).parent
 
 KERNEL = """
-from guidefield.kernels.signatures import compiled, SCALAR
+from guidefield.kernels.jit.signatures import compiled, SCALAR
 {imported}
 
 @compiled(SCALAR(SCALAR))

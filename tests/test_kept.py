@@ -13,7 +13,7 @@ from guidefield.collision.world import World
 from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.kept import kept_with
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.stores.runs import RunStore
 
 

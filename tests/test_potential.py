@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.field import field_at_points
-from guidefield.kernels.primitives import capsule_at
+from guidefield.kernels.field.field import field_at_points
+from guidefield.kernels.field.primitives import capsule_at
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.selection import select
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
 from tests.kernels.parts import from_python

@@ -40,8 +40,8 @@ from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
 
 if TYPE_CHECKING:
-    from guidefield.robot.catalog import Catalog
-    from guidefield.robot.model import RobotModel
+    from guidefield.robot.catalog.catalog import Catalog
+    from guidefield.robot.model.model import RobotModel
     from guidefield.scene.built import BuiltScenes
     from guidefield.scene.scene import Scene
 
@@ -257,7 +257,7 @@ class Engine:
 
     @functools.cached_property
     def _catalog(self) -> Catalog:
-        from guidefield.robot.catalog import Catalog
+        from guidefield.robot.catalog.catalog import Catalog
 
         return Catalog(self._packages)
 

@@ -44,7 +44,7 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
     if done.exists():
         return
     last = -EVERY
-    command = [sys.executable, "-m", "guidefield.kernels.ahead"]
+    command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead"]
     with (
         tempfile.TemporaryFile("w+") as log,  # a pipe that nobody empties meanwhile could fill up
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, process_group=0) as child,  # noqa: S603 - ourselves

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.kernels.energy import ChargedRobot, energy, potentials
-from guidefield.kernels.field_tables import FieldTables, single_precision
-from guidefield.kernels.tree_kinematics import JointTable, joint_placements
-from guidefield.robot.charges import robot_charges
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.tables import joints_of
+from guidefield.kernels.field.energy import ChargedRobot, energy, potentials
+from guidefield.kernels.field.field_tables import FieldTables, single_precision
+from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
+from guidefield.robot.bodies.charges import robot_charges
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.joint_tables import joints_of
 from guidefield.scene.scene import Scene
 
 

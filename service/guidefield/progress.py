@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from guidefield.collision.world import World
-    from guidefield.planner.trace import Event
-    from guidefield.robot.group import PlanningGroup
+    from guidefield.planner.task.trace import Event
+    from guidefield.robot.group.group import PlanningGroup
     from guidefield.scene.scene import Scene
 
 PAUSE = 0.2
@@ -61,7 +61,7 @@ class ProgressTold:
 
     def observe(self, event: Event) -> None:
         """Be told of an event by the planner."""
-        from guidefield.planner import trace
+        from guidefield.planner.task import trace
 
         match event:
             case trace.StageEntered(name=name):

@@ -17,9 +17,9 @@ from guidefield.stores.runs import NoRuns, Runs
 
 if TYPE_CHECKING:
     from guidefield.planner.quality import ClearanceProfile
-    from guidefield.planner.trace import Event
+    from guidefield.planner.task.trace import Event
     from guidefield.recorder.recorder import Recorder
-    from guidefield.robot.group import PlanningGroup
+    from guidefield.robot.group.group import PlanningGroup
     from guidefield.scene.guide_plane import GuidePlane
     from guidefield.scene.scene import Scene
 

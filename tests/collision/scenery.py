@@ -9,7 +9,7 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.robots import group

@@ -13,12 +13,12 @@ from guidefield.collision import convex_parts, preparation
 from guidefield.collision.preparation import StoppedError, prepare
 from guidefield.engine import Engine
 from guidefield.geometry import mesh_pieces
-from guidefield.kernels.cache import cache_folder
+from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
 from guidefield.messages.scene import Scene
-from guidefield.robot import convex_parts as parts_room
-from guidefield.robot.catalog import Catalog
+from guidefield.robot.bodies import convex_parts as parts_room
+from guidefield.robot.catalog.catalog import Catalog
 from tests.geometry import solids
 from tests.robot.odd_meshes import stl
 

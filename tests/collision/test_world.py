@@ -12,7 +12,7 @@ from guidefield.collision.broad_phase import MANY_BODIES
 from guidefield.collision.world import World
 from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.messages import scene as messages
-from guidefield.robot.selection import select
+from guidefield.robot.group.reduced_model import select
 from tests.collision.scenery import box, panda_in, scattered, world_of
 from tests.robots import box_arm, group, grouped, random_configuration, rest, robot
 from tests.scene.solids import l_prism, mesh_message

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.box_tree import box_tree
-from guidefield.kernels.triangle_distance import LEAF
+from guidefield.kernels.distance.triangle_distance import LEAF
 
 
 def boxes(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -89,8 +89,8 @@ def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None
 def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "guidefield"
     for name, text in {
-        "robot/coverage": "from guidefield.geometry import cover\nfrom guidefield.robot.model import Robot",
-        "robot/model": "",
+        "robot/bodies/sphere_cover": "from guidefield.geometry import cover\nfrom guidefield.robot.model.model import Robot",
+        "robot/model/model": "",
         "geometry/cover": "import guidefield.kernels.greedy",
         "geometry/other": "",
         "kernels/greedy": "from guidefield.kernels.bits import ones",
@@ -101,24 +101,24 @@ def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: 
         path.write_text(text)
     monkeypatch.setattr(cache, "_PACKAGE", package)
     seen = {_fingerprint()}
-    for name in ("kernels/bits", "geometry/cover", "robot/coverage"):
+    for name in ("kernels/bits", "geometry/cover", "robot/bodies/sphere_cover"):
         with (package / f"{name}.py").open("a") as file:
             file.write("\n# edited")
         seen.add(_fingerprint())
     assert len(seen) == 4
-    for name in ("geometry/other", "robot/model"):
+    for name in ("geometry/other", "robot/model/model"):
         (package / f"{name}.py").write_text("# edited")
     assert _fingerprint() in seen
 
 
 def _fingerprint() -> str:
     cache._sources.cache_clear()
-    return cache._sources("guidefield.robot.coverage")
+    return cache._sources("guidefield.robot.bodies.sphere_cover")
 
 
 def test_real_sources_lead_to_the_kernels() -> None:
     needed = cache._imports("guidefield.geometry.cover")
-    assert {"guidefield.geometry.elements", "guidefield.kernels.ball_cover"} <= needed
+    assert {"guidefield.geometry.elements", "guidefield.kernels.cover.ball_cover"} <= needed
     assert all(cache._source(name) is not None for name in needed)
 
 

@@ -9,7 +9,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.charges import surface_points
 from guidefield.geometry.surfaces import Surface
-from guidefield.kernels.field import field_at_points
+from guidefield.kernels.field.field import field_at_points
 from tests.geometry.measures import areas
 from tests.oracles import distance_to_triangle
 

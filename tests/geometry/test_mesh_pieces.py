@@ -11,8 +11,8 @@ from guidefield.geometry.decomposition import Decomposition, decompose
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import SPREAD_POINTS, spread_points
 from guidefield.geometry.solid import solid
-from guidefield.kernels.beyond_planes import not_beyond
-from tests.collision.test_lanes import torus
+from guidefield.kernels.cover.beyond_planes import not_beyond
+from tests.collision.lanes.test_lanes import torus
 
 
 def ring() -> tuple[np.ndarray, np.ndarray, Decomposition]:

@@ -10,7 +10,7 @@ from guidefield.errors import MalformedRequest, UnknownFrame
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.scene.scene import build
 from tests.robots import robot
 

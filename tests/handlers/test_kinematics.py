@@ -13,7 +13,7 @@ from guidefield.messages import requests
 from guidefield.messages.requests import TargetPose, UrdfText
 from guidefield.messages.scene import Scene as SceneMessage, Sphere
 from guidefield.messages.values import Placement
-from guidefield.robot.configuration import configuration_from_wire
+from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.scene import scene as scenes
 from tests.robots import box_arm, load, robot
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from guidefield.handlers.robots import robot as described
-from guidefield.robot.convex_parts import convex_parts
-from guidefield.robot.coverage import coverage
+from guidefield.robot.bodies.convex_parts import convex_parts
+from guidefield.robot.bodies.sphere_cover import coverage
 from tests.robots import robot
 
 

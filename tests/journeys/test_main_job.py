@@ -217,7 +217,7 @@ def test_the_run_is_kept_with_a_recording_that_can_be_opened(
     )
     assert verified.returncode == 0, verified.stderr
     opened = Recording(recording)
-    assert {"/robot/visual/panda_hand_0", "/robot/frames", "/documents/reply"} <= opened.entities
+    assert {"/robot/visual/panda_hand_0", "/robot/model/frames", "/documents/reply"} <= opened.entities
     assert len(opened.stores()[1]) == 1, "its layout is in it"
 
 

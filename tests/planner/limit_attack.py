@@ -24,11 +24,11 @@ from guidefield.messages.requests import (
     RobotReference,
 )
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.robot.configuration import configuration_to_wire
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.kinematics import Kinematics
-from guidefield.robot.model import RobotModel
-from guidefield.robot.selection import select
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import configuration_to_wire
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import build
 
 LIMITED = ("revolute", "prismatic")

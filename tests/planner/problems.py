@@ -9,12 +9,12 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.messages import codec, scene as messages
-from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
-from guidefield.planner.trace import Event
+from guidefield.planner.task.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
+from guidefield.planner.task.trace import Event
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.configuration import configuration_from_wire
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.scene import library
 from guidefield.scene.scene import Scene, build
 from tests.examples import example

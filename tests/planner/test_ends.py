@@ -11,9 +11,9 @@ import pytest
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import GOAL_SOLUTIONS, check_start, goal_points
-from guidefield.planner.problem import Budget, ConfigurationGoal, TipGoal
-from guidefield.planner.stages import StageFailed
-from guidefield.robot.pose_target import PoseTarget
+from guidefield.planner.task.problem import Budget, ConfigurationGoal, TipGoal
+from guidefield.planner.task.stages import StageFailed
+from guidefield.robot.ik.pose_target import PoseTarget
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import random_configuration, rest
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.collision.certificate import certify
+from guidefield.collision.certify.certificate import certify
 from guidefield.errors import Status
 from guidefield.planner import finish as module
 from guidefield.planner.finish import FINER, HURRIED, finish
-from guidefield.planner.refusal import refusal
-from guidefield.planner.relaxation import SEGMENT, Outcome, Relaxed, relax
-from guidefield.planner.stages import Stages
-from tests.planner.test_relaxation import over_the_wall, smallest_clearance
+from guidefield.planner.relax.relaxation import SEGMENT, Outcome, Relaxed, relax
+from guidefield.planner.task.refusal import refusal
+from guidefield.planner.task.stages import Stages
+from tests.planner.relax.test_relaxation import over_the_wall, smallest_clearance
 
 
 def lowered_into_contact(path: np.ndarray) -> np.ndarray:

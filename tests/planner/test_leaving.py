@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.certificate import certify
+from guidefield.collision.certify.certificate import certify
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import plan
-from guidefield.planner.problem import Problem
-from guidefield.robot.alike import Alike
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.alike import Alike
 from tests.planner.limit_attack import extremes
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.robots import group, rest

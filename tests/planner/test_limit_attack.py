@@ -13,9 +13,9 @@ from guidefield.engine import Engine
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.trajectory import Trajectory
-from guidefield.robot.configuration import configuration_from_wire
-from guidefield.robot.selection import select
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import configuration_from_wire
 from tests.examples import example
 from tests.knots import random_knots
 from tests.planner.limit_attack import Case, cases, excess, extremes, ranges

@@ -14,20 +14,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.timed_certificate import TimedWorld, certify_timed
+from guidefield.collision.certify.timed_certificate import TimedWorld, certify_timed
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.planner.attempts import ATTEMPTS
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
-from guidefield.planner.problem import Budget, Problem
-from guidefield.planner.trajectory import Trajectory
-from guidefield.robot.group import PlanningGroup
+from guidefield.planner.task.problem import Budget, Problem
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build
+from tests.planner.guide.test_guide import plane_at
 from tests.planner.problems import closed_shell, problem, scene_of
-from tests.planner.test_guide import plane_at
 from tests.robots import box_arm, group, grouped, rest
 
 SECONDS = 3.0

@@ -9,17 +9,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.certificate import certify
+from guidefield.collision.certify.certificate import certify
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
-from guidefield.planner.problem import Budget, ConfigurationGoal, Problem, TipGoal
-from guidefield.planner.relaxation import Relaxed, relax
-from guidefield.planner.trace import StageEntered, StageLeft
-from guidefield.robot.pose_target import PoseTarget
+from guidefield.planner.relax.relaxation import Relaxed, relax
+from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.task.trace import StageEntered, StageLeft
+from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.scene.guide_plane import build
+from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import closed_shell, problem, scene_of, to_configuration
-from tests.planner.test_connect import wall_between
 from tests.robots import box_arm, grouped
 
 
@@ -180,7 +180,7 @@ def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
 
 def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> None:
     from guidefield.planner import plan as plan_module
-    from guidefield.planner.guide import Crossing
+    from guidefield.planner.guide.guide import Crossing
 
     made = problem("panda", "wall_with_window")
     real, calls = plan_module.cross, []

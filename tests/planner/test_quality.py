@@ -8,16 +8,16 @@ import time
 import numpy as np
 import pytest
 
-from guidefield.collision.smallest import TOLERANCE
+from guidefield.collision.minimum.smallest import TOLERANCE
 from guidefield.errors import Status
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.planner import quality
-from guidefield.planner.problem import Budget
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import END_STRETCH, clearance, clearance_profile
-from guidefield.planner.trajectory import Trajectory
+from guidefield.planner.task.problem import Budget
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.planner.problems import problem, scene_of

@@ -15,12 +15,12 @@ from rerun.chunk import Chunk, RrdReader
 
 from guidefield.messages import replies, scene as messages
 from guidefield.messages.requests import JointsGoal, PlanRequest
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
-from guidefield.planner.trajectory import Trajectory
+from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
 from guidefield.recorder.recorder import Place, Recorder
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.selection import select
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
 from tests.robots import robot
 

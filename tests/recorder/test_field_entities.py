@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 import rerun as rr
 
-from guidefield.kernels.field import field_at_points
+from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.potential import RobotField

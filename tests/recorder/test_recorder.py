@@ -15,7 +15,7 @@ import rerun as rr
 
 from guidefield.messages import replies
 from guidefield.messages.requests import PlanRequest, PoseGoal
-from guidefield.planner.trace import Step
+from guidefield.planner.task.trace import Step
 from guidefield.recorder import log
 from guidefield.recorder.motion import SHOWN_STEP
 from guidefield.recorder.packing import unpacked
@@ -74,7 +74,7 @@ def test_holds_what_a_reader_looks_for(recording):
     expected = {
         "/robot/visual/panda_link3_0",
         "/robot/collision/panda_link3_0",
-        "/robot/frames",
+        "/robot/model/frames",
         "/robot/tip",
         "/field/charges/panda_joint3",
         "/field/forces",
@@ -91,7 +91,7 @@ def test_holds_what_a_reader_looks_for(recording):
         "/path/closest_pair",
         "/planner/log",
         "/planner/tip",
-        "/planner/tree",
+        "/planner/connect/tree",
         "/planner/relaxed",
         "/planner/potential",
         "/plots/clearance",
@@ -138,8 +138,8 @@ class Frames:
 
     def __init__(self, recording: Recording, timeline: str) -> None:
         names = ("child_frame", "parent_frame", "translation", "quaternion")
-        rows = [recording.values("/robot/frames", f"Transform3D:{name}", timeline) for name in names]
-        at = recording.times("/robot/frames", timeline)
+        rows = [recording.values("/robot/model/frames", f"Transform3D:{name}", timeline) for name in names]
+        at = recording.times("/robot/model/frames", timeline)
         self.times = np.unique(at)
         self._row = np.searchsorted(self.times, at)
         self._told = [tuple(value for (value,) in row) for row in zip(*rows, strict=True)]
@@ -332,7 +332,7 @@ def test_a_summary_leaves_out_the_field_and_the_planners_life(run, recording, tm
     left_out = recording.entities - summary.entities
     assert {path.split("/")[1] for path in left_out} >= {"field", "planner"}
     assert not any(path.startswith(("/field", "/planner")) for path in summary.entities)
-    assert {"/robot/frames", "/robot/visual/panda_hand_0", "/ghosts", "/obstacles/boxes"} <= summary.entities
+    assert {"/robot/model/frames", "/robot/visual/panda_hand_0", "/ghosts", "/obstacles/boxes"} <= summary.entities
     assert {"/path/tip", "/plots/position", "/plots/velocity", "/documents/summary"} <= summary.entities
     assert unpacked(bytes(summary.one("/documents/request", "message")), PlanRequest) == request
 

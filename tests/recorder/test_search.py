@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.planner.trace import PathRelaxed, TreeGrown
+from guidefield.planner.task.trace import PathRelaxed, TreeGrown
 from guidefield.recorder import search
 from guidefield.recorder.log import EventLog
 from tests.recorder.runs import MadeUp, grown_trees, made_up

@@ -12,7 +12,7 @@ from PIL import Image
 
 from guidefield.recorder import surface
 from guidefield.recorder.surface import Surface
-from guidefield.robot.meshes import catalog_share
+from guidefield.robot.urdf.meshes import catalog_share
 
 SHAPES = {
     "box": (coal.Box(0.2, 0.3, 0.4), 0.2 * 0.3 * 0.4, 24),

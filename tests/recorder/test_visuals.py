@@ -12,9 +12,9 @@ from guidefield.recorder import bodies, surface
 from guidefield.recorder.spheres import cover_spheres
 from guidefield.recorder.surface import GREY, Surface
 from guidefield.recorder.visuals import visual_bodies
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.coverage import coverage
-from guidefield.robot.model import RobotSource
+from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.model import RobotSource
 from tests.robots import ARMS, robot
 
 

@@ -15,7 +15,7 @@ from guidefield.recorder import bodies_file
 from guidefield.recorder.meshes_file import read_meshes
 from guidefield.recorder.recorder import Place
 from guidefield.recorder.whole import LEFT_OUT, self_contained
-from guidefield.robot.coverage import coverage
+from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
 
 MOST_STORED = 500_000
@@ -96,7 +96,7 @@ def test_a_recording_whose_meshes_are_missing_leaves_without_them_and_says_so(st
     (summary,) = left.one("/documents/summary", "TextDocument:text")
     assert "the robot's meshes are not in this recording" in summary
     assert "the tip reaches GP 2" in summary
-    assert {"/ghosts", "/obstacles/boxes", "/robot/frames"} <= left.entities
+    assert {"/ghosts", "/obstacles/boxes", "/robot/model/frames"} <= left.entities
 
 
 def test_a_disk_that_refuses_the_meshes_is_told_in_the_summary(run, tmp_path):

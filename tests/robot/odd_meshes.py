@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes import Lanes
+from guidefield.collision.lanes.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import Box, Mesh, Scene
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.selection import select
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build
 
 Soup = np.ndarray

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from guidefield.kernels.cache import cache_folder
+from guidefield.kernels.jit.cache import cache_folder
 
 
 def test_a_process_survives_them(tmp_path: Path) -> None:

@@ -13,16 +13,16 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings, strategies as st
 
 from guidefield.engine import Engine
-from guidefield.kernels.tree_kinematics import joint_placements
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import RobotModel
-from guidefield.robot.scratch_space import scratch_space
-from guidefield.robot.selection import select
-from guidefield.robot.tables import joint_table
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.joint_tables import joint_table
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.scratch_space import scratch_space
 from tests.robot.by_formula import ByFormula, given_by
 from tests.robot.random_chains import KINDS, WOUND, chain, chains
 from tests.robots import load

@@ -12,8 +12,8 @@ from hypothesis import given, settings, strategies as st
 from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import leak_limit, spacings
 from guidefield.geometry.charges import surface_points
-from guidefield.kernels.distance import distance_at_points
-from guidefield.kernels.field import field_at_points
+from guidefield.kernels.distance.distance import distance_at_points
+from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.cloud import CORNERS, cloud_surface

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import SceneInvalid
-from guidefield.kernels.field import field_at_points
+from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
 from tests.scene.solids import box_mesh, l_prism, mesh_message

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from guidefield.collision.curve import Curve
-from guidefield.collision.places import Surveyor
-from guidefield.collision.smallest import Question, smallest
-from guidefield.collision.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.minimum.places import Surveyor
+from guidefield.collision.minimum.smallest import Question, smallest
 from guidefield.collision.world import World
 
 FIRST_PLACES = 50

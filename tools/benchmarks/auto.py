@@ -23,10 +23,10 @@ from benchmarks.guided import SIDE, square_about
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.errors import Status
-from guidefield.planner.auto_planes import derive
+from guidefield.planner.guide.auto_planes import derive
+from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.problem import Budget, LastPlaneGoal
-from guidefield.planner.tip_reach import tip_radius
+from guidefield.planner.task.problem import Budget, LastPlaneGoal
 
 
 def run(arguments: list[str]) -> None:

@@ -17,15 +17,15 @@ import numpy as np
 
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.collision.lanes import Lanes
+from guidefield.collision.lanes.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.planner import lane_tree
-from guidefield.planner.connect import LANE_RESOLUTION
+from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.connect import LANE_RESOLUTION
 from guidefield.planner.plan import Planner, plan
-from guidefield.planner.problem import Budget, ConfigurationGoal
+from guidefield.planner.task.problem import Budget, ConfigurationGoal
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
@@ -103,7 +103,7 @@ def _planned(given: Problems, problem: dict[str, Any], scene: Scene) -> Times:
         began = time.process_time()
         budget = Budget(time.monotonic() + SECONDS)
         rng = np.random.default_rng(0)
-        found = lane_tree.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, budget)
+        found = tree_search.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, budget)
         times[name] = _since(began) if found.path is not None else np.nan
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
     asked = posed(group, scene, q_start, goal, budget=Budget(time.monotonic() + SECONDS))

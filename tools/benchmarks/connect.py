@@ -25,15 +25,15 @@ import numpy as np
 
 from benchmarks.connect_peers import beside, beside_vamp, kinematics_us, print_times
 from benchmarks.problems import ROBOTS, Problems, scene_message
-from guidefield.collision.certificate import certify
-from guidefield.collision.lanes import Lanes
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.lanes.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels.lane_motion import EXACT
+from guidefield.kernels.collide.motion_validation import EXACT
 from guidefield.messages.scene import Scene
-from guidefield.planner import lane_tree
-from guidefield.planner.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
+from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
 from guidefield.planner.plan import polyline
-from guidefield.planner.problem import Budget
+from guidefield.planner.task.problem import Budget
 from guidefield.scene.scene import build
 
 REPEATS = 3
@@ -196,9 +196,9 @@ def _renamed(message: Scene, mark: str) -> Scene:
 
 def _grown(
     lanes: Lanes, z_start: np.ndarray, z_goal: np.ndarray, resolution: float, rng: np.random.Generator
-) -> lane_tree.Found:
+) -> tree_search.Found:
     budget = Budget(time.monotonic() + SECONDS)
-    return lane_tree.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
+    return tree_search.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
 
 
 def _rate(lanes: Lanes, path: np.ndarray) -> float:

@@ -8,10 +8,10 @@ import pinocchio as pin
 from benchmarks import peers
 from benchmarks.problems import Problems, scene_message
 from benchmarks.timing import best
-from guidefield.collision.certificate import certify
+from guidefield.collision.certify.certificate import certify
 from guidefield.collision.world import World
 from guidefield.planner.plan import polyline
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import build
 
 PEERS_KINEMATICS = 0.30

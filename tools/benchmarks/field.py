@@ -15,13 +15,13 @@ from benchmarks.timing import best, multiply_add_peak
 from guidefield.geometry import surfaces
 from guidefield.geometry.charge_tree import at_angle, within
 from guidefield.geometry.charged import FieldTables, field_tables
-from guidefield.kernels.energy import energy, potentials
-from guidefield.kernels.field import add_field, add_potential
-from guidefield.kernels.field_tables import exact as exact_tables, single_precision
+from guidefield.kernels.field.energy import energy, potentials
+from guidefield.kernels.field.field import add_field, add_potential
+from guidefield.kernels.field.field_tables import exact as exact_tables, single_precision
 from guidefield.messages import scene as messages
 from guidefield.potential import RobotField
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.selection import select
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
 
 REFERENCE = {

@@ -19,11 +19,11 @@ from benchmarks.posed import posed
 from benchmarks.problems import Problems, scene_of
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.attempts import ATTEMPTS
-from guidefield.planner.auto_planes import derive
-from guidefield.planner.guide import cross
-from guidefield.planner.problem import LastPlaneGoal
-from guidefield.planner.tip_reach import tip_radius
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.auto_planes import derive
+from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.tip_reach import tip_radius
+from guidefield.planner.task.problem import LastPlaneGoal
 from guidefield.scene.guide_plane import GuidePlane, build
 
 SIDE = 1.05

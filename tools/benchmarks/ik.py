@@ -16,13 +16,13 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.problems import Problems
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.inverse_kinematics import solve
-from guidefield.robot.kinematics import Kinematics
-from guidefield.robot.model import JointKind
-from guidefield.robot.pose_target import PoseTarget
-from guidefield.robot.selection import select
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.ik.inverse_kinematics import solve
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.model.model import JointKind
 
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")
 FAMILY_ANGLE, FAMILY_LENGTH = 1.0, 0.3

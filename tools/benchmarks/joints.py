@@ -17,17 +17,17 @@ import pinocchio as pin
 
 from benchmarks.posed import posed
 from benchmarks.seed import SCENES, crossed, problem_of
-from guidefield.collision.lanes import Lanes
+from guidefield.collision.lanes.lanes import Lanes
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
-from guidefield.planner import lane_tree
-from guidefield.planner.attempts import ATTEMPTS
-from guidefield.planner.connect import LANE_RESOLUTION, connect
-from guidefield.planner.problem import Budget, LastPlaneGoal, Problem
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.meshes import CATALOG_PACKAGE, catalog_share
-from guidefield.robot.selection import select
+from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.connect import LANE_RESOLUTION, connect
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.task.problem import Budget, LastPlaneGoal, Problem
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
 from guidefield.scene.scene import Scene, build
 
 SNAKES = (*SCENES, "seed_e_L_3_planar", "seed_e_L_6_planar", "seed_b_tapered_12_links", "seed_d_passage_12_links")
@@ -93,7 +93,7 @@ def timed(problem: Problem, ways: Ways, sequences: int, seconds: float) -> Itera
             whole = time.thread_time() - began
             rng, budget = np.random.default_rng(sequence), Budget(time.monotonic() + seconds)
             began = time.thread_time()
-            lane_tree.grow(lanes, start[None], goal[None], LANE_RESOLUTION, 0.0, rng, budget)
+            tree_search.grow(lanes, start[None], goal[None], LANE_RESOLUTION, 0.0, rng, budget)
             yield found.status is Status.SUCCESS, 1000.0 * whole, 1000.0 * (time.thread_time() - began)
 
 

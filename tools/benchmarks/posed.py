@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.world import World
-from guidefield.planner.problem import Goal, Problem
+from guidefield.planner.task.problem import Goal, Problem
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
 from guidefield.scene.scene import Scene
 
 

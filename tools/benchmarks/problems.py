@@ -17,9 +17,9 @@ import pinocchio as pin
 
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.selection import select
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
 
 ROBOTS = ("panda", "ur5", "fetch", "baxter")

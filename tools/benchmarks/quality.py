@@ -26,13 +26,13 @@ from benchmarks import peers
 from benchmarks.along import smallest_along
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.collision.curve import Curve
+from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.plan import Plan, plan, polyline
-from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.quality import END_STRETCH, figures
-from guidefield.planner.trace import Event, StageEntered, StageLeft
+from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem
+from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""

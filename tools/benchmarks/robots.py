@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from guidefield.kernels.cache import cache_folder
-from guidefield.robot.catalog import Catalog
+from guidefield.kernels.jit.cache import cache_folder
+from guidefield.robot.catalog.catalog import Catalog
 
 BENCH = Path(__file__).resolve().parents[1] / "bench"
 

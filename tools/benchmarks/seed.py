@@ -20,25 +20,25 @@ import pinocchio as pin
 
 from benchmarks.along import smallest_along
 from benchmarks.posed import posed
-from guidefield.collision.curve import Curve
+from guidefield.collision.minimum.curve import Curve
 from guidefield.errors import Status
 from guidefield.messages import codec
-from guidefield.planner import rounds
-from guidefield.planner.aim import Aim
-from guidefield.planner.attempts import ATTEMPTS
-from guidefield.planner.auto_planes import derive
-from guidefield.planner.guide import cross
+from guidefield.planner.guide import rounds
+from guidefield.planner.guide.aim import Aim
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.auto_planes import derive
+from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.projected import Projected
+from guidefield.planner.guide.rounds import FIRST_STEP, Attempt
+from guidefield.planner.guide.univariate import Univariate
 from guidefield.planner.plan import polyline
-from guidefield.planner.problem import LastPlaneGoal, Problem
-from guidefield.planner.projected import Projected
-from guidefield.planner.rounds import FIRST_STEP, Attempt
-from guidefield.planner.steps import Walker
-from guidefield.planner.trace import Event, Step
-from guidefield.planner.univariate import Univariate
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.configuration import configuration_from_wire
-from guidefield.robot.link_chain import link_chain
-from guidefield.robot.selection import select
+from guidefield.planner.task.problem import LastPlaneGoal, Problem
+from guidefield.planner.task.trace import Event, Step
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.link_chain import link_chain
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.scene import guide_plane, library
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import build

@@ -15,11 +15,11 @@ import numpy as np
 
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.planner import lane_tree
-from guidefield.planner.connect import LANE_MARGIN, LANE_RESOLUTION
-from guidefield.planner.problem import Budget, ConfigurationGoal
-from guidefield.planner.shorter import Rounds, shorter
-from guidefield.planner.waypoints import length_of
+from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.connect import LANE_MARGIN, LANE_RESOLUTION
+from guidefield.planner.connect.shorter import Rounds, shorter
+from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.task.problem import Budget, ConfigurationGoal
 
 SECONDS = 20.0
 """Budget of one problem."""
@@ -52,7 +52,7 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
     problem = posed(group, scene_of(declared), q_start, goal, budget=Budget(time.monotonic() + SECONDS))
     lanes = problem.lanes
-    found = lane_tree.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, problem.budget)
+    found = tree_search.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, problem.budget)
     if found.path is None:
         return None
     path = lanes.shortened(found.path, LANE_RESOLUTION, LANE_MARGIN)

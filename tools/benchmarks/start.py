@@ -27,12 +27,12 @@ import json, sys, time
 began = time.perf_counter()
 import numpy as np
 import pinocchio as pin
-from guidefield.collision.lanes import Lanes
+from guidefield.collision.lanes.lanes import Lanes
 from guidefield.collision.world import World
 from guidefield.planner import lane_tree
-from guidefield.planner.problem import Budget
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.selection import select
+from guidefield.planner.task.problem import Budget
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.reduced_model import select
 from guidefield.scene import library
 from guidefield.scene.scene import build
 imported = time.process_time()

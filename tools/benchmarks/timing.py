@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.field import VECTOR_32_OUT
-from guidefield.kernels.field_tables import VECTOR_32
-from guidefield.kernels.point_lanes import lanes_of, load, store
-from guidefield.kernels.signatures import VECTOR, VECTOR_OUT, compiled
+from guidefield.kernels.field.field import VECTOR_32_OUT
+from guidefield.kernels.field.field_tables import VECTOR_32
+from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, compiled
+from guidefield.kernels.simd.generic_vector import lanes_of, load, store
 
 _CHAINS = 10
 _STEPS = 20_000

@@ -10,9 +10,9 @@ import coal
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from guidefield.robot.alike import kept_with_alike
-from guidefield.robot.chart import TRANSLATION
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.chart import TRANSLATION
 from guidefield.scene.obstacle import Obstacle
 
 PARTS = 8

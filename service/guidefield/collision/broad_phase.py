@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.robot.shapes import triangulation
+from guidefield.robot.model.shapes import triangulation
 from guidefield.scene.mesh import bvh
 
 MANY_BODIES = 250

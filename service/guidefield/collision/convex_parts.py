@@ -14,10 +14,10 @@ import pinocchio as pin
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree, spread_points
-from guidefield.kernels.lane_math import CAPSULE, CYLINDER, HALF_SPACE
-from guidefield.kernels.lanes import LANES
-from guidefield.kernels.separation import BLOCK, PART, POLYTOPE, SURFACE, TRIANGLE, Parts
-from guidefield.robot.shapes import triangulation
+from guidefield.kernels.collide.gjk import BLOCK, PART, POLYTOPE, SURFACE, TRIANGLE, Parts
+from guidefield.kernels.simd.f32x16 import LANES
+from guidefield.kernels.simd.lane_math import CAPSULE, CYLINDER, HALF_SPACE
+from guidefield.robot.model.shapes import triangulation
 
 
 class UnservedError(Exception):

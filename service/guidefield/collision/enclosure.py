@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from guidefield.geometry.closed import connected_pieces
 from guidefield.kept import kept_with
-from guidefield.robot.model import RobotModel
-from guidefield.robot.shapes import triangulation
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.shapes import triangulation
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.scene import Scene
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.kept import kept_with
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import RobotModel
-from guidefield.robot.shapes import hull, triangulation
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.shapes import hull, triangulation
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 

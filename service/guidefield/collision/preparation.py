@@ -13,9 +13,9 @@ from collections.abc import Callable
 from typing import Any
 
 from guidefield.collision.convex_parts import known_pieces
-from guidefield.robot.convex_parts import convex_parts
-from guidefield.robot.coverage import coverage
-from guidefield.robot.model import RobotModel
+from guidefield.robot.bodies.convex_parts import convex_parts
+from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.model.model import RobotModel
 
 _log = logging.getLogger(__name__)
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
-from guidefield.kernels.chart_values import chart_values
-from guidefield.kernels.distance import DistanceTables
-from guidefield.kernels.swept import motion_apart
-from guidefield.kernels.swept_bounds import SweptRobot
-from guidefield.robot.charges import robot_charges
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.tables import joints_of
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.kinematics.local_coordinates import chart_values
+from guidefield.kernels.sweep.swept import motion_apart
+from guidefield.kernels.sweep.swept_bounds import SweptRobot
+from guidefield.robot.bodies.charges import robot_charges
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.joint_tables import joints_of
 from guidefield.scene.distance_tables import distance_tables
 
 SELF_MARGIN = 1e-4

@@ -19,9 +19,9 @@ from guidefield.collision.enclosure import enclosed
 from guidefield.collision.hulls import with_hulls
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.errors import SceneInvalid, UnknownObject
-from guidefield.robot.alike import kept_with_alike
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.scratch_space import scratch_space
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.scratch_space import scratch_space
 from guidefield.scene.scene import Scene
 
 PairNames = tuple[str, str]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.kernels.triangle_distance import LEAF
+from guidefield.kernels.distance.triangle_distance import LEAF
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.field_tables import CHARGE_PER_AREA, NODE_COLUMNS
+from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, NODE_COLUMNS
 
 LEAF = 48
 """Most faces of a block in a tree, where expansions stand for those that are far."""

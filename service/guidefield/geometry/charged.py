@@ -8,9 +8,9 @@ import numpy as np
 
 from guidefield.geometry.charge_tree import LEAST_FACES, Opening, clusters, expansion, never
 from guidefield.geometry.surfaces import Integers
-from guidefield.kernels.box import FAR
-from guidefield.kernels.faces import HALF_ROWS, ORDINARY
-from guidefield.kernels.field_tables import (
+from guidefield.kernels.field.box import FAR
+from guidefield.kernels.field.faces import HALF_ROWS, ORDINARY
+from guidefield.kernels.field.field_tables import (
     CHARGE_PER_AREA,
     LINK_COLUMNS,
     NODE_COLUMNS,
@@ -19,8 +19,8 @@ from guidefield.kernels.field_tables import (
     FieldTables,
     frozen,
 )
-from guidefield.kernels.signatures import Floats
-from guidefield.kernels.solid_angle import FLAT
+from guidefield.kernels.field.solid_angle import FLAT
+from guidefield.kernels.jit.signatures import Floats
 
 __all__ = ["FieldTables", "convex_quads", "field_tables"]
 
@@ -142,7 +142,7 @@ def _faces(
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Rows of kernels/faces.py and corners; charge and whether it is a sliver of every triangle, then of every quad."""
+    """Rows of kernels/field/faces.py and corners; charge and whether it is a sliver of every triangle, then of every quad."""
 
     triangles: Floats
     triangle_corners: Floats
@@ -200,7 +200,7 @@ def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.n
 
 
 def _halves(corners: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
-    """Of triangles (n, 3, 3): unit normals, halves of kernels/faces.py, corners, longest edge first, who is ordinary.
+    """Of triangles (n, 3, 3): unit normals, halves of kernels/field/faces.py, corners, longest edge first, who is ordinary.
 
     In extended precision where the machine has it, and normal and area from the two shortest edges: from the others
     a sliver would lose its length over its width in digits.
@@ -236,7 +236,7 @@ def _areas(corners: Floats) -> np.ndarray:
 
 
 def _box_rows(boxes: Floats) -> Floats:
-    """Rows of kernels/box.py: axes from the longest side to the shortest, half sides."""
+    """Rows of kernels/field/box.py: axes from the longest side to the shortest, half sides."""
     order = np.argsort(-boxes[:, 12:15], axis=1, kind="stable")
     axes = np.take_along_axis(boxes[:, 3:12].reshape(-1, 3, 3), order[:, :, None], axis=1).reshape(-1, 9)
     halves = 0.5 * np.take_along_axis(boxes[:, 12:15], order, axis=1)

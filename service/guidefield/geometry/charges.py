@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.farthest import farthest_first
+from guidefield.kernels.cover.farthest import farthest_first
 
 _CANDIDATES_PER_POINT = 64
 """Candidates per chosen point: shares of the area come in steps of about its inverse."""

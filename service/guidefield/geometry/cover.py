@@ -23,9 +23,9 @@ from guidefield.geometry.medial import medial_balls
 from guidefield.geometry.shrinking import shrunk
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.ball_cover import contained
-from guidefield.kernels.cover_search import fewer
-from guidefield.kernels.greedy_choice import greedy_choice
+from guidefield.kernels.cover.ball_cover import contained
+from guidefield.kernels.cover.greedy_set_cover import greedy_choice
+from guidefield.kernels.cover.set_cover import fewer
 
 MARGIN = 0.02
 """By how much balls contain the surface, as a share of delta."""

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from guidefield.geometry.axes import across
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.pseudonormals import pseudonormals
-from guidefield.kernels.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
-from guidefield.kernels.triangle_distance import SurfaceTables
+from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
+from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -33,7 +33,7 @@ class Body:
     """One body.
 
     Attributes:
-        kind: As in kernels/distance.py.
+        kind: As in kernels/distance/distance.py.
         size: Three numbers by kind [m].
         bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
         placement: Rotation and translation of that frame, shape (3, 4) [m].

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.enclosing_ball import ball_around_balls, smallest_ball
+from guidefield.kernels.cover.enclosing_ball import ball_around_balls, smallest_ball
 
 GROUP = 8
 """Most balls of a group."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
-from guidefield.kernels.cell_proof import uncovered_cells
+from guidefield.kernels.cover.cell_proof import uncovered_cells
 
 _ROOM = 4096
 """Cells that are asked for at a time."""

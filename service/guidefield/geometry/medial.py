@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.geometry.elements import Elements
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
-from guidefield.kernels.inscribed import tangent_balls
+from guidefield.kernels.cover.inscribed import tangent_balls
 
 
 def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, slack: float = 0.0) -> Floats:

@@ -8,7 +8,7 @@ from guidefield.geometry.cache import Arrays, remembered
 from guidefield.geometry.decomposition import Decomposition, Part
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
-from guidefield.kernels.beyond_planes import not_beyond
+from guidefield.kernels.cover.beyond_planes import not_beyond
 
 LONGEST = 0.08
 """Longest edge of a mesh's triangles, as a share of its extent."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.convex import convex_hull
-from guidefield.kernels.enclosing_ball import ball_around_balls
+from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 
 MOST_VERTICES = 192
 """A hull with more gives way to a polytope about it with about as many."""

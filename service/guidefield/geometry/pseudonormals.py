@@ -10,7 +10,7 @@ Integers = NDArray[np.int64]
 
 
 def pseudonormals(vertices: Floats, triangles: Integers) -> Floats:
-    """Unit pseudonormals of the parts of every triangle, as kernels/triangle_distance.py reads them.
+    """Unit pseudonormals of the parts of every triangle, as kernels/distance/triangle_distance.py reads them.
 
     That of an edge is the sum of the normals of its faces; that of a corner the sum of those of its faces, each
     weighted by its angle there. Where they cancel it is zero.

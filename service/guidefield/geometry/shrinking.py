@@ -7,8 +7,8 @@ import numpy as np
 from guidefield.geometry.elements import Elements, blocks
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.ball_cover import reaches
-from guidefield.kernels.enclosing_ball import smallest_ball
+from guidefield.kernels.cover.ball_cover import reaches
+from guidefield.kernels.cover.enclosing_ball import smallest_ball
 
 MOVES = (1.0, 0.5, 0.25)
 """Shares of the way to the centre of the smallest ball about its elements that a ball's centre is tried to move."""

@@ -12,9 +12,9 @@ from guidefield.geometry.closed import closing_lids, compact, connected_pieces, 
 from guidefield.geometry.cracks import WIDEST_CRACK, crack_lids, seams
 from guidefield.geometry.pseudonormals import pseudonormals
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
-from guidefield.kernels.inscribed import depths_at, distances_at
-from guidefield.kernels.ray_winding import windings_at
-from guidefield.kernels.triangle_distance import SurfaceTables
+from guidefield.kernels.cover.inscribed import depths_at, distances_at
+from guidefield.kernels.distance.ray_winding import windings_at
+from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
 _SLIVER = 1e-12
 """Twice the area of a triangle over its longest edge's square, below which it is a line that its neighbours share."""

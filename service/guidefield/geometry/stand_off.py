@@ -6,7 +6,7 @@ import numpy as np
 
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Surface
-from guidefield.kernels.stand_off import largest_distance
+from guidefield.kernels.cover.hausdorff_distance import largest_distance
 
 TOLERANCE = 1e-4
 """How much too large a stand-off may be given [m], for each metre that the surface extends and for one at least."""

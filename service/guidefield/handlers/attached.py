@@ -11,8 +11,8 @@ from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.geometry.placements import se3
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace
-from guidefield.robot.attached import Held, with_held
-from guidefield.robot.model import RobotModel
+from guidefield.robot.group.attached import Held, with_held
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
 from guidefield.scene.mesh import bvh

@@ -7,9 +7,9 @@ import numpy as np
 from guidefield.errors import MalformedRequest
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
-from guidefield.robot import path_constraints
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.path_constraints import Cone, PathConstraint
+from guidefield.robot.group import path_constraints
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.path_constraints import Cone, PathConstraint
 
 
 def constraints_of(request: PlanRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:

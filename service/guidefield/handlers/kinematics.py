@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.met_pairs import met_pairs
+from guidefield.collision.blocking_pairs import met_pairs
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
-from guidefield.kernels.field import field_at_points
-from guidefield.kernels.field_tables import exact
+from guidefield.kernels.field.field import field_at_points
+from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import requests, scene as scene_messages
 from guidefield.messages.replies import (
     ClearanceReply,
@@ -27,12 +27,12 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.values import Placement, Reply, Vector3
 from guidefield.potential import RobotField
-from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.inverse_kinematics import solve
-from guidefield.robot.model import RobotModel
-from guidefield.robot.pose_target import PoseTarget
-from guidefield.robot.selection import select
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.ik.inverse_kinematics import solve
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 

@@ -17,15 +17,15 @@ from guidefield.handlers.planes import Derivation, with_derived_planes
 from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.attempts import ATTEMPTS
+from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan, refused
-from guidefield.planner.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.quality import ClearanceProfile, clearance, clearance_profile
-from guidefield.planner.trace import Event, Silent
-from guidefield.robot.configuration import LimitFault, limit_faults
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import JointKind, RobotModel
-from guidefield.robot.selection import select
+from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem
+from guidefield.planner.task.trace import Event, Silent
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import LimitFault, limit_faults
+from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 

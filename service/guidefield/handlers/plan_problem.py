@@ -12,14 +12,14 @@ from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
+from guidefield.planner.task.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
 from guidefield.potential import Precision, RobotField
-from guidefield.robot.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.kinematics import Kinematics
-from guidefield.robot.model import RobotModel
-from guidefield.robot.pose_target import PoseTarget
-from guidefield.robot.selection import select
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 

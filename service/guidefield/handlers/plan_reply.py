@@ -11,11 +11,11 @@ from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
-from guidefield.planner.problem import Problem
 from guidefield.planner.quality import Clearance, Closest, figures
-from guidefield.planner.trajectory import Trajectory
-from guidefield.robot.group import PlanningGroup
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.group import PlanningGroup
 
 CERTIFICATE = (
     "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair;"

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
-from guidefield.planner.auto_planes import derive
+from guidefield.planner.guide.auto_planes import derive
 from guidefield.planner.plan import Plan
-from guidefield.planner.problem import ConfigurationGoal, Problem, TipGoal
-from guidefield.planner.trace import StageLeft
+from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.task.trace import StageLeft
 from guidefield.scene import guide_plane
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene

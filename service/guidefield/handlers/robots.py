@@ -10,12 +10,12 @@ from typing import Protocol
 from guidefield.collision.preparation import StoppedError, prepare
 from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply
 from guidefield.messages.robot_replies import CoverInfo, PartsInfo
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.configuration import configuration_to_wire
-from guidefield.robot.convex_parts import known_parts
-from guidefield.robot.coverage import ShapeCoverage, known_coverage
-from guidefield.robot.model import Joint, RobotModel
-from guidefield.robot.sent import SentRobot
+from guidefield.robot.bodies.convex_parts import known_parts
+from guidefield.robot.bodies.sphere_cover import ShapeCoverage, known_coverage
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.model.configuration import configuration_to_wire
+from guidefield.robot.model.model import Joint, RobotModel
 
 PREPARE_WITHIN = 60.0
 """How long a robot that a client stores is prepared [s]."""

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.met_pairs import met_pairs
+from guidefield.collision.blocking_pairs import met_pairs
 from guidefield.errors import Status
 from guidefield.planner.leaving import SLIGHT
-from guidefield.planner.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
-from guidefield.planner.stages import StageFailed
-from guidefield.robot.inverse_kinematics import MOST_REJECTED, IkResult, solve
-from guidefield.robot.pose_target import PoseTarget
-from guidefield.robot.unreachable import OUT_OF_REACH
+from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
+from guidefield.planner.task.stages import StageFailed
+from guidefield.robot.ik.inverse_kinematics import MOST_REJECTED, IkResult, solve
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.unreachable import OUT_OF_REACH
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""

@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guidefield.collision.certificate import Verdict, certify
-from guidefield.collision.constraint_certificate import certify_constraints
-from guidefield.collision.position_limits import TOLERANCE
-from guidefield.planner.constrained import Keeper
-from guidefield.planner.jerk import parameterize_gently
-from guidefield.planner.problem import Problem
-from guidefield.planner.relaxation import SEGMENT, Outcome, Relaxed, relax
-from guidefield.planner.spline import CubicSpline, interpolate
-from guidefield.planner.stages import Stages
-from guidefield.planner.timing import parameterize
-from guidefield.planner.trajectory import Trajectory
+from guidefield.collision.certify.certificate import Verdict, certify
+from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.position_limits import TOLERANCE
+from guidefield.planner.connect.constrained_tree import Keeper
+from guidefield.planner.motion.jerk import parameterize_gently
+from guidefield.planner.motion.spline import CubicSpline, interpolate
+from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.relax.relaxation import SEGMENT, Outcome, Relaxed, relax
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stages
 
 REPAIRS = 12
 """How often the spline is drawn closer to the path where the certificate refused it."""

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certificate import motion_free
+from guidefield.collision.certify.certificate import motion_free
 from guidefield.collision.contact import Contact
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.finish import through, timed
-from guidefield.planner.problem import Problem
-from guidefield.planner.stages import StageFailed, Stages
-from guidefield.planner.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import StageFailed, Stages
 
 SLIGHT = 0.01
 """A contact deeper than this is not slight [m]."""

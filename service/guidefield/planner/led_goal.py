@@ -9,12 +9,12 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import tip_points
-from guidefield.planner.guide import cross
-from guidefield.planner.onward import Found
-from guidefield.planner.problem import Problem, TipGoal
-from guidefield.planner.rounds import Attempt
-from guidefield.planner.stages import Stages
-from guidefield.planner.tip_reach import tip_radius
+from guidefield.planner.fallback_connection import Found
+from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.guide.tip_reach import tip_radius
+from guidefield.planner.task.problem import Problem, TipGoal
+from guidefield.planner.task.stages import Stages
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane, build
 

@@ -10,22 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.certificate import Verdict, certify
-from guidefield.collision.timed_certificate import certify_timed
+from guidefield.collision.certify.certificate import Verdict, certify
+from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
+from guidefield.planner.fallback_connection import Found, connect_to_goal, connect_to_plane
 from guidefield.planner.finish import Finished, finish
-from guidefield.planner.guide import PROJECTED, cross
+from guidefield.planner.guide.guide import PROJECTED, cross
+from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.leaving import Left, after, joined, leave
 from guidefield.planner.led_goal import led_goal_points
-from guidefield.planner.onward import Found, connect_to_goal, connect_to_plane
-from guidefield.planner.problem import Problem, TipGoal
-from guidefield.planner.refusal import refusal
-from guidefield.planner.rounds import Attempt
-from guidefield.planner.stages import StageFailed, Stages
-from guidefield.planner.timed import cross_planes_timed
-from guidefield.planner.trace import Note, StageLeft
-from guidefield.planner.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.task.problem import Problem, TipGoal
+from guidefield.planner.task.refusal import refusal
+from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.task.trace import Note, StageLeft
+from guidefield.planner.timed_guide import cross_planes_timed
 
 
 class Planner(enum.Enum):

@@ -9,12 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.collision.curve import Curve
-from guidefield.collision.places import Places, Surveyor
-from guidefield.collision.smallest import TOLERANCE, Question, Smallest, smallest
-from guidefield.planner.problem import Problem
-from guidefield.planner.trajectory import Trajectory
-from guidefield.robot.kinematics import Kinematics
+from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.minimum.places import Places, Surveyor
+from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.kinematics import Kinematics
 
 SPACING = 0.05
 """Joint distance between samples of the clearance [rad or m]."""

@@ -92,7 +92,7 @@ def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     if "/planner/potential" in present:
         words.append(_plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False))
     shown = ["/robot/visual/**", "/robot/at_fault/**", "/planner/**", "/path/planned", "/path/goal", "/path/failure"]
-    so_far = {path: SO_FAR for path in ("/planner/tip", "/planner/tree") if path in present}
+    so_far = {path: SO_FAR for path in ("/planner/tip", "/planner/connect/tree") if path in present}
     steps = _scene("Steps (choose the timeline 'step')", eye, shown, so_far)
     return rrb.Horizontal(
         steps, rrb.Vertical(*words, row_shares=[2.0, 1.0][: len(words)]), column_shares=[1.4, 1.0], name="Planner"

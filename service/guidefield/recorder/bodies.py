@@ -14,7 +14,7 @@ from guidefield.recorder.chunks import entity, link_frame, still
 from guidefield.recorder.spheres import cover_spheres
 from guidefield.recorder.surface import Surface
 from guidefield.recorder.visuals import Body, visual_bodies
-from guidefield.robot.model import RobotModel
+from guidefield.robot.model.model import RobotModel
 
 SKETCHED_APART = 2
 """Bodies of one link that are sketched one by one."""

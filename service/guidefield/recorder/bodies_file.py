@@ -25,7 +25,7 @@ from guidefield.recorder.chunks import entity, still
 from guidefield.recorder.meshes_file import UNREADABLE, read_chunks, read_meshes
 from guidefield.recorder.surface import Surface
 from guidefield.recorder.writing import encode_recording
-from guidefield.robot.model import RobotModel
+from guidefield.robot.model.model import RobotModel
 from guidefield.whole_file import DRAFT, write_whole
 
 KEPT = 8

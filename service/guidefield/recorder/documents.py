@@ -22,7 +22,7 @@ from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
 
 if TYPE_CHECKING:
-    from guidefield.robot.group import PlanningGroup
+    from guidefield.robot.group.group import PlanningGroup
     from guidefield.scene.scene import Scene
 
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"

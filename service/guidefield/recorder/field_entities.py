@@ -10,11 +10,11 @@ import rerun as rr
 from PIL import Image
 from rerun.chunk import Chunk
 
-from guidefield.kernels.field import field_at_points
+from guidefield.kernels.field.field import field_at_points
 from guidefield.potential import RobotField
 from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, still, timed
 from guidefield.recorder.robot_entities import moved_frame
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.field_slice import field_slice
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import planes_along

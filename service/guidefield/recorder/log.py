@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
+from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
 from guidefield.recorder.chunks import PATH_TIME, STEP, timed
 from guidefield.recorder.search import GROWTH
 

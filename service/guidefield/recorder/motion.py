@@ -13,11 +13,11 @@ from guidefield.errors import InvalidConfiguration
 from guidefield.messages import replies as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointSetGoal, JointsGoal, PlanRequest
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.trajectory import Trajectory
-from guidefield.robot.configuration import LENGTHS, values_from_wire
-from guidefield.robot.frames import frame_index
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.configuration import LENGTHS, values_from_wire
+from guidefield.robot.model.frames import frame_index
 
 SHOWN_SPEED = 1.0
 """How fast the quickest joint moves along a path that has no times [rad/s or m/s]."""

@@ -12,10 +12,10 @@ from rerun.chunk import Chunk
 
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.trace import Step
+from guidefield.planner.task.trace import Step
 from guidefield.recorder.chunks import STEP, evenly, path_times, still, timed
 from guidefield.recorder.motion import Curves, Motion, curves, position_rows
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 
 Color = tuple[int, int, int, int]
 """RGBA."""

@@ -14,7 +14,7 @@ from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.trace import Event, PathRelaxed, Step, TreeGrown
+from guidefield.planner.task.trace import Event, PathRelaxed, Step, TreeGrown
 from guidefield.recorder import (
     bodies,
     bodies_file,
@@ -33,7 +33,7 @@ from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, path_times
 from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
 from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
 

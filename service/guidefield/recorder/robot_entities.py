@@ -13,8 +13,8 @@ from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
-from guidefield.robot.frames import frame_index
-from guidefield.robot.group import PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.frames import frame_index
 
 GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
@@ -60,7 +60,7 @@ def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np
     )
     rows = np.concatenate([np.repeat(times[:1], len(fixed)), np.repeat(times, len(moved))])
     column = path_times(rows) if timeline == PATH_TIME else rr.TimeColumn(timeline, sequence=rows)
-    return timed("/robot/frames", [column], columns)
+    return timed("/robot/model/frames", [column], columns)
 
 
 def tip_trace(tip: np.ndarray) -> Chunk:

@@ -8,10 +8,10 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from guidefield.planner.trace import PathRelaxed, TreeGrown
+from guidefield.planner.task.trace import PathRelaxed, TreeGrown
 from guidefield.recorder.chunks import STEP, evenly, timed
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.kinematics import Kinematics
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
 
 GROWTH = 8
 """Steps of the timeline over which a tree is shown to grow."""
@@ -50,7 +50,7 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, TreeGrown]]) -> Itera
         columns = rr.LineStrips3D.columns(
             strips=strips, colors=[TREE_COLOR] * len(strips), radii=np.full(len(strips), 0.001)
         )
-        yield timed("/planner/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
+        yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
 
 
 def tree_edges(group: PlanningGroup, points: np.ndarray, parents: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.recorder.chunks import entity, link_frame, still
-from guidefield.robot.coverage import known_coverage
-from guidefield.robot.model import RobotModel
+from guidefield.robot.bodies.sphere_cover import known_coverage
+from guidefield.robot.model.model import RobotModel
 
 COLOR = (125, 175, 240, 255)
 """Colour of the balls (RGBA)."""

@@ -13,7 +13,7 @@ import trimesh
 
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.convex import FlatError, convex_hull
-from guidefield.robot.shapes import triangulation
+from guidefield.robot.model.shapes import triangulation
 
 CREASE = np.radians(40.0)
 """Faces that meet at less than this angle are shaded as one smooth surface [rad]."""

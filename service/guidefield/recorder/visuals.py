@@ -14,7 +14,7 @@ from lxml import etree
 
 from guidefield.recorder import surface
 from guidefield.recorder.surface import GREY, Surface
-from guidefield.robot.model import RobotSource
+from guidefield.robot.model.model import RobotSource
 
 
 @dataclass(frozen=True, eq=False)

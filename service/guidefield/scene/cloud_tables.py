@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.kept import kept_with
-from guidefield.kernels.lane_tables import AROUND
-from guidefield.kernels.lanes import LANES
-from guidefield.kernels.packing import Words, packed
-from guidefield.kernels.point_tree import NUMBERS, LaneCloud
-from guidefield.kernels.point_tree_build import fill_tree
-from guidefield.kernels.separation import BLOCK
+from guidefield.kernels.collide.gjk import BLOCK
+from guidefield.kernels.collide.layout import AROUND
+from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
+from guidefield.kernels.distance.point_tree_build import fill_tree
+from guidefield.kernels.simd.f32x16 import LANES
+from guidefield.kernels.simd.packing import Words, packed
 from guidefield.scene.obstacle import Obstacle
 
 CELL = 0.04

@@ -9,8 +9,8 @@ from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import connected_pieces, volume
 from guidefield.geometry.distance_bodies import Body, balls_about, body_tables, boxes_in_world, primitive, triangulated
 from guidefield.kept import kept_with
-from guidefield.kernels.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
-from guidefield.kernels.field import field_at_points
+from guidefield.kernels.distance.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.kernels.field.field import field_at_points
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.kernels.field import Field, field_at_points
-from guidefield.kernels.field_tables import single_precision
+from guidefield.kernels.field.field import Field, field_at_points
+from guidefield.kernels.field.field_tables import single_precision
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import SlicePlane
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import SceneInvalid
-from guidefield.kernels.convex_polygon import inradius
+from guidefield.kernels.distance.convex_polygon import inradius
 from guidefield.messages import scene as messages
 from guidefield.scene.flat import PLANARITY, FlatPolygon, flat_polygon, flatness_fault
 

@@ -17,7 +17,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
 from guidefield.geometry.placements import moved, se3
-from guidefield.kernels.point_tree_build import sort_for_tree
+from guidefield.kernels.distance.point_tree_build import sort_for_tree
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges

@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.geometry.charge_tree import at_angle
 from guidefield.geometry.charged import field_tables
-from guidefield.kernels.field_tables import FieldTables
+from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.guide_plane import GuidePlane

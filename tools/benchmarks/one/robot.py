@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certificate import motion_free
+from guidefield.collision.certify.certificate import motion_free
 from guidefield.collision.preparation import prepare
 from guidefield.collision.world import World
 from guidefield.engine import Engine
@@ -21,13 +21,13 @@ from guidefield.errors import GuidefieldError, InvalidGroup, RobotInvalid
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, Scene
-from guidefield.robot.catalog import Catalog
-from guidefield.robot.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.coverage import coverage
-from guidefield.robot.group import PlanningGroup
-from guidefield.robot.model import RobotModel
-from guidefield.robot.scratch_space import scratch_space
-from guidefield.robot.selection import select
+from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.scratch_space import scratch_space
 from guidefield.scene.scene import build
 
 BOXES = 8

@@ -1,0 +1,1 @@
+"""The certificate: whole motions judged, between their samples too."""

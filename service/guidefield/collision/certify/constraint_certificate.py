@@ -1,0 +1,61 @@
+"""The certificate of path constraints: kept all along a motion, between its samples too.
+
+A Bezier curve lies in the box of its control points. While joint j turns by at most e_j about the box's middle, a frame
+turns by at most sum_j e_j, and its origin moves by at most sum_j 2 sin(e_j / 2) rho_j, rho_j its distance from axis j
+at the middle (`MotionBound` has the proof). Where that can't exceed a limit the curve keeps it; else it is halved.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from guidefield.collision.certify.certificate import Verdict
+from guidefield.collision.certify.curve_segments import halved
+from guidefield.robot.group.path_constraints import ConstrainedFrames
+
+FLOOR = 1e-5
+"""Curves that span no more than this in every coordinate, and still can't be told, are refused [rad or m]."""
+
+
+def certify_constraints(
+    frames: ConstrainedFrames, turns: np.ndarray, pieces: np.ndarray, stopped: Callable[[], object] = lambda: None
+) -> Verdict:
+    """Judge whether a motion keeps path constraints; the first place where it doesn't, along the motion, is told.
+
+    Args:
+        frames: The constraints.
+        turns: Whether a joint turns rather than slides, shape (nv of the model,).
+        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m]; joints of one coordinate.
+        stopped: Asked now and then; anything true ends the judgement.
+    """
+    widths = np.abs(frames.group.expand_velocity)
+    waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
+    evaluations = 0
+    while waiting:
+        index, start, end, control = waiting.popleft()
+        if evaluations % 64 == 0 and stopped():
+            return Verdict(False, "stopped", index, start, start, None, control[0], evaluations)
+        evaluations += 1
+        low, high = control.min(axis=0), control.max(axis=0)
+        middle, e = 0.5 * (low + high), widths @ (0.5 * (high - low))
+        sweep = np.where(turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
+        values = frames.values(middle)
+        jacobians = frames.jacobians(middle)
+        reached = [
+            value
+            + constraint.change(float(sweep @ np.linalg.norm(J[:3], axis=0)), float(e @ np.linalg.norm(J[3:], axis=0)))
+            for value, constraint, J in zip(values, frames.constraints, jacobians, strict=True)
+        ]
+        if (np.array(reached) <= frames.limits).all():
+            continue
+        first = control[0]
+        if (frames.values(first) > frames.limits).any() or (high - low).max() <= FLOOR:
+            return Verdict(False, "violates a path constraint", index, start, start, None, first, evaluations)
+        one, other = halved(control[None])
+        half = 0.5 * (start + end)
+        waiting.appendleft((index, half, end, other))
+        waiting.appendleft((index, start, half, one))
+    return Verdict(True, "free", None, None, None, None, None, evaluations)

@@ -1,0 +1,219 @@
+"""The certificate among obstacles that move: Coal's judgement of a motion in time, between its samples too.
+
+What rests is judged by the certificate of curves, whatever their timing. For what moves, stretches of time are halved
+until at their middles every robot body keeps more from every moving obstacle than both can lose within the stretch:
+the robot by `MotionBound`, the obstacle by its largest speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.certify.certificate import COAL_ACCURACY, Verdict, certify
+from guidefield.collision.world import World
+from guidefield.scene.obstacle import Obstacle
+
+FLOOR = 1e-3
+"""Where robot and obstacle together can't move farther than this and still can't be told apart, it is undecided [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimedWorld:
+    """A robot among obstacles of which some move.
+
+    Attributes:
+        resting: The robot among those that rest.
+        moving: The robot among all, those that move where they are at first.
+        pairs: Indices of `moving.pairs` that are of a robot body and an obstacle that moves.
+        obstacles: The obstacle of each.
+        balls: Centre (3,) in the frame of the obstacle's motion and radius of a ball about each.
+    """
+
+    resting: World
+    moving: World
+    pairs: np.ndarray
+    obstacles: tuple[Obstacle, ...]
+    balls: tuple[tuple[np.ndarray, float], ...]
+
+    @classmethod
+    def of(cls, resting: World, moving: World) -> TimedWorld:
+        """From the two worlds."""
+        first = moving.geometry.ngeoms - len(moving.scene.obstacles)
+        pairs, obstacles, balls = [], [], []
+        for pair in range(moving.n_self, len(moving.pairs)):
+            obstacle = moving.scene.obstacles[int(moving.pairs[pair].max()) - first]
+            if obstacle.motion is not None:
+                pairs.append(pair)
+                obstacles.append(obstacle)
+                balls.append(_ball(obstacle))
+        return cls(resting, moving, np.array(pairs, int), tuple(obstacles), tuple(balls))
+
+
+def certify_timed(
+    worlds: TimedWorld, pieces: np.ndarray, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
+) -> Verdict:
+    """Judge a motion in time; see `certify`.
+
+    Args:
+        worlds: The robot among obstacles.
+        pieces: Bezier control points of each piece in the group's chart, shape (m, k, nv) [rad or m].
+        times: When they begin and the last one ends, shape (m + 1,) [s].
+        min_clearance: What robot and obstacles must keep apart [m].
+        floor: See `FLOOR` [m].
+    """
+    verdict = certify(worlds.resting, pieces, min_clearance)
+    moving = certify_moving(worlds, pieces, times, min_clearance, floor)
+    evaluations = verdict.evaluations + moving.evaluations
+    first = verdict if _place(verdict) <= _place(moving) else moving
+    return replace(first, evaluations=evaluations)
+
+
+def certify_moving(
+    worlds: TimedWorld, pieces: np.ndarray, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
+) -> Verdict:
+    """`certify_timed` for the obstacles that move alone.
+
+    Args:
+        worlds: As there.
+        pieces: Control points of Bezier curves in the group's chart, shape (n, k, nv).
+        times: When each piece begins, and the last ends, shape (n + 1,) [s].
+        min_clearance: What to keep from the obstacles [m].
+        floor: As there.
+    """
+    judge = _Judge(worlds, min_clearance, floor)
+    for index, piece in enumerate(np.asarray(pieces, float)):
+        every = list(range(len(worlds.pairs)))
+        refusal = judge.refusal(_Stretch(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), every))
+        if refusal is not None:
+            return refusal
+    return Verdict(True, "free", None, None, None, None, None, judge.evaluations)
+
+
+def _place(verdict: Verdict) -> tuple[float, float]:
+    """Where a motion was refused: piece and parameter; infinite if it is free."""
+    if verdict.piece is None or verdict.parameter is None:
+        return np.inf, np.inf
+    return verdict.piece, verdict.parameter
+
+
+def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float]:
+    """A ball about an obstacle in the frame of its motion."""
+    assert obstacle.motion is not None, "only what moves is asked for"
+    vertices = obstacle.vertices
+    centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    box = obstacle.shape.aabb_local
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    low, high = np.asarray(box.min_), np.asarray(box.max_)
+    reach = [float(np.linalg.norm(obstacle.placement.act(low + c * (high - low)) - centre)) for c in corners]
+    return np.asarray(obstacle.motion.placements[0].actInv(centre)), max(reach)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """A part of a piece: control points, parameters on the piece, times, and the pairs that are left."""
+
+    piece: int
+    control: np.ndarray
+    start: float
+    end: float
+    since: float
+    until: float
+    pairs: list[int]
+
+    def halves(self, pairs: list[int]) -> tuple[_Stretch, _Stretch]:
+        """Both halves by de Casteljau's scheme, for some pairs."""
+        row, first, second = self.control, [self.control[0]], [self.control[-1]]
+        while len(row) > 1:
+            row = 0.5 * (row[:-1] + row[1:])
+            first.append(row[0])
+            second.append(row[-1])
+        parameter, time = 0.5 * (self.start + self.end), 0.5 * (self.since + self.until)
+        return (
+            _Stretch(self.piece, np.array(first), self.start, parameter, self.since, time, pairs),
+            _Stretch(self.piece, np.array(second[::-1]), parameter, self.end, time, self.until, pairs),
+        )
+
+
+class _Judge:
+    """One judgement, and how often Coal was asked."""
+
+    def __init__(self, worlds: TimedWorld, min_clearance: float, floor: float) -> None:
+        self.worlds = worlds
+        self.kept = min_clearance
+        self.floor = floor
+        self.evaluations = 0
+
+    def refusal(self, stretch: _Stretch) -> Verdict | None:
+        """Why a stretch is refused, or None; the first half is judged before the second."""
+        low, high = stretch.control.min(axis=0), stretch.control.max(axis=0)
+        time, half = 0.5 * (stretch.since + stretch.until), 0.5 * (stretch.until - stretch.since)
+        bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))
+        for k in stretch.pairs:
+            motion, (centre, radius) = self.worlds.obstacles[k].motion, self.worlds.balls[k]
+            assert motion is not None, "only what moves is judged here"
+            bounds[k] += half * motion.speed(stretch.since, stretch.until, centre, radius)
+        left = [k for k in stretch.pairs if self._within(k, time, self.kept + bounds[k] + COAL_ACCURACY)]
+        if not left:
+            return None
+        first, second = stretch.halves(left)
+        refused = self._refused_at(second, stretch.start, left, bounds)
+        if refused is not None:
+            return refused
+        return self.refusal(first) or self.refusal(second)
+
+    def _bounds(self, middle: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+        """How much closer the robot alone brings each pair within a box of the chart [m]; places it at its middle."""
+        world = self.worlds.moving
+        group = world.group
+        self.evaluations += 1
+        jacobian = pin.computeJointJacobians(world.model, world.data, group.expand(group.from_chart(middle)))
+        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data)
+        centres = world.bodies.centres_in_world(world.joint_placements[None])
+        bounds = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
+        return np.array(bounds[0][self.worlds.pairs])
+
+    def _within(self, k: int, time: float, margin: float) -> bool:
+        """Whether a pair comes within a margin (>= 0) of each other where the robot was placed last, at a time.
+
+        Coal answers for no margin below 0 where a body is a mesh.
+        """
+        world, obstacle = self.worlds.moving, self.worlds.obstacles[k]
+        body = int(world.pairs[self.worlds.pairs[k]].min())
+        shape, placement = world.geometry.geometryObjects[body].geometry, world.margin_data.oMg[body]
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        request.security_margin = margin
+        there = obstacle.placement_at(time)
+        return bool(coal.collide(shape, _transform(placement), obstacle.shape, _transform(there), request, result))
+
+    def _refused_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
+        """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less."""
+        self._bounds(rest.control[0], np.zeros(rest.control.shape[1]))
+        found = self._touching(rest.since, left)
+        if found is None:
+            undecided = [k for k in left if bounds[k] <= self.floor]
+            if not undecided:
+                return None
+            found = ("undecided", undecided[0])
+        names = self.worlds.moving.pair_names(int(self.worlds.pairs[found[1]]))
+        return Verdict(
+            False, found[0], rest.piece, rest.start, free_until, names, rest.control[0], self.evaluations
+        )  # fmt: skip
+
+    def _touching(self, time: float, pairs: list[int]) -> tuple[str, int] | None:
+        """What is wrong where the robot was placed last, contact or too close, and with which pair; or None."""
+        for k in pairs:
+            if self._within(k, time, 0.0):
+                return "contact", k
+        for k in pairs:
+            if self.kept > 0.0 and self._within(k, time, self.kept):
+                return "too close", k
+        return None
+
+
+def _transform(placement: Any) -> Any:
+    return coal.Transform3s(placement.rotation, placement.translation)

@@ -1,0 +1,1 @@
+"""The tables of a robot and a scene for the kernels that judge sixteen configurations at once."""

@@ -1,0 +1,177 @@
+"""Grids over the coordinates that pairs of joints' bodies hang on, for the lane kernels (see kernels/collide/self_collision_cache)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.kernels.collide.layout import BAND, CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
+from guidefield.kernels.kinematics.batch_forward_kinematics import JOINT, SLIDING, TURNING, LaneJoints
+
+LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)
+"""The largest cells of a grid over so many coordinates, at most."""
+
+MOST_LARGEST = 1 << 22
+"""The largest cells of all grids of a robot, at most, but for such as have few: many grids have fewer each."""
+
+FEW = 1 << 10
+"""As many a grid may always have."""
+
+DIVIDED = (0, 6, 3, 2)
+"""By how many powers of 2 a cell's sides are divided, by how many coordinates there are: into `CHILDREN` children."""
+
+SMALLEST, MOST_LEVELS = 5e-4, 4
+"""Cells in which bodies move less than this past each other [m] aren't divided, nor any more often than this."""
+
+ROOM = 1 << 22
+"""Room for that many cells that others are divided into; when it is used up, no more are."""
+
+SLACK = 1.001
+"""By how much the motion within a cell is taken to be larger: places on the grid are rounded to float32."""
+
+
+class Grids(NamedTuple):
+    """What `LaneBodies` holds under the same names.
+
+    Attributes:
+        grids: (GRID_PLACES * meetings,).
+        grid_numbers: (GRID_NUMBERS * meetings,) float32.
+        cells: (CHILDREN + n + ROOM,) int32, nothing judged yet; n are the largest cells, and what is known of many of
+            these together.
+        apart: uint32, a bit for each of these but `ROOM`.
+    """
+
+    grids: np.ndarray
+    grid_numbers: np.ndarray
+    cells: np.ndarray
+    apart: np.ndarray
+
+
+class _Side(NamedTuple):
+    """One coordinate: which, its range, whether it wraps, and how far a unit of it moves the second bodies [m]."""
+
+    driver: int
+    lower: float
+    width: float
+    wraps: bool
+    lever: float
+
+
+def lane_grids(
+    joints: LaneJoints,
+    meetings: np.ndarray,
+    carrying: np.ndarray,
+    covers: Sequence[np.ndarray],
+    ranges: np.ndarray,
+    most: np.ndarray,
+) -> Grids:
+    """Lay grids over the coordinates of meetings that hang on three at most.
+
+    Args:
+        joints: The robot's joints.
+        meetings: Pairs of carriers, the first two columns; shape (m, 4).
+        carrying: Joint of each carrier.
+        covers: Balls (n, 4) that contain each carrier's bodies, in its joint's frame.
+        ranges: Least and largest value of each coordinate, shape (nv, 2).
+        most: How many coordinates the grid of each meeting may have, shape (m,): where what decides else is quick, the
+            many cells of three take longer to judge than they save.
+    """
+    numbers = joints.numbers.reshape(-1, JOINT)
+    every: list[list[_Side] | None] = []
+    for (a, b), allowed in zip(meetings[:, :2].tolist(), most.tolist(), strict=True):
+        way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
+        sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
+        every.append(None if sides is None or len(sides) > allowed else sides)
+    share = max(FEW, MOST_LARGEST // max(1, sum(sides is not None for sides in every)))
+    places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
+    for sides in every:
+        if sides is None:
+            places.append([0] * GRID_PLACES)
+            values.append([0.0] * GRID_NUMBERS)
+            continue
+        place, row, moved, counts = [], [], 0.0, _counts(sides, min(share, LARGEST[len(sides)]))
+        for side, count in zip(sides, counts, strict=True):
+            moved += SLACK * side.lever * 0.5 * side.width / count
+        divided = DIVIDED[len(sides)]
+        levels = 0 if moved == 0.0 else math.ceil(math.log2(moved / SMALLEST) / divided)
+        levels = min(max(levels, 0), MOST_LEVELS)
+        for index, (side, count) in enumerate(zip(sides, counts, strict=True)):
+            smallest = count << divided * levels
+            place += [side.driver, smallest, 1 << divided * index]
+            row += [side.lower, smallest / side.width, 0.5 / np.pi if side.wraps else 0.0]
+        unused = GRID_SIDES - len(sides)
+        together = cells + math.prod(counts)
+        places.append([*place, *[0, 1 << divided * levels, 0] * unused, cells, levels, divided, together])
+        values.append([*row, *[0.0] * 3 * unused, moved])
+        cells = together + math.prod(-(-count >> divided) for count in counts)
+    known = np.zeros(cells + ROOM, np.int32)
+    known[0] = cells
+    return Grids(
+        np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
+        np.array(values, np.float32).reshape(-1, GRID_NUMBERS).ravel(),
+        known,
+        np.zeros(cells // 32 + 1, np.uint32),
+    )
+
+
+def _counts(sides: list[_Side], most: int) -> list[int]:
+    """How many of the largest cells lie along each coordinate: a step along any moves bodies about as far."""
+    ways, counts = np.array([max(side.lever * side.width, BAND) for side in sides]), [1] * len(sides)
+    ascending = np.argsort(ways).tolist()
+    for k, side in enumerate(ascending):
+        further = ways[ascending[k:]]
+        counts[side] = min(most, max(1, int((most / further.prod()) ** (1.0 / len(further)) * ways[side])))
+        most //= counts[side]
+    return counts
+
+
+def _way(parents: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]]:
+    """The joints that move two joints' bodies past each other: those above the first alone, above the second alone."""
+    above: tuple[list[int], list[int]] = ([], [])
+    for end, found in zip((a, b), above, strict=True):
+        joint = end
+        while joint > 0:
+            found.append(joint)
+            joint = int(parents[joint])
+    common = set(above[0]) & set(above[1])
+    return [j for j in above[0] if j not in common], [j for j in above[1] if j not in common]
+
+
+def _sides(
+    joints: LaneJoints,
+    numbers: np.ndarray,
+    ways: tuple[list[int], list[int]],
+    covers: tuple[np.ndarray, np.ndarray],
+    ranges: np.ndarray,
+) -> list[_Side] | None:
+    """The coordinates that a meeting hangs on; None if they are more than three, or one has no end."""
+    if (joints.kinds[ways[0] + ways[1]] > SLIDING).any():
+        return None
+    levers: dict[int, float] = {}
+    wraps: dict[int, bool] = {}
+    for way, cover in zip(ways, covers, strict=True):
+        centres, radii = cover[:, :3], cover[:, 3]
+        reach = float(
+            (np.linalg.norm(centres[:, :2], axis=1) + radii).max()
+        )  # from the axis of the carrier, which is z
+        beyond = float((np.linalg.norm(centres, axis=1) + radii).max())
+        for joint in way:
+            driver, factor = int(joints.drivers[joint]), abs(float(numbers[joint, 12]))
+            turning = joints.kinds[joint] == TURNING
+            levers[driver] = levers.get(driver, 0.0) + factor * (reach if turning else 1.0)
+            wraps[driver] = wraps.get(driver, True) and bool(turning) and factor == 1.0
+            # what the joint above turns is as far from it at most
+            beyond += float(np.linalg.norm(numbers[joint, [3, 7, 11]]))
+            if not turning:
+                ends = ranges[driver] * numbers[joint, 12] if factor > 0.0 else np.zeros(2)
+                beyond += float(np.abs(ends + numbers[joint, 13]).max())
+            reach = beyond
+    sides = []
+    for driver in sorted(driver for driver in levers if levers[driver] > 0.0):
+        low, high = (-np.pi, np.pi) if wraps[driver] else ranges[driver]
+        sides.append(_Side(driver, float(low), float(high - low), wraps[driver], levers[driver]))
+    bounded = all(np.isfinite([side.lower, side.width, side.lever]).all() and side.width > 0.0 for side in sides)
+    return sides if len(sides) <= GRID_SIDES and bounded else None

@@ -1,0 +1,146 @@
+"""Many configurations at once: whether a robot touches anything, by the lane kernels.
+
+What these say is free keeps apart on the exact geometry, within `BAND`; but only at samples. The certificate judges
+what is between them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from guidefield.collision.lanes.memory import LaneMemory, lane_memory
+from guidefield.collision.lanes.never import without_never_touching
+from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from
+from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
+from guidefield.collision.world import World
+from guidefield.kept import kept_with
+from guidefield.kernels.collide.arena import MEMORY_WORDS, SCENE_WORDS, lay_out
+from guidefield.kernels.collide.layout import Scratch
+from guidefield.kernels.collide.motion_validation import FRACTIONS, LaneWorld, path_free_until, touching_configurations
+from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.tree.shortcut import shorten
+from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+
+TRIES = 60
+"""Straight ways between places on a path that are looked at, unless told otherwise."""
+
+
+@kept_with
+def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+    """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""
+    robot, words = _unturned(group, pairs)
+    joints = turned_from(robot.joints, group)
+    return (robot, words) if joints is robot.joints else _with_words(dataclasses.replace(robot, joints=joints), group)
+
+
+@kept_with_alike
+def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+    """The same, wherever the group starts."""
+    pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
+    robot = lane_robot(group, coverage(group.robot).shapes, pairs_of_bodies)
+    return _with_words(without_never_touching(robot, group.nv), group)
+
+
+def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
+    return robot, packed((robot.joints, robot.bodies, robot.parts, FRACTIONS, group.nv))
+
+
+@dataclass(frozen=True, eq=False)
+class Lanes:
+    """A world for the lane kernels; like the world itself it answers one question at a time.
+
+    Attributes:
+        world: Robot and obstacles.
+        words: The same as the kernels know it, a packed `LaneWorld`.
+        memory: What it works in, see lane_memory.
+        begins: Where in it the first array is [bytes].
+    """
+
+    world: World
+    words: Words
+    memory: np.ndarray
+    begins: int
+
+    @classmethod
+    def build(cls, world: World) -> Lanes:
+        """Make the tables of a world."""
+        robot, words, scene, layout = _of(world)
+        memory = np.zeros(layout.size, np.int64)
+        all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
+        mixed = world.pairs[world.n_self :]
+        begins = lay_out(words, scene.words, layout.offsets, scene.owners, mixed, robot.bodies.size, memory, all_words)
+        return cls(world, all_words, memory, begins)
+
+    @cached_property
+    def tables(self) -> LaneWorld:
+        """The world as arrays."""
+        robot, _, scene, layout = _of(self.world)
+        views = layout.views(self.memory, self.begins)
+        return LaneWorld(
+            joints=robot.joints,
+            bodies=robot.bodies,
+            parts=robot.parts,
+            fractions=FRACTIONS,
+            nv=self.world.group.nv,
+            obstacles=scene.tables[0]._replace(tested=views["tested"]),
+            scene=scene.tables[1],
+            scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
+            block=views["block"],
+        )
+
+    def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:
+        """Which of some chart points touch an obstacle or themselves.
+
+        Args:
+            zs: Chart points, shape (n, nv) [rad or m].
+            clearance: What to keep from obstacles [m].
+
+        Returns:
+            Shape (n,), bool.
+
+        Raises:
+            ValueError: if a coordinate is not a finite number.
+        """
+        if not np.isfinite(zs).all():
+            raise ValueError("a chart point has a coordinate that is not a number")
+        touching = np.empty(len(zs), np.bool_)
+        touching_configurations(self.words, clearance, np.ascontiguousarray(zs, np.float32), touching)
+        return touching
+
+    def free_until(self, path: np.ndarray, resolution: float, clearance: float = 0.0) -> int:
+        """How many of the straight motions along a path are free before the first that is not, by samples.
+
+        Args:
+            path: Chart points, shape (n, nv); the first itself is not judged.
+            resolution: Samples per length in the chart [1/rad or 1/m].
+            clearance: What to keep from obstacles [m].
+        """
+        return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
+
+    def shortened(self, path: np.ndarray, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> np.ndarray:
+        """A path with the same ends that is no longer; free by samples where it was.
+
+        Args:
+            path: Chart points, shape (n, nv).
+            resolution: Samples per length in the chart [1/rad or 1/m].
+            clearance: What to keep from obstacles [m].
+            tries: Straight ways between places on it that are looked at.
+        """
+        most, nv = len(path) + tries + 2, path.shape[1]
+        rows, short = np.empty((most, nv), np.float32), np.empty((most, nv))
+        count = shorten(self.words, np.ascontiguousarray(path, float), clearance, resolution, tries, rows, short)
+        return short[:count].copy()
+
+
+def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:
+    """What a world is made of that is kept: the robot, its words, the obstacles, and how the memory is laid out."""
+    own = world.pairs[: world.n_self]
+    robot, words = _robot(world.group, own.tobytes())
+    scene = lane_scene(world.scene)
+    return robot, words, scene, lane_memory(robot, len(world.group.lower), len(own), len(scene.owners))

@@ -1,0 +1,275 @@
+"""A planning group as tables for the lane kernels."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.lanes.cell_grids import lane_grids
+from guidefield.kernels.collide.gjk import Parts
+from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
+from guidefield.kernels.cover.enclosing_ball import ball_around_balls
+from guidefield.kernels.kinematics import forward_kinematics
+from guidefield.kernels.kinematics.batch_forward_kinematics import (
+    BALL,
+    FLOATING,
+    GROUNDED,
+    JOINT,
+    PARALLEL,
+    PLAIN,
+    PLANAR,
+    SLIDING,
+    SQUARE,
+    TURNING,
+    LaneJoints,
+)
+from guidefield.robot.bodies.convex_parts import convex_parts
+from guidefield.robot.bodies.sphere_cover import ShapeCoverage
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.joint_tables import joint_table, joints_of
+from guidefield.robot.model.shapes import triangulation
+
+KINDS = np.empty(6, np.int64)
+"""Lanes' kind of each of `JointTable`'s."""
+KINDS[[forward_kinematics.REVOLUTE, forward_kinematics.CONTINUOUS]] = TURNING
+KINDS[forward_kinematics.PRISMATIC] = SLIDING
+KINDS[forward_kinematics.PLANAR] = PLANAR
+KINDS[forward_kinematics.SPHERICAL] = BALL
+KINDS[forward_kinematics.FLOATING] = FLOATING
+
+SURFACE_POINTS = 24
+"""Points of its surface that stand for an open mesh's inside, which it doesn't have."""
+
+_QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""The rotation about x by a right angle."""
+
+_SAME = 3e-8
+"""Directions that differ less are the same in float32."""
+
+
+@dataclass(frozen=True, eq=False)
+class LaneRobot:
+    """A robot for lanes: joints that turn about z or slide along it where they have one axis, bodies in their frames.
+
+    Attributes:
+        joints: Its joints.
+        bodies: Its collision shapes, as the group's geometry has them, each with its cover and inner balls.
+        parts: The shapes themselves.
+        pieces_paired: How many pairs of pieces there are.
+    """
+
+    joints: LaneJoints
+    bodies: LaneBodies
+    parts: Parts
+    pieces_paired: int
+
+
+def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.ndarray) -> LaneRobot:
+    """Build the tables of a group; rotation vectors start from the identity, see `turned_from`.
+
+    Args:
+        group: The robot's planned joints.
+        balls: For each collision shape, balls that contain it and balls inside it.
+        pairs: Indices of the shapes that must not touch each other, shape (p, 2).
+
+    Raises:
+        UnservedError: if a shape is of a kind that the kernels don't know.
+    """
+    turns = _turns(group.model)
+    table, roots, pieces = PartsTable(), [], []
+    covers, inners, grouped, bounds, sizes = [], [], [], [], []
+    shapes = list(group.geometry.geometryObjects)
+    for shape, ball, cut in zip(shapes, balls, convex_parts(group.robot), strict=True):
+        placement = pin.SE3(turns[shape.parentJoint].T, np.zeros(3)) * shape.placement
+        if cut is None:
+            roots.append(table.add_shape(shape.geometry, placement))
+        else:
+            roots.append(table.add_pieces(shape.geometry, cut, placement))
+        pieces.append(table.pieces(roots[-1]))
+        covers.append(_moved(placement, ball.cover.spheres))
+        open_mesh = len(ball.inner) == 0 and isinstance(shape.geometry, coal.BVHModelBase)
+        inners.append(_moved(placement, _surface_points(shape.geometry) if open_mesh else ball.inner))
+        grouped.append(_moved(placement, ball.cover.groups))
+        sizes.append(np.diff(ball.cover.first))
+        bounds.append(_moved(placement, ball.cover.bound[None]))
+    joints = np.array([shape.parentJoint for shape in shapes], np.int64)
+    carrying = np.unique(joints)[::-1]
+    members = [np.flatnonzero(joints == joint) for joint in carrying]
+    meetings, ordered = _meetings(pairs, np.searchsorted(-carrying, -joints))
+    counts = np.array([len(nodes) for nodes in pieces], np.int64)
+    products = counts[ordered].prod(axis=1)
+    places = _offsets_of(products + (products > 1))
+    parts = table.tables()
+    lane_joints = _joints(group, turns)
+    whole = [np.concatenate([covers[body] for body in bodies]) for bodies in members]
+    several = [bool((products[first:last] > 1).any()) for first, last in meetings[:, 2:].tolist()]
+    most = np.where(several, GRID_SIDES, GRID_SIDES - 1)
+    grids = lane_grids(lane_joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
+    bodies = LaneBodies(
+        size=len(shapes),
+        carriers=len(carrying),
+        moving=int(np.count_nonzero(carrying)),
+        n_meetings=len(meetings),
+        n_cells=len(grids.cells),
+        joints=joints,
+        carrying=carrying.astype(np.int64),
+        members=_offsets(members),
+        order=np.concatenate([np.empty(0, np.int64), *members]),
+        groups=_offsets(grouped),
+        covers=_offsets_of(np.concatenate([np.empty(0, np.int64), *sizes])),
+        inners=_offsets(inners),
+        roots=np.array(roots, np.int64),
+        pieces=_offsets(pieces),
+        piece_roots=np.concatenate([np.empty(0, np.int64), *pieces]),
+        meetings=meetings.ravel(),
+        pairs=np.column_stack([ordered, places[:-1]]).ravel(),
+        around=_balls([_ball_about(np.concatenate([bounds[body] for body in bodies])) for bodies in members]),
+        bounds=_balls(bounds),
+        piece_bounds=parts.balls.reshape(-1, 4)[np.concatenate([np.empty(0, np.int64), *pieces])]
+        .astype(np.float32)
+        .ravel(),
+        grouped=_balls(grouped),
+        cover=_balls(covers),
+        inner=_balls(inners),
+        grids=grids.grids,
+        grid_numbers=grids.grid_numbers,
+        cells=grids.cells,
+        apart=grids.apart,
+    )
+    for array in bodies[5:-2]:
+        array.setflags(write=False)
+    return LaneRobot(lane_joints, bodies, parts, int(places[-1]))
+
+
+def _surface_points(shape: Any) -> np.ndarray:
+    """Balls (n, 4) that stand for those inside of an open mesh: points of its surface, far from each other.
+
+    An obstacle that contains one touches the mesh; the radius takes back what the kernels take off for rounding.
+    """
+    vertices, faces = triangulation(shape)
+    return _spread_points(vertices.tobytes(), faces.tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _spread_points(vertices_bytes: bytes, faces_bytes: bytes) -> np.ndarray:
+    vertices = np.frombuffer(vertices_bytes).reshape(-1, 3)
+    faces = np.frombuffer(faces_bytes, np.int64).reshape(-1, 3)
+    candidates = np.concatenate([vertices[np.unique(faces)], vertices[faces].mean(axis=1)])
+    chosen, away = [], np.linalg.norm(candidates - candidates.mean(axis=0), axis=1)
+    for _ in range(min(SURFACE_POINTS, len(candidates))):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(candidates - candidates[chosen[-1]], axis=1))
+    points = np.column_stack([candidates[chosen], np.full(len(chosen), 1.5 * BAND)])
+    points.setflags(write=False)
+    return points
+
+
+def _meetings(pairs: np.ndarray, carriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of carriers that meet, with the first and the last + 1 of their pairs (k, 4); the pairs in that order.
+
+    `carriers` (n,) is the carrier of each body.
+    """
+    pairs = np.array(pairs, np.int64).reshape(-1, 2)
+    carried = carriers[pairs]
+    order = np.lexsort((carried[:, 1], carried[:, 0]))
+    pairs, carried = pairs[order], carried[order]
+    distinct, first, counts = np.unique(carried, axis=0, return_index=True, return_counts=True)
+    return np.column_stack([distinct, first, first + counts]).astype(np.int64), pairs
+
+
+def _turns(model: Any) -> list[np.ndarray]:
+    """For each joint the rotation from its frame in lanes: z is its axis, x at right angles to its first follower's."""
+    table = joint_table(model)
+    turns, followed = [], set()
+    for axis in table.axes:
+        z = np.array([0.0, 0.0, 1.0])
+        turns.append(pin.Quaternion.FromTwoVectors(z, axis).matrix() if np.any(axis) else np.eye(3))
+    for i, parent in enumerate(table.parents[1:], 1):
+        if parent == 0 or parent in followed or not np.any(table.axes[parent]):
+            continue
+        followed.add(parent)
+        x, y, _ = turns[parent].T @ table.placements[i][:, :3] @ turns[i][:, 2]
+        if np.hypot(x, y) > _SAME:
+            angle = np.arctan2(x, -y)  # the follower's axis is at (0, -sin, cos) then
+            turns[parent] = turns[parent] @ pin.AngleAxis(angle, z).matrix()
+    return turns
+
+
+def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
+    table = joints_of(group)
+    n = len(table.parents)
+    numbers = np.zeros((n, JOINT))
+    drivers, forms = np.zeros(n, np.int64), np.full(n, PLAIN)
+    kinds = KINDS[table.kinds]
+    for i in range(1, n):
+        turn = turns[table.parents[i]].T @ table.placements[i][:, :3] @ turns[i]
+        row = group.expand_velocity[table.idx_v[i]]
+        drivers[i] = int(np.argmax(np.abs(row)))
+        assert np.count_nonzero(row) <= 1, "a joint follows at most one coordinate"
+        offset = group.expand_offset[table.idx_v[i]]
+        if kinds[i] == TURNING:
+            forms[i], turn, more = _form(int(table.parents[i]), turn)
+            offset = (offset + more + np.pi) % (2.0 * np.pi) - np.pi
+        elif kinds[i] == SLIDING and table.parents[i] == 0:
+            forms[i] = GROUNDED
+        placement = np.c_[turn, turns[table.parents[i]].T @ table.placements[i][:, 3]]
+        rest = (row[drivers[i]], offset, 0.0, 0.0) if kinds[i] in (TURNING, SLIDING) else (0.0, 0.0, 0.0, 1.0)
+        numbers[i] = *placement.ravel(), *rest
+    joints = LaneJoints(n, np.array(table.parents), kinds, forms, drivers, numbers.ravel().astype(np.float32))
+    for array in joints[1:]:
+        array.setflags(write=False)
+    return joints
+
+
+def turned_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
+    """The same joints, their rotation vectors from where those of the group start."""
+    if joints.kinds.max(initial=TURNING) < BALL:
+        return joints
+    numbers = joints.numbers.reshape(-1, JOINT).copy()
+    for i in np.flatnonzero(joints.kinds >= BALL).tolist():
+        planned = group.space.joints[group.space.getJointId(group.model.names[i])]
+        quaternion = group.q_origin[planned.idx_q : planned.idx_q + planned.nq][-4:]
+        numbers[i, 12:] = quaternion / np.linalg.norm(quaternion)
+    numbers.setflags(write=False)
+    return joints._replace(numbers=numbers.ravel())
+
+
+def _form(parent: int, turn: np.ndarray) -> tuple[int, np.ndarray, float]:
+    """Form of a turning joint's placement, its rotation without a last one about z, and that one's angle [rad]."""
+    if parent == 0:
+        return GROUNDED, turn, 0.0
+    for form, plain in ((SQUARE, _QUARTER), (PARALLEL, np.eye(3))):
+        if np.abs(turn[:, 2] - plain[:, 2]).max() < _SAME:
+            rest = plain.T @ turn
+            return form, plain, float(np.arctan2(rest[1, 0], rest[0, 0]))
+    return PLAIN, turn, 0.0
+
+
+def _moved(placement: Any, balls: np.ndarray) -> np.ndarray:
+    return np.column_stack([balls[:, :3] @ placement.rotation.T + placement.translation, balls[:, 3]])
+
+
+def _ball_about(balls: np.ndarray) -> np.ndarray:
+    """A ball (1, 4) about balls (n, 4)."""
+    ball = np.empty(4)
+    ball_around_balls(np.ascontiguousarray(balls), ball)
+    return ball[None]
+
+
+def _offsets(groups: Sequence[np.ndarray]) -> np.ndarray:
+    return _offsets_of(np.array([len(rows) for rows in groups], np.int64))
+
+
+def _offsets_of(sizes: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def _balls(groups: Sequence[np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.empty((0, 4)), *groups]).ravel().astype(np.float32)

@@ -1,0 +1,1 @@
+"""The smallest distance along a whole motion, exact to a tolerance."""

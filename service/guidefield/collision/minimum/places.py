@@ -1,0 +1,243 @@
+"""A robot placed at times of a motion, and how far apart its pairs are there: at least, and exactly where asked.
+
+Every distance is known from below first, by balls and boxes, and comes closer in stages: balls about parts of bodies,
+hulls, Coal's distance of the bodies themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.certify.certificate import MOST_PAIRS
+from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.clearance import HULL_ACCURACY
+from guidefield.collision.minimum.closing import Closing
+from guidefield.collision.minimum.curve import Curve
+
+BALLS, PARTS, HULLS, EXACT = range(4)
+"""Stages of a distance: what it is known by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """The robot at m times; of n pairs, r bodies and the movers of `Closing`.
+
+    Attributes:
+        times: Shape (m,) [s].
+        configurations: Of the group's model, shape (m, model.nq).
+        placements: ``T_world_joint``, shape (m, njoints, 3, 4) [m].
+        reach: See `MotionBound.reach`, shape (m, r, nv of the model).
+        speeds: See `Closing.speeds`, shape (m, movers) [m/s]; infinite where the rates jump.
+        distances: Of each pair, at least, shape (m, n) [m]; written as more is known.
+        stages: By what each is known, shape (m, n).
+    """
+
+    times: np.ndarray
+    configurations: np.ndarray
+    placements: np.ndarray
+    reach: np.ndarray
+    speeds: np.ndarray
+    distances: np.ndarray
+    stages: np.ndarray
+
+    def rows(self, chosen: np.ndarray) -> Places:
+        """Some of them (k,)."""
+        return Places(*(array[chosen] for array in vars(self).values()))
+
+    def with_more(self, more: Places) -> Places:
+        """These, and others behind them."""
+        return Places(
+            *(np.concatenate(arrays) for arrays in zip(vars(self).values(), vars(more).values(), strict=True))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Surveyor:
+    """Places a robot along a motion and measures.
+
+    Like the world itself it answers one question at a time.
+
+    Attributes:
+        worlds: The robot among all obstacles, and which of them move.
+        curve: The motion.
+    """
+
+    worlds: TimedWorld
+    curve: Curve
+
+    @cached_property
+    def closing(self) -> Closing:
+        """How fast bodies close in on each other."""
+        return Closing.of(self.worlds.moving)
+
+    def places(self, times: np.ndarray) -> Places:
+        """The robot at times, shape (m,); every distance is known by balls and boxes."""
+        world, group = self.worlds.moving, self.worlds.moving.group
+        zs, rates = self.curve.at(times)
+        qs = np.array([group.expand(group.from_chart(z)) for z in zs]).reshape(len(zs), world.model.nq)
+        jacobians = np.empty((len(qs), 6, world.model.nv))
+        placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
+        for row, q in enumerate(qs):
+            jacobians[row] = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
+            placements[row] = there
+        if not group.is_euclidean:
+            rates = np.array([group.tangent_map(z) @ rate for z, rate in zip(zs, rates, strict=True)]).reshape(zs.shape)
+        centres = world.bodies.centres_in_world(placements)
+        speeds = self.closing.speeds(jacobians, centres, rates @ group.expand_velocity.T)
+        speeds[np.isin(times, self.curve.breaks)] = np.inf
+        few = max(1, MOST_PAIRS // max(1, len(world.pairs)))
+        distances = np.empty((len(times), len(world.pairs)))
+        for k in range(0, len(times), few):
+            distances[k : k + few] = world.bodies.separations(centres[k : k + few], world.pairs, world.n_self)
+        self._among_what_moves(times, centres, distances)
+        reach = self.closing.bound.reach(jacobians, centres)
+        stages = np.full(distances.shape, BALLS, np.int8)
+        return Places(times, qs, placements, reach, speeds, distances, stages)
+
+    def come_closer(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> None:
+        """Take some distances to their next stage; those that are exact stay.
+
+        Args:
+            places: The places.
+            rows: Rows of them, shape (k,).
+            pairs: A pair at each, shape (k,); no two entries are the same.
+        """
+        world, stage = self.worlds.moving, places.stages[rows, pairs]
+        coarse, hulled = (stage == BALLS) & ~self._moves[pairs], world.hulled[pairs] & (stage < HULLS)
+        if coarse.any():
+            at, of = rows[coarse], pairs[coarse]
+            mixed = world.is_obstacle_pair[of]
+            apart = world.bodies.closer_separations(places.placements, at, world.pairs[of], mixed)
+            places.distances[at, of] = np.maximum(places.distances[at, of], apart)
+            places.stages[at, of] = PARTS
+        by_hulls = hulled & ~coarse
+        if by_hulls.any():
+            at, of = rows[by_hulls], pairs[by_hulls]
+            for row, pair in self._each(places, at, of, world.hulls, world.hull_margin_data):
+                hulls_apart = pin.computeDistance(world.hulls, world.hull_margin_data, pair).min_distance
+                least = float(hulls_apart) - float(world.roundings[pair]) - HULL_ACCURACY
+                places.distances[row, pair] = max(places.distances[row, pair], least)
+            places.stages[at, of] = HULLS
+        exact = (stage < EXACT) & ~coarse & ~hulled
+        if exact.any():
+            at, of = rows[exact], pairs[exact]
+            for row, pair in self._each(places, at, of, world.geometry, world.geometry_data):
+                places.distances[row, pair], result = world.distance(pair)
+                points = result.getNearestPoint1(), result.getNearestPoint2()
+                self._witnesses[float(places.times[row]), pair] = points
+            places.stages[at, of] = EXACT
+
+    def closest(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Which of some pairs is the closest one at each of some places, as exact as Coal tells.
+
+        Args:
+            places: The places.
+            rows: Rows of them, all different, shape (k,).
+            pairs: Indices of pairs, at least one, shape (p,).
+
+        Returns:
+            Index of the pair at each, shape (k,).
+        """
+        nearest, open_rows = np.empty(len(rows), int), np.arange(len(rows))
+        while len(open_rows):
+            nearest[open_rows] = pairs[np.argmin(places.distances[np.ix_(rows[open_rows], pairs)], axis=1)]
+            asked = places.stages[rows[open_rows], nearest[open_rows]] < EXACT
+            open_rows = open_rows[asked]
+            self.come_closer(places, rows[open_rows], nearest[open_rows])
+        return nearest
+
+    def witness(self, time: float, pair: int) -> np.ndarray:
+        """The closest points of a pair at a time [s], the link's first, shape (2, 3) [m, world].
+
+        Args:
+            time: Of a place where the distance of the pair is exact.
+            pair: Index of the pair.
+        """
+        points = np.array(self._witnesses[time, pair])
+        between = points[0] - points[1]
+        points[1] += between * (self.worlds.moving.roundings[pair] / max(float(np.linalg.norm(between)), 1e-12))
+        return points
+
+    @cached_property
+    def _witnesses(self) -> dict[tuple[float, int], tuple[np.ndarray, np.ndarray]]:
+        """Coal's closest points, by time and pair, of all exact distances."""
+        return {}
+
+    def rates_of_obstacles(self, since: np.ndarray, until: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest speeds and accelerations of what moves between two times, both of shape (s, 1 + obstacles).
+
+        The first column, of what rests, is 0. No obstacle's own times are between the two.
+
+        Args:
+            since: From when, shape (s,) [s].
+            until: Until when, shape (s,) [s].
+        """
+        speeds, accelerations = (np.zeros((len(since), 1 + len(self._movers))) for _ in range(2))
+        for column, (_, obstacle, ball) in enumerate(self._movers, 1):
+            step = np.searchsorted(obstacle.motion.times, 0.5 * (since + until), side="right")
+            fastest, changing = obstacle.motion.rates(*ball)
+            speeds[:, column], accelerations[:, column] = fastest[step], changing[step]
+        return speeds, accelerations
+
+    @cached_property
+    def breaks(self) -> np.ndarray:
+        """When a rate jumps, of the robot or of an obstacle, shape (b,) [s]."""
+        return np.concatenate([self.curve.breaks, *(obstacle.motion.times for _, obstacle, _ in self._movers)])
+
+    @cached_property
+    def mover_of_pair(self) -> np.ndarray:
+        """The column in `rates_of_obstacles` of each pair, shape (n,)."""
+        columns = np.zeros(len(self.worlds.moving.pairs), int)
+        for column, (body, _, _) in enumerate(self._movers, 1):
+            columns[(self.worlds.moving.pairs == body).any(axis=1)] = column
+        return columns
+
+    @cached_property
+    def _moves(self) -> np.ndarray:
+        """Whether the obstacle of a pair moves, shape (n,)."""
+        return self.mover_of_pair > 0
+
+    @cached_property
+    def _movers(self) -> list[tuple[int, Any, tuple[np.ndarray, float]]]:
+        """Body, obstacle and ball of each obstacle that moves."""
+        found: dict[int, tuple[int, Any, tuple[np.ndarray, float]]] = {}
+        for pair, obstacle, ball in zip(self.worlds.pairs, self.worlds.obstacles, self.worlds.balls, strict=True):
+            body = int(self.worlds.moving.pairs[pair].max())
+            found[body] = (body, obstacle, ball)
+        return list(found.values())
+
+    def _among_what_moves(self, times: np.ndarray, centres: np.ndarray, distances: np.ndarray) -> None:
+        """Write the distances of balls for pairs with obstacles that move: the world has these where they are first.
+
+        Args:
+            times: Shape (m,) [s].
+            centres: Of the balls about the robot's bodies, shape (m, r, 3) [m, world].
+            distances: Of all pairs, shape (m, n) [m]; written.
+        """
+        world = self.worlds.moving
+        for column, (_, obstacle, (centre, radius)) in enumerate(self._movers, 1):
+            there = np.array([obstacle.motion.at(time).act(centre) for time in times])
+            pairs = np.flatnonzero(self.mover_of_pair == column)
+            body = world.pairs[pairs].min(axis=1)
+            apart = np.linalg.norm(centres[:, body] - there[:, None], axis=2) - world.bodies.radii[body] - radius
+            distances[:, pairs] = np.where(apart > 0.0, apart, -np.inf)
+
+    def _each(
+        self, places: Places, rows: np.ndarray, pairs: np.ndarray, geometry: Any, scratch: Any
+    ) -> Iterator[tuple[int, int]]:
+        """Rows and pairs in the order of rows, the bodies placed as they are at each."""
+        world, placed = self.worlds.moving, -1
+        order = np.argsort(rows, kind="stable")
+        for row, pair in zip(rows[order].tolist(), pairs[order].tolist(), strict=True):
+            if row != placed:
+                q, placed = places.configurations[row], row
+                pin.updateGeometryPlacements(world.model, world.data, geometry, scratch, q)
+                for body, obstacle, _ in self._movers:
+                    scratch.oMg[body] = obstacle.placement_at(float(places.times[row]))
+            yield row, pair

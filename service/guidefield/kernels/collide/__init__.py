@@ -1,0 +1,1 @@
+"""Whether bodies touch at sixteen configurations, and along motions."""

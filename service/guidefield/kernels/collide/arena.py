@@ -1,0 +1,75 @@
+"""The words of a world and what its memory holds at first, written by a kernel: one call instead of many arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int64
+
+from guidefield.kernels.collide.gjk import Parts
+from guidefield.kernels.collide.layout import HITS, LaneObstacles, Scratch
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, compiled
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import INTEGERS_OUT
+from guidefield.kernels.simd.packing import Words
+
+LINE = 64
+"""Bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get."""
+
+SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)
+"""How many words obstacles and their shapes are."""
+
+_TESTED = LaneObstacles._fields.index("tested")
+
+
+MEMORY_WORDS = len(Scratch._fields) + 1
+"""How many words there are behind those: of the scratch and the block."""
+
+_HITS = 1 + Scratch._fields.index("hits")
+
+
+@compiled(int64(INDICES, INDICES, INDICES, INDICES, INDEX_MATRIX, int64, INTEGERS_OUT, INTEGERS_OUT))
+def lay_out(
+    robot: Words,
+    scene: Words,
+    offsets: Words,
+    owners: Words,
+    mixed: np.ndarray,
+    bodies: int,
+    memory: Words,
+    words: Words,
+) -> int:
+    """Write a world's words, and what its memory holds at first.
+
+    Args:
+        robot: Words of the robot.
+        scene: Those of obstacles and their shapes, shape (SCENE_WORDS,).
+        offsets: Where in the memory there is what is tested, the scratch and the block [bytes]; (1 + MEMORY_WORDS,).
+        owners: For each obstacle which one of the scene it stands for, shape (n,).
+        mixed: The pairs of a body and an obstacle of the scene, counted behind the bodies, that are tested; (p, 2).
+        bodies: How many bodies there are.
+        memory: All zero; what is in it begins where a line of the cache does.
+        words: Gets the words.
+
+    Returns:
+        Where that is [bytes].
+    """
+    first, n, begins = len(robot), len(owners), -memory.ctypes.data % LINE
+    start = memory.ctypes.data + begins
+    words[:first] = robot
+    words[first : first + SCENE_WORDS] = scene
+    words[first + _TESTED] = start + offsets[0]
+    for k in range(MEMORY_WORDS):
+        words[first + SCENE_WORDS + k] = start + offsets[1 + k]
+    at = (begins + offsets[_HITS]) // 8
+    memory[at : at + 3 * HITS] = -1
+    at, count = (begins + offsets[0]) // 8, 0
+    for p in range(len(mixed)):
+        count = max(count, mixed[p, 1] + 1 - bodies)
+    tested = np.zeros((bodies, count), np.int64)
+    for p in range(len(mixed)):
+        tested[mixed[p, 0], mixed[p, 1] - bodies] = 1
+    for o in range(n):
+        if owners[o] < count:
+            for body in range(bodies):
+                memory[at + body * n + o] = tested[body, owners[o]]
+    return begins

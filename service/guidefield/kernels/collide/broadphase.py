@@ -1,0 +1,87 @@
+"""Which obstacles sixteen balls of a robot are near, each in one lane."""
+
+from __future__ import annotations
+
+from numba import int64, types, void
+
+from guidefield.kernels.collide.cloud_broadphase import cloud_near
+from guidefield.kernels.collide.layout import (
+    AROUND,
+    BALL,
+    BODIES,
+    CLOUD,
+    OBSTACLES,
+    SCRATCH_MEMORY,
+    LaneBodies,
+    LaneObstacles,
+    Scratch,
+)
+from guidefield.kernels.distance.point_tree import cloud_of, words_at
+from guidefield.kernels.kinematics.batch_forward_kinematics import moved
+from guidefield.kernels.simd.f32x16 import (
+    LANES,
+    Vector,
+    below,
+    f32x16,
+    lane_part,
+    lane_step,
+    largest_lane,
+    load,
+    smallest_lane,
+    splat,
+    store,
+)
+from guidefield.kernels.simd.lane_math import PRIMITIVE, Floats32, near_primitive
+
+
+@lane_part
+def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
+    """Centre of a ball that a joint carries: of `poses`, shape (joints * POSE,), and `balls`, shape (4 * n,)."""
+    at = 4 * ball
+    return moved(poses, joint, balls[at], balls[at + 1], balls[at + 2])
+
+
+@lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
+def _near_cloud(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+    """`near_obstacle` of a cloud: a call of its own, as the others are but a few instructions in their place."""
+    return int(cloud_near(cloud_of(words_at(obstacles.clouds[o])), x, y, z, reach, lanes))
+
+
+@lane_part
+def near_obstacle_of(
+    cloudy: bool, obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int
+) -> int:
+    """`near_obstacle` where it is known whether the obstacle is a cloud: a loop that can't meet one needs no call."""
+    if cloudy:
+        return int(_near_cloud(obstacles, o, x, y, z, reach, lanes))
+    return int(near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach))
+
+
+@lane_part
+def near_obstacle(obstacles: LaneObstacles, o: int, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+    """Mask of the points, of those in some lanes at least, closer to an obstacle's primitive than `reach`."""
+    return int(near_obstacle_of(obstacles.kinds[o] == CLOUD, obstacles, o, x, y, z, reach, lanes))
+
+
+@lane_step(void(BODIES, SCRATCH_MEMORY))
+def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
+    """Write the centres of the balls about carriers."""
+    poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
+    for c in range(bodies.carriers):
+        x, y, z = ball_centre(poses, carrying[c], around, c)
+        store(centres, c * BALL, x)
+        store(centres, c * BALL + LANES, y)
+        store(centres, c * BALL + 2 * LANES, z)
+
+
+@lane_part
+def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
+    """Mask of the sixteen obstacles whose boxes, shape (AROUND * blocks,), come near the box about all lanes' balls."""
+    at = block * AROUND
+    near = below(load(boxes, at), splat(largest_lane(x) + reach))
+    near &= below(load(boxes, at + 16), splat(largest_lane(y) + reach))
+    near &= below(load(boxes, at + 32), splat(largest_lane(z) + reach))
+    near &= below(splat(smallest_lane(x) - reach), load(boxes, at + 48))
+    near &= below(splat(smallest_lane(y) - reach), load(boxes, at + 64))
+    near &= below(splat(smallest_lane(z) - reach), load(boxes, at + 80))
+    return int(near)

@@ -1,0 +1,169 @@
+"""What is known of a robot's own bodies wherever in a cell of the coordinates that they hang on: one verdict a cell."""
+
+from __future__ import annotations
+
+from numba import boolean, int64, types
+
+from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, parts_apart
+from guidefield.kernels.collide.layout import (
+    BAND,
+    BODIES,
+    GRID_NUMBERS,
+    GRID_PLACES,
+    GRID_SIDES,
+    SCRATCH_MEMORY,
+    LaneBodies,
+    Scratch,
+)
+from guidefield.kernels.collide.separating_axes import no_axis, one_pose, placed
+from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.simd.f32x16 import DOUBLE_POINTER, LANES, lane_part, lane_step, splat, store
+from guidefield.kernels.simd.lane_math import Floats32
+
+UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
+"""What is known of a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.
+
+A larger number says that neither is known of the cell as a whole, and where its children are.
+"""
+
+START, LEVELS, DIVIDED, TOGETHER = range(3 * GRID_SIDES, GRID_PLACES)
+"""Where in a grid's whole numbers it stands where its largest cells begin, how often they are divided, by how much, and
+where it begins what is known of as many of them together."""
+
+
+@lane_part
+def _between(
+    balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats
+) -> tuple[float, float, float]:
+    """From the middle of a ball of the second body to that of one of the first, which are placed so (12) [m]."""
+    x, y, z = placed(pose_a, balls[4 * a], balls[4 * a + 1], balls[4 * a + 2])
+    u, v, w = placed(pose_b, others[4 * b], others[4 * b + 1], others[4 * b + 2])
+    return x - u, y - v, z - w
+
+
+@lane_part
+def _balls_apart(
+    balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats, margin: float
+) -> bool:
+    """Whether two balls of bodies that are placed so (12) are farther apart than a margin."""
+    x, y, z = _between(balls, a, pose_a, others, b, pose_b)
+    reach = balls[4 * a + 3] + others[4 * b + 3] + margin
+    return bool(x * x + y * y + z * z > reach * reach)
+
+
+@lane_part
+def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, work: Floats) -> None:
+    """Let GJK begin with the axis between the middles of two balls of bodies that are placed so (12)."""
+    work[AXIS], work[AXIS + 1], work[AXIS + 2] = _between(balls, a, pose_a, balls, b, pose_b)
+
+
+@lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
+def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
+    """Whether a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
+    first, last = bodies.covers[bodies.groups[b]], bodies.covers[bodies.groups[b + 1]]
+    for ball in range(bodies.inners[a], bodies.inners[a + 1]):
+        outside = True
+        for other in range(first, last):
+            reach = margin - bodies.inner[4 * ball + 3]
+            if not _balls_apart(bodies.inner, ball, pose_a, bodies.cover, other, pose_b, reach):
+                outside = False
+                break
+        if outside:
+            return True
+    return False
+
+
+@lane_step(boolean(BODIES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _inner_meet(bodies: LaneBodies, first: int, second: int, depth: float, scratch: Scratch) -> bool:
+    """Whether a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
+
+    Neither body may be inside the other: a mesh that swallows another doesn't touch it.
+    """
+    pose_a, pose_b, inner = scratch.pose_a, scratch.pose_b, bodies.inner
+    if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, -depth):
+        return False
+    for a in range(bodies.inners[first], bodies.inners[first + 1]):
+        for b in range(bodies.inners[second], bodies.inners[second + 1]):
+            if inner[4 * a + 3] + inner[4 * b + 3] <= depth:
+                continue
+            if not _balls_apart(inner, a, pose_a, inner, b, pose_b, -depth):
+                out = _reaches_out(bodies, first, pose_a, second, pose_b, depth)
+                return bool(out and _reaches_out(bodies, second, pose_b, first, pose_a, depth))
+    return False
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, types.float64, SCRATCH_MEMORY))
+def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margin: float, scratch: Scratch) -> bool:
+    """Whether two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
+
+    GJK begins with the axis that the scratch's `work` holds, unless that is 0.
+    """
+    work, pose_a, pose_b = scratch.work, scratch.pose_a, scratch.pose_b
+    pieces, roots = bodies.pieces, bodies.piece_roots
+    if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
+        return True
+    hull_a, hull_b = parts.links[3 * bodies.roots[first] + 2], parts.links[3 * bodies.roots[second] + 2]
+    if no_axis(work, AXIS):
+        _begin_between(bodies.bounds, first, pose_a, second, pose_b, work)
+    if hull_a >= 0 and hull_b >= 0 and parts_apart(parts, hull_a, pose_a, parts, hull_b, pose_b, margin, work):
+        return True
+    for a in range(pieces[first], pieces[first + 1]):
+        for b in range(pieces[second], pieces[second + 1]):
+            if _balls_apart(bodies.piece_bounds, a, pose_a, bodies.piece_bounds, b, pose_b, margin):
+                continue
+            part_a, part_b = parts.links[3 * roots[a] + 2], parts.links[3 * roots[b] + 2]
+            _begin_between(bodies.piece_bounds, a, pose_a, b, pose_b, work)
+            if part_a < 0 or part_b < 0 or not parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, margin, work):
+                return False
+    return True
+
+
+@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, types.float64, SCRATCH_MEMORY))
+def judged(
+    joints: LaneJoints,
+    bodies: LaneBodies,
+    parts: Parts,
+    meeting: int,
+    a: int,
+    b: int,
+    c: int,
+    shift: int,
+    besides: float,
+    scratch: Scratch,
+) -> int:
+    """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are.
+
+    Args:
+        joints: The robot's joints.
+        bodies: Its bodies.
+        parts: Their shapes.
+        meeting: Which one.
+        a: Index of one of the smallest cells in it along the first coordinate.
+        b: Along the second.
+        c: Along the third.
+        shift: The cell's sides are 2^shift as long as those of the smallest.
+        besides: What bodies have to keep besides, or to lie in each other [m], at least `BAND`.
+        scratch: Memory.
+    """
+    grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
+    for side in range(GRID_SIDES):
+        n, index = at + 3 * side, a if side == 0 else b if side == 1 else c
+        if numbers[n + 1] > 0.0:
+            middle = ((index >> shift) + 0.5) * (1 << shift)
+            store(scratch.middle, grids[place + 3 * side] * LANES, splat(numbers[n] + middle / numbers[n + 1]))
+    lane_placements(joints, scratch.middle, scratch.middle_poses)
+    one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting]], 0, scratch.pose_a)
+    one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting + 1]], 0, scratch.pose_b)
+    divisions = grids[place + LEVELS] * grids[place + DIVIDED]
+    verdict, moved = APART, numbers[at + 3 * GRID_SIDES] * (1 << shift) / (1 << divisions) + besides
+    for k in range(3):  # the axis between the last bodies that were apart may do for the next
+        scratch.work[AXIS + k] = 0.0
+    for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
+        first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
+        if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
+            continue
+        if _inner_meet(bodies, first, second, moved + 2.0 * BAND, scratch):
+            return TOUCHING
+        verdict = UNKNOWN
+    return verdict

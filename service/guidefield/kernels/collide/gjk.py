@@ -1,0 +1,299 @@
+"""Whether two bodies made of convex parts keep a distance: GJK in float64, and trees of balls about many parts.
+
+GJK after Gilbert, Johnson and Keerthi (1988). With v the point of the simplex in the difference A - B nearest to the
+origin and w the support point of A - B against v, the distance is at least v.w / |v| and at most |v|: the first says
+that a pair is apart, and only it; what is not known to be apart after `ROUNDS` rounds counts as touching.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import boolean, types
+
+from guidefield.kernels.collide.gjk_simplex import NEAREST, reduced
+from guidefield.kernels.jit.signatures import VECTOR, Floats
+from guidefield.kernels.kinematics.forward_kinematics import INDICES, Integers
+from guidefield.kernels.simd.f32x16 import (
+    ALL_LANES,
+    DOUBLE_POINTER,
+    FLOATS,
+    LANES,
+    below,
+    first_lane,
+    lane,
+    lane_part,
+    lane_step,
+    largest_lane,
+    load,
+    pointed,
+    splat,
+    where_below,
+)
+from guidefield.kernels.simd.lane_math import CYLINDER, HALF_SPACE, Floats32
+
+POLYTOPE = 4
+"""The kind of a part that is the hull of vertices; the others are lane_math's, but no boxes."""
+
+TRIANGLE, SURFACE = 5, 6
+"""A triangle of a mesh: its corners are its first nine numbers, in the body's frame. Vertices that are points of the
+surface within the polytope before this part: never compared."""
+
+PART = 16
+"""Numbers of a part: placement in the body's frame (12, row by row), half extents (3), radius of what rounds it."""
+
+BLOCK = 3 * LANES
+"""Floats of sixteen vertices: x, y, z of all."""
+
+ROUNDS, BALL_ROUNDS = 32, 1
+"""How long GJK goes on with two parts, and where one of them is but a ball."""
+
+WORK = 512
+"""Numbers of scratch space: simplex, poses of a and b, the last separating axis, a stack."""
+_POSE_A, _POSE_B, STACK = 16, 28, 64
+
+AXIS, KEPT = 40, 44
+"""Where in the scratch space the last separating axis stands, zero where there is none, and one to keep."""
+
+
+class Parts(NamedTuple):
+    """Convex parts of bodies, and trees of balls about them; lengths [m] in the frame of the body.
+
+    Attributes:
+        balls: (4 * nodes,) centre and radius of each node's ball; float64.
+        links: (3 * nodes,) left child, right child, part; a leaf is its part and has no children (-1), of another node
+            the part contains all that is below it, if it has one (else -1).
+        shapes: (3 * parts,) kind, first block of vertices, how many blocks.
+        numbers: (PART * parts,) float64.
+        vertices: (BLOCK * blocks,) float32; unused places repeat a vertex.
+    """
+
+    balls: np.ndarray
+    links: np.ndarray
+    shapes: np.ndarray
+    numbers: np.ndarray
+    vertices: np.ndarray
+
+
+PARTS = types.NamedTuple([VECTOR, INDICES, INDICES, VECTOR, FLOATS], Parts)
+POINTED_PARTS = pointed(PARTS)
+
+_PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
+"""Tables, a node or part in them, the placement of its body."""
+
+
+@lane_part
+def _farthest_vertex(
+    vertices: Floats32, first: int, blocks: int, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """The vertex farthest along a direction."""
+    best, at = splat(-1e30), splat(0.0)
+    for block in range(blocks):
+        base = (first + block) * BLOCK
+        along = load(vertices, base) * x + load(vertices, base + 16) * y + load(vertices, base + 32) * z
+        at = where_below(best, along, splat(float(block)), at)
+        best = where_below(best, along, along, best)
+    winner = first_lane(ALL_LANES & ~below(best, splat(largest_lane(best))))
+    place = (first + int(lane(at, winner))) * BLOCK + winner
+    return float(vertices[place]), float(vertices[place + 16]), float(vertices[place + 32])
+
+
+@lane_part
+def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> int:
+    """Where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
+    farthest, best = 0, numbers[at] * x + numbers[at + 1] * y + numbers[at + 2] * z
+    for corner in (3, 6):
+        along = numbers[at + corner] * x + numbers[at + corner + 1] * y + numbers[at + corner + 2] * z
+        if along > best:
+            farthest, best = corner, along
+    return farthest
+
+
+@lane_part
+def _support(
+    shapes: Integers,
+    numbers: Floats,
+    vertices: Floats32,
+    part: int,
+    work: Floats,
+    pose: int,
+    dx: float,
+    dy: float,
+    dz: float,
+) -> tuple[float, float, float]:
+    """The point of a part (without what rounds it) farthest along a direction, in the world."""
+    x = work[pose] * dx + work[pose + 4] * dy + work[pose + 8] * dz
+    y = work[pose + 1] * dx + work[pose + 5] * dy + work[pose + 9] * dz
+    z = work[pose + 2] * dx + work[pose + 6] * dy + work[pose + 10] * dz
+    px, py, pz = 0.0, 0.0, 0.0
+    if part >= 0:  # else a ball's centre
+        kind, at = shapes[3 * part], part * PART
+        if kind == POLYTOPE:
+            px, py, pz = _farthest_vertex(vertices, shapes[3 * part + 1], shapes[3 * part + 2], x, y, z)
+        elif kind == TRIANGLE:
+            at += _farthest_corner(numbers, at, x, y, z)
+            px, py, pz = numbers[at], numbers[at + 1], numbers[at + 2]
+        else:
+            pz = math.copysign(numbers[at + 14], z)
+            if kind == CYLINDER:
+                scale = numbers[at + 12] / max(math.sqrt(x * x + y * y), 1e-300)
+                px, py = x * scale, y * scale
+    return (
+        work[pose] * px + work[pose + 1] * py + work[pose + 2] * pz + work[pose + 3],
+        work[pose + 4] * px + work[pose + 5] * py + work[pose + 6] * pz + work[pose + 7],
+        work[pose + 8] * px + work[pose + 9] * py + work[pose + 10] * pz + work[pose + 11],
+    )
+
+
+@lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER, types.int64))
+def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats, most: int) -> bool:
+    """Whether two parts, placed by the poses in `work`, are shown to be farther apart than a margin in so many rounds.
+
+    The last axis is tried first.
+    """
+    shapes_a, numbers_a, vertices_a = a.shapes, a.numbers, a.vertices
+    shapes_b, numbers_b, vertices_b = b.shapes, b.numbers, b.vertices
+    vx, vy, vz = work[AXIS], work[AXIS + 1], work[AXIS + 2]
+    if part_b >= 0 and shapes_b[3 * part_b] == HALF_SPACE:
+        nx, ny, nz = numbers_b[PART * part_b], numbers_b[PART * part_b + 1], numbers_b[PART * part_b + 2]
+        px, py, pz = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -nx, -ny, -nz)
+        work[AXIS], work[AXIS + 1], work[AXIS + 2] = nx, ny, nz
+        return bool(nx * px + ny * py + nz * pz - numbers_b[PART * part_b + 3] > margin)
+    square, count = vx * vx + vy * vy + vz * vz, 0
+    if not square > 1e-20:
+        vx, vy, vz, square = 1.0, 0.0, 0.0, 1.0
+    for rounds in range(most):
+        ax, ay, az = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -vx, -vy, -vz)
+        bx, by, bz = _support(shapes_b, numbers_b, vertices_b, part_b, work, _POSE_B, vx, vy, vz)
+        wx, wy, wz = ax - bx, ay - by, az - bz
+        along = vx * wx + vy * wy + vz * wz
+        if along > margin * math.sqrt(square):
+            work[AXIS], work[AXIS + 1], work[AXIS + 2] = vx, vy, vz
+            return True
+        if rounds > 0 and square - along <= 1e-9 * square:
+            return False
+        for i in range(count):
+            if work[3 * i] == wx and work[3 * i + 1] == wy and work[3 * i + 2] == wz:
+                return False
+        work[3 * count], work[3 * count + 1], work[3 * count + 2] = wx, wy, wz
+        count = reduced(work, count + 1)
+        vx, vy, vz = work[NEAREST], work[NEAREST + 1], work[NEAREST + 2]
+        square = vx * vx + vy * vy + vz * vz
+        if count == 4 or square <= margin * margin or square < 1e-16:
+            return False
+    return False
+
+
+@lane_part
+def _place(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
+    """Write the placement of a part whose body is placed so (12)."""
+    if parts.shapes[3 * part] in (POLYTOPE, TRIANGLE):
+        for k in range(12):
+            work[pose + k] = body[k]
+        return
+    at = part * PART
+    for r in range(3):
+        for c in range(4):
+            total = body[4 * r + 3] if c == 3 else 0.0
+            for k in range(3):
+                total += body[4 * r + k] * parts.numbers[at + 4 * k + c]
+            work[pose + 4 * r + c] = total
+
+
+@lane_part
+def _place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
+    """Write the placement of a node's ball: the body's rotation, the ball's centre."""
+    x, y, z = parts.balls[4 * node], parts.balls[4 * node + 1], parts.balls[4 * node + 2]
+    for r in range(3):
+        for c in range(3):
+            work[pose + 4 * r + c] = body[4 * r + c]
+        work[pose + 4 * r + 3] = body[4 * r] * x + body[4 * r + 1] * y + body[4 * r + 2] * z + body[4 * r + 3]
+
+
+@lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
+def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
+    """How far a part of a body that stands at the origin reaches along a unit direction in its frame [m].
+
+    Scratch `work` has the shape (WORK,).
+    """
+    at = PART * part
+    if parts.shapes[3 * part] == HALF_SPACE:
+        return float(parts.numbers[at + 3])
+    if parts.shapes[3 * part] in (POLYTOPE, TRIANGLE):
+        for k in range(12):
+            work[_POSE_B + k] = 1.0 if k in (0, 5, 10) else 0.0
+    else:
+        for k in range(12):
+            work[_POSE_B + k] = parts.numbers[at + k]
+    x, y, z = _support(parts.shapes, parts.numbers, parts.vertices, part, work, _POSE_B, dx, dy, dz)
+    return float(x * dx + y * dy + z * dz + parts.numbers[at + 15])
+
+
+@lane_part
+def _balls_apart(work: Floats, reach: float) -> bool:
+    """Whether the origins of the two poses are farther apart than a reach."""
+    x = work[_POSE_A + 3] - work[_POSE_B + 3]
+    y = work[_POSE_A + 7] - work[_POSE_B + 7]
+    z = work[_POSE_A + 11] - work[_POSE_B + 11]
+    return bool(x * x + y * y + z * z > reach * reach)
+
+
+@lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
+def bodies_apart(
+    a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
+) -> bool:
+    """Whether two bodies are farther apart than a margin.
+
+    Args:
+        a: Tables that the first body is in.
+        root_a: Root of its tree of balls.
+        pose_a: Its placement, rotation and translation row by row, shape (12,) [m].
+        b: Tables that the second is in; only it may be a half-space.
+        root_b: Its root.
+        pose_b: Its placement, (12,).
+        margin: What they have to keep [m], >= 0.
+        work: Scratch, shape (WORK,); the last axis in it is where the search starts, and is left there.
+    """
+    top = 1
+    work[STACK], work[STACK + 1] = root_a, root_b
+    while top > 0:
+        top -= 1
+        node_a, node_b = int(work[STACK + 2 * top]), int(work[STACK + 2 * top + 1])
+        radius_a, radius_b = a.balls[4 * node_a + 3], b.balls[4 * node_b + 3]
+        part_a, part_b = a.links[3 * node_a + 2], b.links[3 * node_b + 2]
+        _place_ball(a, node_a, pose_a, work, _POSE_A)
+        _place_ball(b, node_b, pose_b, work, _POSE_B)
+        if radius_b < np.inf and _balls_apart(work, radius_a + radius_b + margin):
+            continue
+        if part_a >= 0:
+            _place(a, part_a, pose_a, work, _POSE_A)
+            radius_a = a.numbers[PART * part_a + 15]
+        if part_b >= 0:
+            _place(b, part_b, pose_b, work, _POSE_B)
+            radius_b = b.numbers[PART * part_b + 15]
+        # a ball alone tells little: its children are soon asked
+        most = ROUNDS if part_a >= 0 and part_b >= 0 else BALL_ROUNDS
+        if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, radius_a + radius_b + margin, work, most):
+            continue
+        leaf_a, leaf_b = a.links[3 * node_a] < 0, b.links[3 * node_b] < 0
+        if leaf_a and leaf_b:
+            return False
+        split_a = leaf_b or (not leaf_a and a.balls[4 * node_a + 3] >= b.balls[4 * node_b + 3])
+        for side in range(2):
+            work[STACK + 2 * top] = a.links[3 * node_a + side] if split_a else node_a
+            work[STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
+            top += 1
+    return True
+
+
+@lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
+def parts_apart(
+    a: Parts, part_a: int, pose_a: Floats, b: Parts, part_b: int, pose_b: Floats, margin: float, work: Floats
+) -> bool:
+    """`bodies_apart` for two parts; same shapes."""
+    _place(a, part_a, pose_a, work, _POSE_A)
+    _place(b, part_b, pose_b, work, _POSE_B)
+    margin += a.numbers[PART * part_a + 15] + b.numbers[PART * part_b + 15]
+    return bool(_apart(a, part_a, b, part_b, margin, work, ROUNDS))

@@ -1,0 +1,195 @@
+"""What lane kernels know of a robot's bodies and of obstacles, and the memory that they work in."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.signatures import VECTOR_OUT
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, INTEGERS_OUT, LANES, pointed
+
+BAND = 1e-5
+"""Within this of contact [m] either answer may come."""
+
+DECISION_BAND = 2e-6
+"""What the exact decision keeps of it [m]: more than the error of a placement in float32."""
+
+BALL = 3 * LANES
+"""Floats of a ball's centre in sixteen lanes."""
+
+AXIS_AND_REACH = 4
+"""Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
+
+HITS = 4
+"""How many of the balls that met an obstacle last are tried first."""
+
+GRID_SIDES = 3
+"""Coordinates that a grid of cells has at most."""
+
+GRID_PLACES, GRID_NUMBERS = 3 * GRID_SIDES + 4, 3 * GRID_SIDES + 1
+"""Numbers of a grid of cells: whole ones, others."""
+
+CHILDREN = 64
+"""Cells that a cell is divided into."""
+
+CLOUD = 6
+"""The kind of an obstacle that is balls about points; its primitive says nothing."""
+
+AROUND = 6 * LANES
+"""Floats of the boxes about sixteen obstacles along the world's axes: the least x, y, z of all, then the largest."""
+
+
+class LaneBodies(NamedTuple):
+    """The robot's bodies; lengths [m] in the frame of the joint that carries a body.
+
+    A *carrier* is a joint with bodies. Balls contain each other: those about a carrier's bodies, about a body, about a
+    group of its cover's balls, the cover's.
+
+    Attributes:
+        size: n.
+        carriers: m, how many joints carry bodies.
+        moving: How many of them move in the world: the first ones, those far out first.
+        n_meetings: Pairs of carriers some of whose bodies must not touch.
+        n_cells: How long `cells` is.
+        joints: (n,) the joint that carries each body.
+        carrying: (m,) the joint of each carrier.
+        members: (m + 1,) where the bodies of each carrier begin in `order`.
+        order: (n,) the bodies, carrier by carrier.
+        groups: (n + 1,) where the groups of each body's cover begin.
+        covers: (groups + 1,) where the balls of each group begin in `cover`.
+        inners: (n + 1,) where a body's inner balls begin in `inner`.
+        roots: (n,) its root in the robot's parts.
+        pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
+        piece_roots: (pieces,) the root of each in the robot's parts.
+        meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
+        grids: (GRID_PLACES * n_meetings,) for each three coordinates with how many of the smallest cells are along
+            them and how far such children of a cell as follow each other along them are apart in `cells`; then where
+            the largest cells begin there, how often they are divided, by how many powers of 2 along a side, and where
+            it begins what is known of as many of the largest together. All 0 where bodies' distance hangs on more
+            coordinates.
+        pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
+        around: (4 * m,) a ball about each carrier's bodies.
+        bounds: (4 * n,) a ball about each body.
+        piece_bounds: (4 * pieces,) a ball about each piece.
+        grouped: (4 * groups,) a ball about each group.
+        cover: (4 * c,) balls that contain the bodies.
+        inner: (4 * i,) balls that are inside them.
+        grid_numbers: (GRID_NUMBERS * n_meetings,) for each of a grid's coordinates its least value, smallest cells per
+            length, and 1 / (2 pi) if it wraps, else 0; then how far motions within one of the largest cells move bodies
+            past each other.
+        cells: (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the
+            kernels. The first number says from where on the array is free.
+        apart: A bit for each number before those of cells' children, set where one of the largest is known to keep
+            the bodies apart: few lines of the cache tell most of what is asked. uint32, written by the kernels.
+    """
+
+    size: int
+    carriers: int
+    moving: int
+    n_meetings: int
+    n_cells: int
+    joints: np.ndarray
+    carrying: np.ndarray
+    members: np.ndarray
+    order: np.ndarray
+    groups: np.ndarray
+    covers: np.ndarray
+    inners: np.ndarray
+    roots: np.ndarray
+    pieces: np.ndarray
+    piece_roots: np.ndarray
+    meetings: np.ndarray
+    grids: np.ndarray
+    pairs: np.ndarray
+    around: np.ndarray
+    bounds: np.ndarray
+    piece_bounds: np.ndarray
+    grouped: np.ndarray
+    cover: np.ndarray
+    inner: np.ndarray
+    grid_numbers: np.ndarray
+    cells: np.ndarray
+    apart: np.ndarray
+
+
+class LaneObstacles(NamedTuple):
+    """Obstacles, in the world [m]; one of many triangles stands as several.
+
+    Attributes:
+        size: n.
+        kinds: (n,) lane_math's kind of the primitive that contains each, or `CLOUD`.
+        whole: (n,) 1 where that primitive is the obstacle itself, else 0.
+        roots: (n,) its root in the scene's parts.
+        tested: (bodies * n,) 1 where the body must not touch it.
+        primitives: (PRIMITIVE * n,) float32.
+        boxes: (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones.
+        clouds: (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds.
+    """
+
+    size: int
+    kinds: np.ndarray
+    whole: np.ndarray
+    roots: np.ndarray
+    tested: np.ndarray
+    primitives: np.ndarray
+    boxes: np.ndarray
+    clouds: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """Memory that a search uses again and again.
+
+    Only axes and hits mean anything between calls: with what separated bodies or met last, the next question begins.
+
+    Attributes:
+        poses: (joints * POSE,) placements.
+        centres: (m * BALL,) centres of the balls about carriers.
+        found: (3 * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask.
+        obstacle_axes: (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it.
+        pair_axes: (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it.
+        obstacle_places, pair_places: (1 + bodies * obstacles,) and (1 + pairs of pieces,) how many axes there are, then
+            where they are.
+        pose_a, pose_b: (12,) each.
+        work: (WORK,).
+        middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
+        places: ((GRID_SIDES + 1) * 16,) where on a grid a block's configurations are.
+        hits: (3 * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
+    """
+
+    poses: np.ndarray
+    centres: np.ndarray
+    found: np.ndarray
+    obstacle_axes: np.ndarray
+    pair_axes: np.ndarray
+    obstacle_places: np.ndarray
+    pair_places: np.ndarray
+    pose_a: np.ndarray
+    pose_b: np.ndarray
+    work: np.ndarray
+    middle: np.ndarray
+    middle_poses: np.ndarray
+    places: np.ndarray
+    hits: np.ndarray
+
+
+_CELLS, _BITS = (types.Array(kind, 1, "C") for kind in (types.int32, types.uint32))
+
+LANE_BODIES = types.NamedTuple([*[types.int64] * 5, *[INDICES] * 13, *[FLOATS] * 7, _CELLS, _BITS], LaneBodies)
+LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, INDICES], LaneObstacles)
+SCRATCH = types.NamedTuple(
+    [
+        *[FLOATS_OUT] * 2,
+        INTEGERS_OUT,
+        *[VECTOR_OUT] * 2,
+        *[INTEGERS_OUT] * 2,
+        *[VECTOR_OUT] * 3,
+        *[FLOATS_OUT] * 3,
+        INTEGERS_OUT,
+    ],
+    Scratch,
+)
+
+BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)

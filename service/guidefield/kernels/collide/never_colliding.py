@@ -1,0 +1,91 @@
+"""Pairs of joints whose bodies keep apart wherever their coordinates are: nothing need be asked of them again."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import boolean, int64, types, void
+
+from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, TOUCHING, judged
+from guidefield.kernels.collide.gjk import PARTS, Parts
+from guidefield.kernels.collide.layout import GRID_PLACES, GRID_SIDES, LANE_BODIES, SCRATCH, LaneBodies, Scratch
+from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, Integers, LaneJoints
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import INTEGER_POINTER, INTEGERS_OUT, lane_kernel, lane_step, pointed, pointers
+from guidefield.kernels.simd.packing import Words, unpacked
+
+BEYOND = 1e-3
+"""What bodies keep besides [m]: configurations may be a little beyond the limits of their joints."""
+
+CELL = GRID_SIDES + 1
+"""Numbers of a cell that waits to be judged: the indices of its first smallest cell, the logarithm of its sides."""
+
+
+class LaneAlone(NamedTuple):
+    """A robot without obstacles.
+
+    Attributes:
+        joints, bodies, parts: The robot.
+        scratch: Memory.
+    """
+
+    joints: LaneJoints
+    bodies: LaneBodies
+    parts: Parts
+    scratch: Scratch
+
+
+_ALONE = types.NamedTuple([LANE_JOINTS, LANE_BODIES, PARTS, SCRATCH], LaneAlone)
+
+_alone_of = unpacked(_ALONE)
+
+
+@lane_step(boolean(pointed(_ALONE), int64, int64, INTEGER_POINTER))
+def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
+    """Whether a meeting's bodies keep apart in all of its grid, as far as so many cells tell; others are halved."""
+    grids, place = robot.bodies.grids, GRID_PLACES * meeting
+    largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
+    for side in range(GRID_SIDES):
+        while 1 << longest < grids[place + 3 * side + 1]:
+            longest += 1
+    stack[0], stack[1], stack[2], stack[3] = 0, 0, 0, longest
+    top = 1
+    while top > 0:
+        top -= 1
+        a, b, c, shift = stack[CELL * top], stack[CELL * top + 1], stack[CELL * top + 2], stack[CELL * top + 3]
+        most -= 1
+        known = judged(robot.joints, robot.bodies, robot.parts, meeting, a, b, c, shift, BEYOND, robot.scratch)
+        if known == APART:
+            continue
+        if known == TOUCHING or most <= 0 or shift <= largest:
+            return False
+        half = 1 << shift - 1
+        for child in range(1 << GRID_SIDES):
+            u, v, w = a + half * (child & 1), b + half * (child >> 1 & 1), c + half * (child >> 2)
+            if u < grids[place + 1] and v < grids[place + 4] and w < grids[place + 7]:
+                at = CELL * top
+                stack[at], stack[at + 1], stack[at + 2], stack[at + 3] = u, v, w, shift - 1
+                top += 1
+    return True
+
+
+STACK = CELL * 256
+"""Numbers of the memory for cells that wait: fewer than 8 more of each size."""
+
+
+@lane_kernel(void(INDICES, int64, INTEGERS_OUT, types.Array(types.boolean, 1, "C")))
+def never_touching(words: Words, most: int, stack: Integers, never_out: np.ndarray) -> None:
+    """Of each meeting whether its bodies are known to keep apart wherever their coordinates are within their limits.
+
+    Args:
+        words: A packed `LaneAlone`.
+        most: So many cells are judged for each, fewer where several pairs of bodies meet.
+        stack: Memory, shape (STACK,).
+        never_out: Shape (n_meetings,).
+    """
+    robot = _alone_of(pointers(words))
+    for meeting in range(len(never_out)):
+        pairs = robot.bodies.meetings[4 * meeting + 3] - robot.bodies.meetings[4 * meeting + 2]
+        gridded = robot.bodies.grids[GRID_PLACES * meeting + 1] > 0
+        never_out[meeting] = gridded and _never(robot, meeting, most // pairs, pointers(stack))

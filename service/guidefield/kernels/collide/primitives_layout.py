@@ -1,0 +1,160 @@
+"""Tables of primitives for the lane kernels."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64, types
+
+from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
+from guidefield.kernels.collide.gjk import BLOCK, PART, PARTS, POLYTOPE, Parts
+from guidefield.kernels.collide.layout import AROUND, LANE_OBSTACLES, LaneObstacles
+from guidefield.kernels.jit.signatures import VECTOR, Floats, compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import INTEGERS_OUT, LANES, pointers
+from guidefield.kernels.simd.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE, Floats32
+from guidefield.kernels.simd.packing import Words, unpacked
+
+CORNERS = 8
+"""Of a box."""
+
+PLACED = struct.Struct("12d")
+"""A primitive as it is declared: its kind, a unit quaternion (x, y, z, w), then centre, half extents and radius as in
+`PRIMITIVE`; of a half-space the normal is in the place of half extents."""
+
+_PLACED = PLACED.size // 8
+
+
+class _Scene(NamedTuple):
+    """Obstacles and their shapes."""
+
+    obstacles: LaneObstacles
+    parts: Parts
+
+
+_scene_of = unpacked(types.NamedTuple([LANE_OBSTACLES, PARTS], _Scene))
+
+
+@inlined
+def _box_about(kind: int, row: Floats, boxes: Floats32, place: int) -> None:
+    """Write the box along the world's axes, coordinate by coordinate sixteen places apart."""
+    for k in range(3):
+        if kind == HALF_SPACE:
+            low = row[9 + k] if row[6 + k] == -1.0 else -math.inf
+            high = row[9 + k] if row[6 + k] == 1.0 else math.inf
+        else:
+            reach = row[12] * abs(row[k]) + row[13] * abs(row[3 + k]) + row[14] * abs(row[6 + k])
+            if kind == CAPSULE:
+                reach += row[15]
+            elif kind == CYLINDER:
+                reach += row[15] * math.sqrt(max(1.0 - row[6 + k] * row[6 + k], 0.0))
+            low, high = row[9 + k] - reach, row[9 + k] + reach
+        boxes[place + LANES * k], boxes[place + LANES * (3 + k)] = low, high
+
+
+@inlined
+def _radius(kind: int, row: Floats) -> float:
+    """Of the ball about a primitive's centre that contains it [m]."""
+    if kind == HALF_SPACE:
+        return math.inf
+    if kind == CAPSULE:
+        return float(row[14] + row[15])
+    if kind == CYLINDER:
+        return math.sqrt(row[15] * row[15] + row[14] * row[14])
+    return math.sqrt(row[12] * row[12] + row[13] * row[13] + row[14] * row[14])
+
+
+@inlined
+def _corners(row: Floats, vertices: Floats32, place: int) -> None:
+    """Write a box's corners; the first one once more in every place that is left."""
+    for lane in range(LANES):
+        corner = lane if lane < CORNERS else 0
+        for k in range(3):
+            at = row[9 + k]
+            for axis in range(3):
+                side = 1.0 if corner >> (2 - axis) & 1 else -1.0
+                at += side * row[12 + axis] * row[3 * axis + k]
+            vertices[place + LANES * k + lane] = at
+
+
+@inlined
+def _round(kind: int, row: Floats, numbers: Floats, place: int) -> None:
+    """Write the numbers of a cylinder, a capsule or a half-space as a part."""
+    if kind == HALF_SPACE:
+        for k in range(3):
+            numbers[place + k] = row[6 + k]
+            numbers[place + 3] += row[6 + k] * row[9 + k]
+        return
+    for k in range(3):
+        for axis in range(3):
+            numbers[place + 4 * k + axis] = row[3 * axis + k]
+        numbers[place + 4 * k + 3] = row[9 + k]
+    numbers[place + 14] = row[14]
+    numbers[place + (12 if kind == CYLINDER else 15)] = row[15]
+
+
+@inlined
+def _write_axes(x: float, y: float, z: float, w: float, row: Floats) -> None:
+    """Write the rows of the rotation from the world, of a body that is turned by a unit quaternion."""
+    row[0], row[1], row[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)
+    row[3], row[4], row[5] = 2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)
+    row[6], row[7], row[8] = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)
+
+
+@inlined
+def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
+    """Write the numbers of a primitive, as `PRIMITIVE` has them."""
+    _write_axes(placed[at + 1], placed[at + 2], placed[at + 3], placed[at + 4], row)
+    for k in range(7):
+        row[9 + k] = placed[at + 5 + k]
+    if kind == HALF_SPACE:
+        for k in range(3):
+            row[k] = row[3 + k] = row[12 + k] = 0.0
+            row[6 + k] = placed[at + 8 + k]
+
+
+@compiled(int64(VECTOR, INDICES, INTEGERS_OUT, INTEGERS_OUT))
+def primitive_tables(placed: Floats, offsets: Words, memory: Words, words: Words) -> int:
+    """Tables of primitives each of which is an obstacle: one node and one part each, and a block of vertices of a box.
+
+    Args:
+        placed: How they are declared, `PLACED` one after the other.
+        offsets: For how many obstacles there are boxes, then where in the memory each other field of `LaneObstacles` is
+            and of `Parts` [bytes], vertices as if all were boxes; shape (SCENE_WORDS,).
+        memory: All zero; gets the tables, from where a line of the cache begins. What is tested isn't there.
+        words: Gets their words, shape (SCENE_WORDS,).
+
+    Returns:
+        Where that is [bytes].
+    """
+    begins = -memory.ctypes.data % LINE
+    for k in range(1, SCENE_WORDS):
+        words[k] = memory.ctypes.data + begins + offsets[k]
+    words[0] = offsets[0]
+    obstacles, parts = _scene_of(pointers(words))
+    boxes, blocks, row = obstacles.boxes, 0, np.empty(PRIMITIVE)
+    for block in range((obstacles.size + LANES - 1) // LANES):
+        for k in range(AROUND):
+            boxes[AROUND * block + k] = math.inf if k < AROUND // 2 else -math.inf
+    for i in range(len(placed) // _PLACED):
+        kind = int(placed[_PLACED * i])
+        _write_row(kind, placed, _PLACED * i, row)
+        obstacles.kinds[i], obstacles.whole[i], obstacles.roots[i] = kind, 1, i
+        for k in range(PRIMITIVE):
+            obstacles.primitives[PRIMITIVE * i + k] = row[k]
+        _box_about(kind, row, boxes, AROUND * (i // LANES) + i % LANES)
+        for k in range(3):
+            parts.balls[4 * i + k] = row[9 + k]
+        parts.balls[4 * i + 3] = _radius(kind, row)
+        parts.links[3 * i], parts.links[3 * i + 1], parts.links[3 * i + 2] = -1, -1, i
+        parts.shapes[3 * i], parts.shapes[3 * i + 1], parts.shapes[3 * i + 2] = kind, blocks, 0
+        if kind == BOX:
+            parts.shapes[3 * i], parts.shapes[3 * i + 2] = POLYTOPE, 1
+            _corners(row, parts.vertices, BLOCK * blocks)
+            blocks += 1
+        else:
+            _round(kind, row, parts.numbers, PART * i)
+    return begins

@@ -1,0 +1,149 @@
+"""The exact decision for bodies of the robot that may touch each other: hulls first, then nearly convex pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import boolean, int64
+
+from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, bodies_apart, parts_apart
+from guidefield.kernels.collide.layout import (
+    AXIS_AND_REACH,
+    BAND,
+    BODIES,
+    DECISION_BAND,
+    SCRATCH_MEMORY,
+    LaneBodies,
+    Scratch,
+)
+from guidefield.kernels.collide.separating_axes import (
+    keep_axis,
+    lowest_ball,
+    lowest_vertex,
+    no_axis,
+    one_pose,
+    polytope_of,
+    turned_axis,
+    write_turned,
+)
+from guidefield.kernels.kinematics.batch_forward_kinematics import POSE, moved
+from guidefield.kernels.simd.f32x16 import below, first_lane, lane_part, lane_step, load, splat
+from guidefield.kernels.simd.lane_math import Floats32
+
+
+@lane_part
+def _near_each_other(poses: Floats32, joint_a: int, a: int, joint_b: int, b: int, balls: Floats32) -> int:
+    """Mask of the lanes where two balls meet that two joints carry."""
+    x, y, z = moved(poses, joint_a, balls[4 * a], balls[4 * a + 1], balls[4 * a + 2])
+    u, v, w = moved(poses, joint_b, balls[4 * b], balls[4 * b + 1], balls[4 * b + 2])
+    u, v, w, reach = u - x, v - y, w - z, balls[4 * a + 3] + balls[4 * b + 3] + BAND
+    return int(below(u * u + v * v + w * w, splat(reach * reach)))
+
+
+@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
+def _left_of_axis(
+    bodies: LaneBodies,
+    parts: Parts,
+    joint_a: int,
+    joint_b: int,
+    body_b: int,
+    part_b: int,
+    at: int,
+    mask: int,
+    scratch: Scratch,
+) -> int:
+    """The lanes of a mask where an axis that is fixed in the frame of one joint does not separate.
+
+    `part_b` is a polytope about the second body or a piece of it, whose cover is asked first if `body_b` is not -1.
+    """
+    poses, axes = scratch.poses, scratch.pair_axes
+    if no_axis(axes, at):
+        return mask
+    x, y, z = np.float32(axes[at]), np.float32(axes[at + 1]), np.float32(axes[at + 2])
+    a = joint_a * POSE
+    u = load(poses, a) * x + load(poses, a + 16) * y + load(poses, a + 32) * z
+    v = load(poses, a + 64) * x + load(poses, a + 80) * y + load(poses, a + 96) * z
+    w = load(poses, a + 128) * x + load(poses, a + 144) * y + load(poses, a + 160) * z
+    lowest = load(poses, a + 48) * u + load(poses, a + 112) * v + load(poses, a + 176) * w - axes[at + 3]
+    u, v, w, origin = turned_axis(poses, joint_b, -u, -v, -w)
+    lowest, enough = lowest + origin, splat(BAND)
+    if body_b >= 0:
+        mask &= below(lowest_ball(bodies, body_b, u, v, w) + lowest, enough)
+    if mask and part_b >= 0:
+        mask &= below(lowest_vertex(parts, part_b, u, v, w) + lowest, enough)
+    return int(mask)
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
+def _nodes_meet(
+    bodies: LaneBodies,
+    parts: Parts,
+    root_a: int,
+    joint_a: int,
+    root_b: int,
+    joint_b: int,
+    body_b: int,
+    at: int,
+    mask: int,
+    scratch: Scratch,
+) -> bool:
+    """Whether what is below two nodes touches in any lane of a mask; as `meets_obstacle`."""
+    work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.pair_axes
+    part_b = polytope_of(parts, root_b)
+    while True:
+        mask = _left_of_axis(bodies, parts, joint_a, joint_b, body_b, part_b, at, mask, scratch)
+        if mask == 0:
+            return False
+        chosen = first_lane(mask)
+        mask &= mask - 1
+        one_pose(scratch.poses, joint_a, chosen, pose_a)
+        one_pose(scratch.poses, joint_b, chosen, pose_b)
+        write_turned(pose_a, axes, at, work, AXIS)
+        if not bodies_apart(parts, root_a, pose_a, parts, root_b, pose_b, DECISION_BAND, work):
+            return True
+        keep_axis(parts, root_a, work, pose_a, -1.0, axes, at, scratch.pair_places)
+
+
+@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, int64, int64, SCRATCH_MEMORY))
+def _left_of_hulls(
+    bodies: LaneBodies, parts: Parts, first: int, second: int, at: int, mask: int, scratch: Scratch
+) -> int:
+    """The lanes of a mask where the hulls about two bodies meet, or nearly."""
+    work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.pair_axes
+    joint_a, joint_b = bodies.joints[first], bodies.joints[second]
+    root_a = bodies.roots[first]
+    part_a, part_b = polytope_of(parts, root_a), polytope_of(parts, bodies.roots[second])
+    left = 0
+    while True:
+        mask = _left_of_axis(bodies, parts, joint_a, joint_b, second, part_b, at, mask, scratch)
+        if mask == 0 or part_a < 0 or part_b < 0:
+            return left | mask
+        chosen = first_lane(mask)
+        mask &= mask - 1
+        one_pose(scratch.poses, joint_a, chosen, pose_a)
+        one_pose(scratch.poses, joint_b, chosen, pose_b)
+        write_turned(pose_a, axes, at, work, AXIS)
+        if parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, DECISION_BAND, work):
+            keep_axis(parts, root_a, work, pose_a, -1.0, axes, at, scratch.pair_places)
+        else:
+            left |= 1 << chosen
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, SCRATCH_MEMORY))
+def pair_meets(bodies: LaneBodies, parts: Parts, pair: int, mask: int, scratch: Scratch) -> bool:
+    """Whether the bodies of a pair touch in any lane of a mask: the hulls first, then piece by piece."""
+    poses, bounds, pieces, roots = scratch.poses, bodies.piece_bounds, bodies.pieces, bodies.piece_roots
+    first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
+    at, joint_a, joint_b = AXIS_AND_REACH * bodies.pairs[3 * pair + 2], bodies.joints[first], bodies.joints[second]
+    if pieces[first + 1] - pieces[first] == 1 and pieces[second + 1] - pieces[second] == 1:
+        root_a, root_b = bodies.roots[first], bodies.roots[second]
+        return bool(_nodes_meet(bodies, parts, root_a, joint_a, root_b, joint_b, second, at, mask, scratch))
+    mask = _left_of_hulls(bodies, parts, first, second, at, mask, scratch)
+    if mask == 0:
+        return False
+    for a in range(pieces[first], pieces[first + 1]):
+        for b in range(pieces[second], pieces[second + 1]):
+            at += AXIS_AND_REACH
+            near = mask & _near_each_other(poses, joint_a, a, joint_b, b, bounds)
+            if near and _nodes_meet(bodies, parts, roots[a], joint_a, roots[b], joint_b, -1, at, near, scratch):
+                return True
+    return False

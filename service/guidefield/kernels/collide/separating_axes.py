@@ -1,0 +1,285 @@
+"""Axes that separate bodies in lanes: how far bodies reach along them, and what is kept of one that did."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import int64
+
+from guidefield.kernels.collide.gjk import AXIS, BLOCK, POINTED_PARTS, POLYTOPE, Parts, reach_along
+from guidefield.kernels.collide.layout import AXIS_AND_REACH, LaneBodies
+from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.kinematics.batch_forward_kinematics import POSE, Integers
+from guidefield.kernels.simd.f32x16 import (
+    LANES,
+    Vector,
+    below,
+    f32x16,
+    lane_part,
+    lane_step,
+    largest_of,
+    load,
+    magnitude,
+    smallest_of,
+    splat,
+    sqrt,
+)
+from guidefield.kernels.simd.lane_math import BOX, CAPSULE, HALF_SPACE, Floats32
+
+
+@lane_part
+def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None:
+    """A joint's placement in one lane.
+
+    Args:
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: Which joint.
+        chosen: Which lane.
+        pose_out: Rotation and translation [m], row by row, shape (12,).
+    """
+    for entry in range(12):
+        pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
+
+
+@lane_part
+def placed(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Where a pose (12,) has a point, or sixteen of them [m]."""
+    return (
+        x * pose[0] + y * pose[1] + z * pose[2] + pose[3],
+        x * pose[4] + y * pose[5] + z * pose[6] + pose[7],
+        x * pose[8] + y * pose[9] + z * pose[10] + pose[11],
+    )
+
+
+@lane_part
+def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
+    """Write the rotation of a pose times three numbers.
+
+    Args:
+        pose: Rotation and translation, row by row, shape (12,).
+        source: The numbers, from `start` on, shape (n,).
+        start: Where they are.
+        target: Gets the product, shape (m,).
+        at: Where.
+    """
+    x, y, z = source[start], source[start + 1], source[start + 2]
+    for r in range(3):
+        target[at + r] = pose[4 * r] * x + pose[4 * r + 1] * y + pose[4 * r + 2] * z
+
+
+@lane_part
+def turned_back(pose: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The inverse rotation of a pose (12,) times three numbers."""
+    return (
+        pose[0] * x + pose[4] * y + pose[8] * z,
+        pose[1] * x + pose[5] * y + pose[9] * z,
+        pose[2] * x + pose[6] * y + pose[10] * z,
+    )
+
+
+@lane_part
+def polytope_of(parts: Parts, root: int) -> int:
+    """The polytope that a body is or is contained in, as a part; -1 if there is none."""
+    part = parts.links[3 * root + 2]
+    return part if part >= 0 and parts.shapes[3 * part] == POLYTOPE else -1
+
+
+@lane_part
+def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """An axis in the world in a joint's frame, and the place of that frame's origin along it [m].
+
+    Args:
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: Which joint.
+        u: The axis' x in the world, with v and w.
+        v: Its y.
+        w: Its z.
+    """
+    at = joint * POSE
+    return (
+        load(poses, at) * u + load(poses, at + 64) * v + load(poses, at + 128) * w,
+        load(poses, at + 16) * u + load(poses, at + 80) * v + load(poses, at + 144) * w,
+        load(poses, at + 32) * u + load(poses, at + 96) * v + load(poses, at + 160) * w,
+        load(poses, at + 48) * u + load(poses, at + 112) * v + load(poses, at + 176) * w,
+    )
+
+
+@lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
+def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> Vector:
+    """The least n.v over the vertices v of a polytope, for an axis n = (x, y, z) in its frame."""
+    vertices, first, lowest = parts.vertices, parts.shapes[3 * part + 1], splat(1e30)
+    for block in range(first, first + parts.shapes[3 * part + 2]):
+        for corner in range(block * BLOCK, block * BLOCK + LANES):
+            along = x * vertices[corner] + y * vertices[corner + 16] + z * vertices[corner + 32]
+            lowest = smallest_of(lowest, along)
+    return lowest
+
+
+@lane_part
+def _beyond(value: Vector, half: float) -> Vector:
+    """What of a value is beyond +-half."""
+    return value - largest_of(smallest_of(value, splat(half)), splat(-half))
+
+
+@lane_part
+def away_from_primitive(
+    kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Axes that point from a primitive to points, and how far it reaches along them.
+
+    Args:
+        kind: Of the primitive.
+        primitives: Numbers of all primitives, shape (PRIMITIVE * n,).
+        at: Where its numbers begin.
+        x: Sixteen points in the world [m], with y and z.
+        y: See x.
+        z: See x.
+
+    Returns:
+        The axes n in the world, of any length, 0 from points in a box or cylinder; the largest n.p over the points p of
+        the primitive.
+    """
+    cx, cy, cz = primitives[at + 9], primitives[at + 10], primitives[at + 11]
+    ax, ay, az = primitives[at + 6], primitives[at + 7], primitives[at + 8]
+    dx, dy, dz = x - cx, y - cy, z - cz
+    w = dx * ax + dy * ay + dz * az
+    if kind == HALF_SPACE:
+        one = splat(1.0)
+        nx, ny, nz, reach = one * ax, one * ay, one * az, splat(0.0)
+    elif kind == BOX:
+        hu, hv, hw = primitives[at + 12], primitives[at + 13], primitives[at + 14]
+        u = _beyond(dx * primitives[at] + dy * primitives[at + 1] + dz * primitives[at + 2], hu)
+        v = _beyond(dx * primitives[at + 3] + dy * primitives[at + 4] + dz * primitives[at + 5], hv)
+        w = _beyond(w, hw)
+        nx = u * primitives[at] + v * primitives[at + 3] + w * ax
+        ny = u * primitives[at + 1] + v * primitives[at + 4] + w * ay
+        nz = u * primitives[at + 2] + v * primitives[at + 5] + w * az
+        reach = magnitude(u) * hu + magnitude(v) * hv + magnitude(w) * hw
+    else:
+        half, radius = primitives[at + 14], primitives[at + 15]
+        beyond = _beyond(w, half)
+        along = w - beyond if kind == CAPSULE else w
+        nx, ny, nz = dx - along * ax, dy - along * ay, dz - along * az
+        off = nx * ax + ny * ay + nz * az  # what rounding leaves along the axis, which counts `half` times
+        if kind == CAPSULE:
+            beyond = off
+        else:
+            nx, ny, nz = nx - off * ax, ny - off * ay, nz - off * az
+        length = sqrt(nx * nx + ny * ny + nz * nz)
+        reach = magnitude(beyond) * half + length * radius
+        if kind != CAPSULE:  # a cylinder: all times `length`
+            out = largest_of(length - radius, splat(0.0))
+            beyond = beyond * length
+            nx, ny, nz = nx * out + beyond * ax, ny * out + beyond * ay, nz * out + beyond * az
+            reach = magnitude(beyond) * half + length * out * radius
+    return nx, ny, nz, reach + nx * cx + ny * cy + nz * cz
+
+
+@lane_part
+def kept_beyond(
+    parts: Parts, part: int, poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector, reach: Vector, margin: float
+) -> int:
+    """Mask of the lanes where not all of a polytope is farther along an axis than something else reaches, by a margin.
+
+    Args:
+        parts: Tables that the polytope is in.
+        part: Which part it is.
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: The joint that carries it.
+        u: The axes in the world, of any length, with v and w; where they are 0, nothing is farther.
+        v: See u.
+        w: See u.
+        reach: How far the other reaches along them, times their length [m].
+        margin: By how much [m].
+    """
+    enough = reach + sqrt(u * u + v * v + w * w) * margin + 1e-30  # more than 0, so that no axis separates nothing
+    x, y, z, origin = turned_axis(poses, joint, u, v, w)
+    return int(below(lowest_vertex(parts, part, x, y, z) + origin, enough))
+
+
+@lane_part
+def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) -> Vector:
+    """The least n.x over the points x of a body's cover, for an axis n = (x, y, z) in its joint's frame."""
+    cover, lowest = bodies.cover, splat(1e30)
+    for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
+        along = x * cover[4 * ball] + y * cover[4 * ball + 1] + z * cover[4 * ball + 2] - cover[4 * ball + 3]
+        lowest = smallest_of(lowest, along)
+    return lowest
+
+
+@lane_part
+def no_axis(axes: Floats, at: int) -> bool:
+    """Whether there is no axis at a place among numbers, shape (n,): all three are 0."""
+    return bool(axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0)
+
+
+@lane_part
+def _note(axes: Floats, at: int, places: Integers) -> None:
+    """Note the place of an axis that will be kept, if there was none; the first of `places` says how many follow it."""
+    if no_axis(axes, at):
+        places[0] += 1
+        places[places[0]] = at
+
+
+@lane_part
+def keep_direction(work: Floats, axes: Floats, at: int, places: Integers) -> None:
+    """Keep the axis in the scratch space, shape (WORK,), if there is one, as it is; the rest as for `keep_axis`."""
+    if not no_axis(work, AXIS):
+        _note(axes, at, places)
+        for k in range(3):
+            axes[at + k] = work[AXIS + k]
+
+
+@lane_part
+def forget_axes(axes: Floats, places: Integers) -> None:
+    """Forget all of some axes (AXIS_AND_REACH * n,), by their places (1 + n,): a search mostly keeps few of many."""
+    for k in range(1, places[0] + 1):
+        for number in range(AXIS_AND_REACH):
+            axes[places[k] + number] = 0.0
+    places[0] = 0
+
+
+@lane_part
+def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int) -> None:
+    """Write the axis that separated, of length 1 and in the frame of a pose, and how far a body reaches along it [m].
+
+    Args:
+        parts: Tables that the body is in.
+        root: Root of its tree.
+        work: Scratch with the axis in the world, shape (WORK,).
+        pose: Rotation and translation, row by row, shape (12,).
+        way: 1, or -1 where the body's reach against the axis is wanted.
+        axes: Gets axis and reach, shape (n,).
+        at: Where in it.
+    """
+    length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
+    for k in range(3):
+        work[AXIS + k] /= length
+    axes[at], axes[at + 1], axes[at + 2] = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
+    part = parts.links[3 * root + 2]
+    axes[at + 3] = np.inf
+    if part >= 0:
+        axes[at + 3] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
+
+
+@lane_part
+def keep_axis(
+    parts: Parts, root: int, work: Floats, pose: Floats, way: float, axes: Floats, at: int, places: Integers
+) -> None:
+    """`write_separating` into what is kept, if there is an axis, and note where that is.
+
+    Args:
+        parts: As there, with root, work, pose and way.
+        root: See parts.
+        work: See parts.
+        pose: See parts.
+        way: See parts.
+        axes: All axes, shape (AXIS_AND_REACH * n,).
+        at: Where among them.
+        places: How many axes there are, then where, shape (1 + n,).
+    """
+    if not no_axis(work, AXIS):
+        _note(axes, at, places)
+        write_separating(parts, root, work, pose, way, axes, at)

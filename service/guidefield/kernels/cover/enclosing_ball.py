@@ -1,0 +1,157 @@
+"""The smallest ball around points."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.signatures import MATRIX, VECTOR_OUT, Floats, compiled, inlined
+
+SLACK = 1.0 + 1e-12
+"""By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
+
+_FLAT = 1e-12
+"""Determinant over the product of squared lengths, below which points count as lying in a plane or on a line."""
+
+_HELD = 5
+_STEPS = 200
+
+
+@inlined
+def _farthest(points: Floats, count: int, ball: Floats) -> tuple[int, float]:
+    """Which of the first `count` points is farthest from a centre, and the square of its distance."""
+    best, square = 0, -1.0
+    for i in range(count):
+        dx, dy, dz = points[i, 0] - ball[0], points[i, 1] - ball[1], points[i, 2] - ball[2]
+        d = dx * dx + dy * dy + dz * dz
+        if d > square:
+            best, square = i, d
+    return best, square
+
+
+@inlined
+def _circumscribe(held: Floats, subset: int, ball_out: Floats) -> bool:
+    """The ball with its centre in the span of a subset of points, and those on it; False if they lie too flat.
+
+    With v_i the others less the first and G their products, the centre is the first + sum l_i v_i, G l = diag(G) / 2.
+    """
+    v = np.zeros((3, 3))
+    first, n = -1, 0
+    for i in range(_HELD):
+        if subset >> i & 1:
+            if first < 0:
+                first = i
+            else:
+                for a in range(3):
+                    v[n, a] = held[i, a] - held[first, a]
+                n += 1
+    g = np.eye(3)
+    r = np.zeros(3)
+    scale = 1.0
+    for i in range(n):
+        for j in range(n):
+            g[i, j] = v[i, 0] * v[j, 0] + v[i, 1] * v[j, 1] + v[i, 2] * v[j, 2]
+        r[i] = 0.5 * g[i, i]
+        scale *= g[i, i]
+    m0 = g[1, 1] * g[2, 2] - g[1, 2] * g[2, 1]
+    m1 = g[1, 0] * g[2, 2] - g[1, 2] * g[2, 0]
+    m2 = g[1, 0] * g[2, 1] - g[1, 1] * g[2, 0]
+    det = g[0, 0] * m0 - g[0, 1] * m1 + g[0, 2] * m2
+    if det <= _FLAT * scale:
+        return False
+    l0 = r[0] * m0 - g[0, 1] * (r[1] * g[2, 2] - g[1, 2] * r[2]) + g[0, 2] * (r[1] * g[2, 1] - g[1, 1] * r[2])
+    l1 = g[0, 0] * (r[1] * g[2, 2] - g[1, 2] * r[2]) - r[0] * m1 + g[0, 2] * (g[1, 0] * r[2] - r[1] * g[2, 0])
+    l2 = g[0, 0] * (g[1, 1] * r[2] - r[1] * g[2, 1]) - g[0, 1] * (g[1, 0] * r[2] - r[1] * g[2, 0]) + r[0] * m2
+    square = 0.0
+    for a in range(3):
+        arm = (l0 * v[0, a] + l1 * v[1, a] + l2 * v[2, a]) / det
+        ball_out[a] = held[first, a] + arm
+        square += arm * arm
+    ball_out[3] = math.sqrt(square)
+    return True
+
+
+@inlined
+def _smallest_of_few(held: Floats, count: int, ball_out: Floats) -> int:
+    """The smallest ball around up to five points, and which of them hold it, as bits."""
+    trial = np.zeros(4)
+    best = 0
+    ball_out[3] = math.inf
+    for subset in range(1, 1 << count):
+        ones = 0
+        for i in range(count):
+            ones += subset >> i & 1
+        if ones > 4 or not _circumscribe(held, subset, trial) or trial[3] >= ball_out[3]:
+            continue
+        reach = trial[3] * (1.0 + 1e-10)
+        if _farthest(held, count, trial)[1] <= reach * reach:
+            best = subset
+            ball_out[:] = trial
+    return best
+
+
+@compiled(types.void(MATRIX, VECTOR_OUT))
+def smallest_ball(points: Floats, ball_out: Floats) -> None:
+    """The smallest ball that contains points.
+
+    Takes in the farthest point outside until there is none; the ball of the few points that hold it grows each time.
+
+    Args:
+        points: Shape (n, 3), n >= 1 [m], in any frame.
+        ball_out: Centre and radius, shape (4,) [m]; all points are in it, whatever rounding does.
+    """
+    held = np.zeros((_HELD, 3))
+    held[0] = points[0]
+    count, radius = 1, -1.0
+    trial = np.zeros(4)
+    for _ in range(_STEPS):
+        subset = _smallest_of_few(held, count, trial)
+        if trial[3] <= radius:
+            break
+        radius = trial[3]
+        ball_out[:] = trial
+        farthest, square = _farthest(points, points.shape[0], ball_out)
+        if square <= (radius * SLACK) ** 2:
+            break
+        kept = 0
+        for i in range(count):
+            if subset >> i & 1:
+                held[kept] = held[i]
+                kept += 1
+        held[kept] = points[farthest]
+        count = kept + 1
+    square = _farthest(points, points.shape[0], ball_out)[1]
+    ball_out[3] = math.sqrt(square) * SLACK
+
+
+@compiled(types.void(MATRIX, VECTOR_OUT))
+def ball_around_balls(balls: Floats, ball_out: Floats) -> None:
+    """A small ball that contains balls.
+
+    Its centre goes towards the far end of the farthest ball, less and less far (Badoiu and Clarkson, 2003).
+
+    Args:
+        balls: Centres and radii, shape (n, 4), n >= 1 [m], in any frame.
+        ball_out: Centre and radius, shape (4,) [m].
+    """
+    ball_out[:] = balls[0]
+    best = math.inf
+    centre = balls[0, :3].copy()
+    for step in range(_STEPS):
+        farthest, reach, gap = 0, -1.0, 0.0
+        for i in range(balls.shape[0]):
+            dx, dy, dz = balls[i, 0] - centre[0], balls[i, 1] - centre[1], balls[i, 2] - centre[2]
+            d = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if d + balls[i, 3] > reach:
+                farthest, reach, gap = i, d + balls[i, 3], d
+        if reach < best:
+            best = reach
+            ball_out[:3] = centre
+            ball_out[3] = reach * SLACK
+        if gap == 0.0:
+            return
+        share = reach / (step + 2.0) / gap
+        for a in range(3):
+            centre[a] += share * (balls[farthest, a] - centre[a])

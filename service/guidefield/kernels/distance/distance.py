@@ -1,0 +1,280 @@
+"""Signed distance of points to the obstacles of a scene, and the unit vector along which it grows.
+
+Every obstacle is a *body*: a shape in a frame of its own. Distances are negative inside boxes, cylinders, capsules
+(spheres among them), half-spaces and closed surfaces, and the vector leads to the nearest way out; a sheet (a polygon,
+an open mesh) has no inside; a cloud is balls about points. Where the vector isn't unique (at equal distances) it is one
+of those possible.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types, void
+
+from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
+from guidefield.kernels.distance.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
+from guidefield.kernels.distance.triangle_distance import (
+    LEAF,
+    SURFACES,
+    SurfaceTables,
+    box_gap_squared,
+    surface_distance,
+)
+from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, INDICES
+
+BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD = range(7)
+"""Kinds of bodies."""
+
+INDICES_OUT = types.Array(types.int64, 1, "C")
+
+_STACK = 64
+
+_FEW = 32
+"""So few bodies are looked at one by one."""
+
+
+class DistanceTables(NamedTuple):
+    """The bodies of a scene as the kernels read them; half-spaces first, the others in the order of their tree.
+
+    Attributes:
+        kinds: Kind of each body, shape (n,).
+        obstacles: Index of the obstacle that it belongs to, shape (n,).
+        placements: Rotation and translation of its frame in the world, shape (n, 3, 4) [m].
+        sizes: Shape (n, 3) [m]: half extents of a box; radius and half length of a cylinder or capsule along its z
+            (0 for a sphere). A half-space is z <= 0.
+        bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
+        boxes: A box about it along the world's axes, shape (n, 6) [m].
+        spans: Of a surface, where its tree stands, see `SPAN`; shape (n, 4).
+        nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
+        surfaces: Triangles of all surfaces.
+        clouds: Where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,).
+    """
+
+    kinds: np.ndarray
+    obstacles: np.ndarray
+    placements: Floats
+    sizes: Floats
+    bounds: Floats
+    boxes: Floats
+    spans: np.ndarray
+    nodes: Floats
+    surfaces: SurfaceTables
+    clouds: np.ndarray
+
+
+TABLES = types.NamedTuple(
+    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES, INDICES), DistanceTables
+)
+
+
+def distance_at_points(
+    tables: DistanceTables, points: Floats, cutoff: float = math.inf
+) -> tuple[Floats, Floats, np.ndarray]:
+    """Signed distance of points to the nearest body.
+
+    Args:
+        tables: The bodies.
+        points: Points in the world, shape (n, 3) [m].
+        cutoff: Distance beyond which nothing is looked for [m].
+
+    Returns:
+        Distance [m], shape (n,); the unit vector along which it grows, shape (n, 3); index of the obstacle, shape (n,).
+        Beyond the cutoff they are infinite, zero and -1.
+
+    Raises:
+        ValueError: if `points` is not of shape (n, 3) or not finite.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"`points` must have shape (n, 3), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"`points` must be finite, got {points[~np.isfinite(points).all(axis=1)][0]}")
+    distances, normals, bodies = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros(len(points), np.int64)
+    _distance_at_points(points, tables, cutoff, distances, normals, bodies)
+    return distances, normals, np.where(bodies < 0, -1, np.append(tables.obstacles, -1)[bodies])
+
+
+@uncounted
+def body_distance(
+    x: float, y: float, z: float, body: int, tables: DistanceTables, cutoff: float, depth: float
+) -> Signed:
+    """Signed distance of a point to a body, if it is below a cutoff.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        body: Index of the body.
+        tables: The bodies.
+        cutoff: Distance from which on the answer doesn't matter [m]; may be infinite or negative.
+        depth: How deep inside a solid its surface is looked for [m]; may be infinite.
+
+    Returns:
+        Distance [m] and unit vector (3) in the world; infinite and zero where the distance is not below the cutoff, or
+        a value that is not below it.
+    """
+    T = tables.placements[body]
+    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
+    p = (
+        T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz,
+        T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz,
+        T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz,
+    )
+    gap = box_gap_squared(p[0], p[1], p[2], tables.bounds, body)
+    if gap > 0.0 and (cutoff <= 0.0 or gap >= cutoff * cutoff):
+        return math.inf, 0.0, 0.0, 0.0
+    kind = tables.kinds[body]
+    if kind == CLOUD:
+        found: Signed = cloud_distance(tables.clouds[body], x, y, z, cutoff)
+        return found
+    a, b, c = tables.sizes[body, 0], tables.sizes[body, 1], tables.sizes[body, 2]
+    if kind == BOX:
+        d, nx, ny, nz = box_distance(p, (a, b, c))
+    elif kind == CYLINDER:
+        d, nx, ny, nz = cylinder_distance(p, a, b)
+    elif kind == CAPSULE:
+        d, nx, ny, nz = capsule_distance(p, a, b)
+    elif kind == HALF_SPACE:
+        d, nx, ny, nz = p[2], 0.0, 0.0, 1.0
+    else:
+        solid = kind == SOLID
+        spans = tables.spans
+        span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
+        reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
+        d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
+    return (
+        d,
+        T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz,
+        T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz,
+        T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz,
+    )
+
+
+@uncounted
+def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
+    """Whether the box about a body, in its own frame, is within reach of a point.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        body: Index of the body.
+        tables: The bodies.
+        reach: Distance [m].
+    """
+    T = tables.placements[body]
+    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
+    px = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
+    py = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
+    pz = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
+    return box_gap_squared(px, py, pz, tables.bounds, body) < reach * reach
+
+
+@uncounted
+def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
+    """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
+    if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
+        return False
+    if tables.kinds[body] == CLOUD:
+        return not cloud_beyond(tables.clouds[body], x, y, z, reach)
+    return bounds_near(x, y, z, body, tables, reach)
+
+
+@counted
+def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTables, bodies_out: np.ndarray) -> int:
+    """The bodies that may be within reach of a point: all that are, and few others.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        reach: Distance [m], positive; may be infinite.
+        tables: The bodies.
+        bodies_out: Gets their indices, in ascending order of the tree; shape (bodies,).
+
+    Returns:
+        How many there are.
+    """
+    count, bodies = 0, tables.kinds.shape[0]
+    first = 0
+    while first < bodies and (bodies <= _FEW or tables.kinds[first] == HALF_SPACE):
+        if _body_near(x, y, z, first, tables, reach):
+            bodies_out[count] = first
+            count += 1
+        first += 1
+    if first == bodies:
+        return count
+    leaves = (tables.nodes.shape[0] + 1) // 2
+    waiting = np.empty(_STACK, np.int64)
+    waiting[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = waiting[top]
+        if not box_gap_squared(x, y, z, tables.nodes, node) < reach * reach:
+            continue
+        leaf = node - (leaves - 1)
+        if leaf < 0:
+            waiting[top], waiting[top + 1] = 2 * node + 2, 2 * node + 1
+            top += 2
+            continue
+        for body in range(first + leaf * LEAF, min(bodies, first + (leaf + 1) * LEAF)):
+            if _body_near(x, y, z, body, tables, reach):
+                bodies_out[count] = body
+                count += 1
+    return count
+
+
+@uncounted
+def nearest_body(
+    x: float, y: float, z: float, candidates: np.ndarray, count: int, tables: DistanceTables, cutoff: float
+) -> tuple[float, float, float, float, int]:
+    """Signed distance of a point to the nearest of some bodies.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        candidates: Indices of bodies, of which the first `count` count, shape (bodies,).
+        count: How many.
+        tables: The bodies.
+        cutoff: Distance beyond which nothing is looked for [m].
+
+    Returns:
+        Distance [m], unit vector (3), index of the body; infinite, zero and -1 beyond the cutoff.
+    """
+    best, bx, by, bz, nearest = cutoff, 0.0, 0.0, 0.0, -1
+    for k in range(count):
+        d, nx, ny, nz = body_distance(x, y, z, candidates[k], tables, best, math.inf)
+        if d < best:
+            best, bx, by, bz, nearest = d, nx, ny, nz, candidates[k]
+    if nearest < 0:
+        best = math.inf
+    return best, bx, by, bz, nearest
+
+
+@compiled(void(MATRIX, TABLES, SCALAR, VECTOR_OUT, MATRIX_OUT, INDICES_OUT))
+def _distance_at_points(
+    points: Floats,
+    tables: DistanceTables,
+    cutoff: float,
+    distances_out: Floats,
+    normals_out: Floats,
+    bodies_out: np.ndarray,
+) -> None:
+    """`nearest_body` among all for every row of `points`."""
+    candidates = np.empty(tables.kinds.shape[0], np.int64)
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        count = bodies_near(x, y, z, cutoff, tables, candidates)
+        d, nx, ny, nz, body = nearest_body(x, y, z, candidates, count, tables, cutoff)
+        distances_out[i] = d
+        normals_out[i, 0] = nx
+        normals_out[i, 1] = ny
+        normals_out[i, 2] = nz
+        bodies_out[i] = body

@@ -1,0 +1,229 @@
+# ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
+"""Balls of one radius about many points: a tree of boxes sixteen wide, and what is near a point by it.
+
+Points are in float32: what is said of them is good to less than `BAND`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import float64, int64, types
+from numba.extending import intrinsic
+
+from guidefield.kernels.collide.gjk import BLOCK
+from guidefield.kernels.collide.layout import AROUND
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import (
+    ALL_LANES,
+    FLOATS,
+    FLOATS_OUT,
+    INTEGER_POINTER,
+    LANES,
+    Vector,
+    below,
+    f32x16,
+    first_lane,
+    lane_part,
+    lane_step,
+    largest_of,
+    load,
+    pointed,
+    smallest_lane,
+    splat,
+)
+from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.packing import unpacked
+
+NUMBERS = 12
+"""Numbers of a cloud: middle of the grid's first cell (3), size of a cell, cells per length, box about the points (6),
+radius."""
+
+CELL, PER_LENGTH, LOW, HIGH, RADIUS = 3, 4, 5, 8, 11
+"""Where they stand."""
+
+MOST_LEVELS = 4
+"""Levels of boxes: enough for 16^5 points."""
+
+NOWHERE = 1e30
+"""Coordinate of points that fill up the last sixteen [m]."""
+
+
+class LaneCloud(NamedTuple):
+    """A cloud of balls, in the world [m].
+
+    Attributes:
+        levels: Levels of boxes; the highest has one block of sixteen.
+        columns, rows, layers: How many cells the grid has along x, y, z.
+        firsts: (levels + 1,) where the blocks of each level begin in `boxes`, from level 1 on; level 1 has a box for
+            each sixteen points, each level above one for each block of the level below.
+        points: (BLOCK * blocks,) sixteen x, y, z each.
+        boxes: (AROUND * blocks of all levels,).
+        numbers: (NUMBERS,).
+        cells: (columns * rows * layers,) distances; 0 where none has been asked for yet; written by the kernels.
+    """
+
+    levels: int
+    columns: int
+    rows: int
+    layers: int
+    firsts: np.ndarray
+    points: np.ndarray
+    boxes: np.ndarray
+    numbers: np.ndarray
+    cells: np.ndarray
+
+
+LANE_CLOUD = types.NamedTuple([*[types.int64] * 4, INDICES, *[FLOATS] * 3, FLOATS_OUT], LaneCloud)
+CLOUD_TABLES = pointed(LANE_CLOUD)
+
+cloud_of = unpacked(LANE_CLOUD)
+"""Makes a cloud of its words."""
+
+
+@intrinsic
+def words_at(typing: Any, address: Any) -> Any:
+    """Words by their address, a whole number."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(INTEGER_POINTER))
+
+    return INTEGER_POINTER(types.int64), generate
+
+
+@intrinsic
+def _only(typing: Any, mask: Any, value: Any, otherwise: Any) -> Any:
+    """A vector where a mask has its lanes, another where not."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        bits = builder.trunc(args[0], ir.IntType(LANES))
+        return builder.select(builder.bitcast(bits, ir.VectorType(ir.IntType(1), LANES)), args[1], args[2])
+
+    return f32x16(types.int64, f32x16, f32x16), generate
+
+
+@lane_part
+def _box_gaps(boxes: Floats32, block: int, x: float, y: float, z: float) -> Vector:
+    """Squares of the distances of a point to sixteen boxes [m^2]."""
+    at, zero = block * AROUND, splat(0.0)
+    dx = largest_of(largest_of(load(boxes, at) - x, x - load(boxes, at + 48)), zero)
+    dy = largest_of(largest_of(load(boxes, at + 16) - y, y - load(boxes, at + 64)), zero)
+    dz = largest_of(largest_of(load(boxes, at + 32) - z, z - load(boxes, at + 80)), zero)
+    return dx * dx + dy * dy + dz * dz
+
+
+@lane_part
+def point_gaps(points: Floats32, block: int, x: float, y: float, z: float) -> Vector:
+    """Squares of the distances of a point to sixteen points [m^2].
+
+    Args:
+        points: Sixteen x, y, z each, shape (BLOCK * blocks,) [m].
+        block: Which sixteen.
+        x: The point [m], with y and z.
+        y: See x.
+        z: See x.
+    """
+    at = block * BLOCK
+    dx, dy, dz = load(points, at) - x, load(points, at + 16) - y, load(points, at + 32) - z
+    return dx * dx + dy * dy + dz * dz
+
+
+@lane_step(int64(CLOUD_TABLES, int64, float64, float64, float64, float64))
+def next_block(cloud: LaneCloud, after: int, x: float, y: float, z: float, reach: float) -> int:
+    """The next sixteen points some of which are within reach of a point; -1 if there are none.
+
+    Args:
+        cloud: The cloud.
+        after: The last sixteen that were found; -1 at first.
+        x: The point [m], with y and z.
+        y: See x.
+        z: See x.
+        reach: Distance [m].
+    """
+    square = splat(reach * reach)
+    # sixteen bits for each level: boxes of the block that was entered there that have not been looked at yet
+    level, block, masks = cloud.levels, 0, 0
+    if after < 0:
+        masks = below(_box_gaps(cloud.boxes, cloud.firsts[level], x, y, z), square) << (16 * (level - 1))
+    else:
+        for above in range(1, cloud.levels + 1):
+            here = after >> (4 * (above - 1))
+            later = (ALL_LANES << 1) << (here & 15) & ALL_LANES
+            if later:
+                near = below(_box_gaps(cloud.boxes, cloud.firsts[above] + (here >> 4), x, y, z), square)
+                masks |= (near & later) << (16 * (above - 1))
+        level, block = 1, after >> 4
+    while True:
+        shift = 16 * (level - 1)
+        mask = (masks >> shift) & ALL_LANES
+        if mask == 0:
+            if level == cloud.levels:
+                return -1
+            level += 1
+            block >>= 4
+            continue
+        block = block * LANES + first_lane(mask)
+        masks &= ~((mask & -mask) << shift)
+        if level > 1:
+            level -= 1
+            masks |= below(_box_gaps(cloud.boxes, cloud.firsts[level] + block, x, y, z), square) << (shift - 16)
+            continue
+        if below(point_gaps(cloud.points, block, x, y, z), square):
+            return int(block)
+        block >>= 4
+
+
+@lane_step(int64(CLOUD_TABLES, float64, float64, float64, float64))
+def nearest_point(cloud: LaneCloud, x: float, y: float, z: float, cutoff: float) -> int:
+    """The point of the cloud nearest to a point: where its x stands in `points`; -1 if none is nearer than a cutoff.
+
+    Args:
+        cloud: The cloud.
+        x: The point [m], with y and z.
+        y: See x.
+        z: See x.
+        cutoff: Distance beyond which nothing is looked for [m]; at most 1e15.
+    """
+    best, far, found = cutoff * cutoff, splat(1e30), -1
+    # sixteen bits for each level: boxes of the block that was entered there that have not been looked at yet
+    level, block, masks = cloud.levels, 0, ALL_LANES << (16 * (cloud.levels - 1))
+    while True:
+        shift = 16 * (level - 1)
+        gaps = _only(masks >> shift, _box_gaps(cloud.boxes, cloud.firsts[level] + block, x, y, z), far)
+        least = smallest_lane(gaps)
+        if least >= best:
+            masks &= ~(ALL_LANES << shift)
+            if level == cloud.levels:
+                return found
+            level += 1
+            block >>= 4
+            continue
+        chosen = first_lane(ALL_LANES & ~below(splat(least), gaps))
+        masks &= ~(1 << (shift + chosen))
+        child = block * LANES + chosen
+        if level > 1:
+            level, block = level - 1, child
+            masks |= ALL_LANES << (shift - 16)
+            continue
+        gaps = point_gaps(cloud.points, child, x, y, z)
+        least = smallest_lane(gaps)
+        if least < best:
+            best, found = least, child * BLOCK + first_lane(ALL_LANES & ~below(splat(least), gaps))
+
+
+@lane_step(float64(CLOUD_TABLES, float64, float64, float64))
+def nearest_distance(cloud: LaneCloud, x: float, y: float, z: float) -> float:
+    """Distance of a point to the nearest of the cloud's [m].
+
+    Args:
+        cloud: The cloud.
+        x: The point [m], with y and z.
+        y: See x.
+        z: See x.
+    """
+    at = nearest_point(cloud, x, y, z, 1e15)
+    dx, dy, dz = x - cloud.points[at], y - cloud.points[at + 16], z - cloud.points[at + 32]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)

@@ -1,0 +1,157 @@
+"""How often a closed surface of triangles winds around a point: its crossings with a ray, counted with their sign.
+
+Exact, also where pieces overlap or lie in one another: a ray that grazes an edge or a corner as closely as rounding
+is not believed, and another direction is tried. For a surface whose triangles agree about the outside it is 1 within a
+solid, 2 where two solids overlap, 0 outside and in hollows.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types, void
+
+from guidefield.kernels.distance.triangle_distance import LEAF, SPAN, SURFACES, Span, SurfaceTables
+from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, Vector3, compiled, inlined
+
+INTEGERS_OUT = types.Array(types.int64, 1, "C")
+
+RAYS = 64
+"""Directions that are tried."""
+
+GRAZING = 1e-12
+"""An edge is grazed if the ray passes it closer than this, over the lengths involved."""
+
+GRAZED = 1 << 40
+"""More crossings than there are: the ray grazes an edge."""
+
+_STACK = 64
+
+
+@inlined
+def _cross(a: Vector3, b: Vector3) -> Vector3:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _dot(a: Vector3, b: Vector3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def ray_direction(k: int) -> Vector3:
+    """The k-th of many unit vectors spread over the sphere, none along an axis or a plane of symmetry."""
+    z = 1.0 - 2.0 * ((0.3819 + 0.7548776662466927 * k) % 1.0)
+    angle = 2.0 * math.pi * ((0.1234 + 0.5698402909980532 * k) % 1.0)
+    rho = math.sqrt(max(0.0, 1.0 - z * z))
+    return rho * math.cos(angle), rho * math.sin(angle), z
+
+
+@inlined
+def _meets_box(p: Vector3, inverse: Vector3, boxes: Floats, i: int) -> bool:
+    """Whether the ray from p meets a box; `inverse` is one over its direction."""
+    x0, x1 = (boxes[i, 0] - p[0]) * inverse[0], (boxes[i, 3] - p[0]) * inverse[0]
+    y0, y1 = (boxes[i, 1] - p[1]) * inverse[1], (boxes[i, 4] - p[1]) * inverse[1]
+    z0, z1 = (boxes[i, 2] - p[2]) * inverse[2], (boxes[i, 5] - p[2]) * inverse[2]
+    enter = max(min(x0, x1), min(y0, y1), min(z0, z1), 0.0)
+    leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
+    # a flat box that the ray lies in must not be missed by rounding
+    meets: bool = boxes[i, 0] <= boxes[i, 3] and enter <= leave + 1e-9 * (abs(enter) + abs(leave))
+    return meets
+
+
+@inlined
+def _crossing(p: Vector3, u: Vector3, corners: Floats, i: int) -> int:
+    """1 if the ray from p along u leaves through triangle i, -1 if it enters, 0 if it misses; `GRAZED` if in doubt."""
+    ab = (corners[i, 3], corners[i, 4], corners[i, 5])
+    ac = (corners[i, 6], corners[i, 7], corners[i, 8])
+    a = (corners[i, 0] - p[0], corners[i, 1] - p[1], corners[i, 2] - p[2])
+    b = (a[0] + ab[0], a[1] + ab[1], a[2] + ab[2])
+    c = (a[0] + ac[0], a[1] + ac[1], a[2] + ac[2])
+    # volumes spanned by the ray and each edge; their signs agree where the line meets the triangle
+    x, y, z = _cross(a, b), _cross(b, c), _cross(c, a)
+    f, g, h = _dot(u, x), _dot(u, y), _dot(u, z)
+    size = max(_dot(a, a), _dot(b, b), _dot(c, c))
+    slack = GRAZING * size
+    if (f > slack or g > slack or h > slack) and (f < -slack or g < -slack or h < -slack):
+        return 0
+    normal = _cross(ab, ac)
+    height = _dot(normal, a)
+    if abs(f) <= slack or abs(g) <= slack or abs(h) <= slack:
+        # only a triangle that may lie ahead matters
+        if _dot(u, a) < 0.0 and _dot(u, b) < 0.0 and _dot(u, c) < 0.0:
+            return 0
+        return GRAZED
+    facing = f > 0.0
+    # the line meets the plane ahead if the ray and the height run the same way
+    if (height > 0.0) != facing:
+        return 0
+    return 1 if facing else -1
+
+
+@inlined
+def _crossings(p: Vector3, u: Vector3, surfaces: SurfaceTables, span: Span) -> int:
+    """Sum of the crossings of one ray, or something above `GRAZED` / 2."""
+    root, leaves, first, count = span
+    inverse = (1.0 / u[0], 1.0 / u[1], 1.0 / u[2])
+    waiting = np.empty(_STACK, np.int64)
+    waiting[0] = 0
+    top = 1
+    total = 0
+    while top > 0:
+        top -= 1
+        node = waiting[top]
+        if not _meets_box(p, inverse, surfaces.nodes, root + node):
+            continue
+        leaf = node - (leaves - 1)
+        if leaf < 0:
+            waiting[top], waiting[top + 1] = 2 * node + 1, 2 * node + 2
+            top += 2
+            continue
+        for i in range(first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)):
+            total += _crossing(p, u, surfaces.corners, i)
+            if total > GRAZED // 2:
+                return total
+    return total
+
+
+@compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN))
+def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> int:
+    """Winding number of a closed surface around a point that is not on it.
+
+    Args:
+        x: Point in the frame of the surface [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        span: Where the surface's tree stands.
+
+    Returns:
+        The number; 0 where each of `RAYS` rays grazes an edge.
+    """
+    box = span[0]
+    nodes = surfaces.nodes
+    if not (nodes[box, 0] <= x <= nodes[box, 3] and nodes[box, 1] <= y <= nodes[box, 4]):
+        return 0
+    if not nodes[box, 2] <= z <= nodes[box, 5]:
+        return 0
+    for k in range(RAYS):
+        total = _crossings((x, y, z), ray_direction(k), surfaces, span)
+        if total <= GRAZED // 2:
+            return total
+    return 0
+
+
+@compiled(void(MATRIX, SURFACES, SPAN, INTEGERS_OUT))
+def windings_at(points: Floats, surfaces: SurfaceTables, span: Span, windings_out: np.ndarray) -> None:
+    """`ray_winding` at many points.
+
+    Args:
+        points: Shape (n, 3) [m], in the frame of the surface.
+        surfaces: All surfaces.
+        span: Where the surface's tree stands.
+        windings_out: Shape (n,).
+    """
+    for i in range(points.shape[0]):
+        windings_out[i] = ray_winding(points[i, 0], points[i, 1], points[i, 2], surfaces, span)

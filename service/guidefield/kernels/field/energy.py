@@ -1,0 +1,293 @@
+"""Potential of a whole robot, its generalised force and the curvature metric, in one backward pass of wrenches.
+
+U(q) = sum_i w_i Phi(x_i(q)) over the charged points of the moving links, plus the self-repulsion of link pairs: points
+of one link in the closed-form field of the other's capsule. Forces gather as one spatial force a joint, the metric
+M = sum_i s_i J_i^T J_i as one spatial inertia a joint; both are carried from the tip to the root.
+
+The field is evaluated in the precision of its tables and about their origin, everything else in double precision.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types, void
+
+from guidefield.kernels.field.field import LANES, add_field, add_potential
+from guidefield.kernels.field.field_tables import TABLES, TABLES_32
+from guidefield.kernels.field.primitives import capsule_at
+from guidefield.kernels.field.wrenches import gathered, give, nothing, project
+from guidefield.kernels.jit.signatures import (
+    INDEX_MATRIX,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+    inlined,
+    optimized,
+)
+from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, BLOCKS_OUT, INDICES, JointTable, joint_placements
+from guidefield.kernels.simd.generic_vector import lanes_of, load, select, total
+
+
+class ChargedRobot(NamedTuple):
+    """A robot's charged points and capsules.
+
+    Attributes:
+        points: In the frame of their joint, shape (p, 3) [m].
+        weights: Area that each stands for, shape (p,) [m^2].
+        point_joints: Index of the joint that moves each, shape (p,).
+        capsules: Ends and radius in the frame of their joint, shape (c, 7) [m].
+        capsule_joints: Index of the joint that moves each, shape (c,).
+        pairs: First point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3).
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    point_joints: np.ndarray
+    capsules: np.ndarray
+    capsule_joints: np.ndarray
+    pairs: np.ndarray
+
+
+JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
+ROBOT = types.NamedTuple((MATRIX, VECTOR, INDICES, MATRIX, INDICES, INDEX_MATRIX), ChargedRobot)
+
+
+@inlined
+def place_points(robot: Any, world: Floats, points_out: Floats) -> None:
+    """Charged points at placements of joints.
+
+    Args:
+        robot: What the joints carry.
+        world: Placements of joints about the tables' origin, shape (n, 3, 4) [m].
+        points_out: Shape (3, lanes) [m]; the last point is repeated to fill the lanes.
+    """
+    count = robot.points.shape[0]
+    for i in range(points_out.shape[1]):
+        source = min(i, count - 1)
+        T, p = world[robot.point_joints[source]], robot.points[source]
+        for r in range(3):
+            points_out[r, i] = T[r, 0] * p[0] + T[r, 1] * p[1] + T[r, 2] * p[2] + T[r, 3]
+
+
+@inlined
+def _place(joints: Any, robot: Any, origin: Floats, q: Floats, world: Any, points: Any, weights: Any) -> None:
+    """Placements of joints and positions of points relative to the origin; positions fill up their lanes."""
+    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    for i in range(world.shape[0]):
+        for r in range(3):
+            world[i, r, 3] -= origin[r]
+    place_points(robot, world, points)
+    count = robot.points.shape[0]
+    for i in range(weights.shape[0]):
+        weights[i] = robot.weights[i] if i < count else 0.0
+
+
+@inlined
+def _counting(tables: Any) -> Any:
+    """0, 1, 2 ... in the precision of the tables, as many as there are lanes."""
+    counting = np.empty(LANES, tables.boxes.dtype)
+    for i in range(LANES):
+        counting[i] = i
+    return counting
+
+
+@inlined
+def _first_moving(robot: Any) -> int:
+    """The first of the points that move; those of the base usually lead."""
+    first = 0
+    while first < robot.points.shape[0] and robot.point_joints[first] == 0:
+        first += 1
+    return first
+
+
+@inlined
+def ends_at(capsule: Floats, T: Floats) -> Any:
+    """A capsule's ends [m], its row of `ChargedRobot.capsules` (7,) moved by its joint's placement (3, 4)."""
+    a0 = T[0, 0] * capsule[0] + T[0, 1] * capsule[1] + T[0, 2] * capsule[2] + T[0, 3]
+    a1 = T[1, 0] * capsule[0] + T[1, 1] * capsule[1] + T[1, 2] * capsule[2] + T[1, 3]
+    a2 = T[2, 0] * capsule[0] + T[2, 1] * capsule[1] + T[2, 2] * capsule[2] + T[2, 3]
+    b0 = T[0, 0] * capsule[3] + T[0, 1] * capsule[4] + T[0, 2] * capsule[5] + T[0, 3]
+    b1 = T[1, 0] * capsule[3] + T[1, 1] * capsule[4] + T[1, 2] * capsule[5] + T[1, 3]
+    b2 = T[2, 0] * capsule[3] + T[2, 1] * capsule[4] + T[2, 2] * capsule[5] + T[2, 3]
+    return a0, a1, a2, b0, b1, b2
+
+
+@inlined
+def _field_forces(
+    robot: Any, points: Any, weights: Any, field: Any, counting: Any, wrenches: Any, inertias: Any
+) -> Any:
+    """The scene's field on the moving points, gathered joint by joint; their potential."""
+    count, step = robot.points.shape[0], lanes_of(weights)
+    x, y, z = points[0], points[1], points[2]
+    phi, gx, gy, gz, curvature = field[0], field[1], field[2], field[3], field[4]
+    lane = load(counting, 0)
+    potential = 0.0
+    first = 0
+    while first < count:
+        joint = robot.point_joints[first]
+        past = first + 1
+        while past < count and robot.point_joints[past] == joint:
+            past += 1
+        if joint > 0:
+            zero = 0.0 * lane
+            sums = nothing(zero)
+            U = zero
+            for i in range(first, past, step):
+                w = select(lane < past - i, load(weights, i), 0.0)
+                U += w * load(phi, i)
+                sums = gathered(
+                    sums, load(x, i), load(y, i), load(z, i), w * load(gx, i), w * load(gy, i), w * load(gz, i),
+                    w * load(curvature, i),
+                )  # fmt: skip
+            potential += total(U)
+            give(sums, joint, 1.0, wrenches, inertias)
+        first = past
+    return potential
+
+
+@optimized
+def _repulsion(
+    robot: Any, k: int, world: Any, points: Any, weights: Any, counting: Any, wrenches: Any, inertias: Any
+) -> Any:
+    """Repulsion of points by a capsule of another link; the capsule's link gets the opposite force."""
+    first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+    other = robot.capsule_joints[capsule]
+    a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[other])
+    radius = robot.capsules[capsule, 6]
+    x, y, z = points[0], points[1], points[2]
+    lane = load(counting, 0)
+    zero = 0.0 * lane
+    sums = nothing(zero)
+    U = zero
+    for i in range(first, past, lanes_of(weights)):
+        X, Y, Z = load(x, i), load(y, i), load(z, i)
+        w = select(lane < past - i, load(weights, i), 0.0)
+        phi, gx, gy, gz = capsule_at(X, Y, Z, a0, a1, a2, b0, b1, b2, radius)
+        U += w * phi
+        curvature = 2.0 * w * (gx * gx + gy * gy + gz * gz) / phi
+        sums = gathered(sums, X, Y, Z, w * gx, w * gy, w * gz, curvature)
+    give(sums, robot.point_joints[first], 1.0, wrenches, inertias)
+    give(sums, other, -1.0, wrenches, inertias)
+    return total(U)
+
+
+@compiled([SCALAR(JOINTS, ROBOT, t, VECTOR, BLOCKS_OUT, MATRIX_OUT, MATRIX_OUT) for t in (TABLES, TABLES_32)])
+def forces(
+    joints: Any, robot: Any, tables: Any, q: Floats, world_out: Floats, wrenches_out: Floats, inertias_out: Floats
+) -> float:
+    """Potential U of a robot at q, and what the field does to its links, all about the tables' origin.
+
+    Args:
+        joints: The joints.
+        robot: What they carry.
+        tables: What is charged.
+        q: Configuration, shape (nq,).
+        world_out: Placements of joints, shape (n, 3, 4) [m].
+        wrenches_out: Force and moment on the points that each joint itself carries, shape (n, 6).
+        inertias_out: Their weight by curvature, first moments, second moments xx xy xz yy yz zz, shape (n, 10).
+
+    Returns:
+        U [m].
+    """
+    kind, counting = tables.boxes.dtype, _counting(tables)
+    # A vector may begin at the last point.
+    lanes = robot.points.shape[0] + lanes_of(counting) - 1
+    points, weights = np.empty((3, lanes), kind), np.empty(lanes, kind)
+    _place(joints, robot, tables.origin, q, world_out, points, weights)
+    field = np.zeros((6, lanes), kind)
+    add_field(tables, points, _first_moving(robot), field)
+    inertias_out[:, :] = 0.0
+    wrenches_out[:, :] = 0.0
+    potential = float(_field_forces(robot, points, weights, field, counting, wrenches_out, inertias_out))
+    for k in range(robot.pairs.shape[0]):
+        potential += _repulsion(robot, k, world_out, points, weights, counting, wrenches_out, inertias_out)
+    return potential
+
+
+@compiled([SCALAR(JOINTS, ROBOT, t, VECTOR, VECTOR_OUT, MATRIX_OUT, MATRIX_OUT) for t in (TABLES, TABLES_32)])
+def energy(
+    joints: Any, robot: Any, tables: Any, q: Floats, gradient_out: Floats, metric_out: Floats, wrenches_out: Floats
+) -> float:
+    """Potential U of a robot at q, its gradient, curvature metric, and the field's wrench on every link.
+
+    Args:
+        joints: The joints.
+        robot: What they carry.
+        tables: What is charged.
+        q: Configuration, shape (nq,).
+        gradient_out: dU/dv, shape (nv,).
+        metric_out: M, shape (nv, nv).
+        wrenches_out: Force [1] and moment about the world's origin [m], in its axes, on the link that each joint moves:
+            on its own points only, not those of links beyond it; shape (n, 6).
+
+    Returns:
+        U [m].
+    """
+    n = joints.parents.shape[0]
+    world, inertias = np.empty((n, 3, 4)), np.empty((n, 10))
+    potential = forces(joints, robot, tables, q, world, wrenches_out, inertias)
+    project(
+        joints.parents, joints.kinds, joints.axes, joints.idx_v, joints.nv, world, wrenches_out, inertias,
+        gradient_out.shape[0], gradient_out, metric_out,
+    )  # fmt: skip
+    o = tables.origin
+    for i in range(n):
+        fx, fy, fz = wrenches_out[i, 0], wrenches_out[i, 1], wrenches_out[i, 2]
+        wrenches_out[i, 3] += o[1] * fz - o[2] * fy
+        wrenches_out[i, 4] += o[2] * fx - o[0] * fz
+        wrenches_out[i, 5] += o[0] * fy - o[1] * fx
+    return potential
+
+
+@compiled(SCALAR(JOINTS, ROBOT, TABLES_32, VECTOR))
+def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
+    """Potential U alone of a robot at a configuration q, shape (nq,) [m]; as descents ask for it."""
+    count = robot.points.shape[0]
+    kind, counting = tables.boxes.dtype, _counting(tables)
+    step, lane = lanes_of(counting), load(counting, 0)
+    lanes = count + step - 1
+    world, points, weights = (
+        np.empty((joints.parents.shape[0], 3, 4)),
+        np.empty((3, lanes), kind),
+        np.empty(lanes, kind),
+    )
+    phi = np.zeros(lanes, kind)
+    first_moving = _first_moving(robot)
+    _place(joints, robot, tables.origin, q, world, points, weights)
+    add_potential(tables, points, first_moving, phi)
+    U = 0.0 * lane
+    for i in range(first_moving, count):
+        if robot.point_joints[i] == 0:
+            phi[i] = 0.0
+    for i in range(first_moving, count, step):
+        U += load(weights, i) * load(phi, i)
+    x, y, z = points[0], points[1], points[2]
+    for k in range(robot.pairs.shape[0]):
+        first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+        a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
+        radius = robot.capsules[capsule, 6]
+        for i in range(first, past, step):
+            at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
+            U += select(lane < past - i, load(weights, i), 0.0) * at[0]
+    return float(total(U))
+
+
+@compiled(void(JOINTS, ROBOT, TABLES_32, MATRIX, VECTOR_OUT))
+def potentials(joints: Any, robot: Any, tables: Any, qs: Floats, potentials_out: Floats) -> None:
+    """`potential` at many configurations.
+
+    Args:
+        joints: The joints.
+        robot: What they carry.
+        tables: What is charged.
+        qs: Shape (m, nq).
+        potentials_out: Shape (m,) [m].
+    """
+    for m in range(qs.shape[0]):
+        potentials_out[m] = potential(joints, robot, tables, qs[m])

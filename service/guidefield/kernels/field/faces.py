@@ -1,0 +1,213 @@
+"""Charged triangles and convex quadrilaterals of a block of faces that share corners; lanes of points.
+
+Source: J.-H. Chuang, Potential-based modeling of three-dimensional workspace for obstacle avoidance, IEEE Trans.
+Robotics and Automation, 1998. With a_i the vector from the point to a triangle's corner i, l_i its length, S their sum,
+L_i the length of the edge opposite to corner i and a four times the area
+
+    Phi = (2/h) atan2(a h, F),   F = (l1+l2)(l2+l3)(l3+l1) - L1^2 l1 - L2^2 l2 - L3^2 l3
+    grad F = -sum_i (S^2 - l_i^2 - L_i^2) a_i / l_i
+
+Beside the edges of slivers F as written cancels; of these it is evaluated along the longest edge, where nothing does.
+Potential and gradient are then good to a few eps K, K the largest distance to a corner over the distance to the face.
+
+Every distance is computed once for all faces of a block that share the corner, and the gradient is gathered as one
+number a corner: grad = sum_v c_v (v - p) / l_v + the parts along the normals.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from guidefield.kernels.field.solid_angle import pair_field, single_field
+from guidefield.kernels.jit.signatures import inlined
+from guidefield.kernels.simd.generic_vector import inverse_root, load, select, smallest_gap, store
+
+PLANE_ROWS = 6
+"""Numbers that lead a face's row: a point of its plane (3), its unit normal (3)."""
+
+HALF_ROWS = 14
+"""Numbers of a triangle: a, a^2, a `FLAT`, L_i^2 (3); t, along the longest edge (3), its length, tau, e (3)."""
+
+ORDINARY = 0.25
+"""A triangle whose altitude on the longest edge is less than this part of the edge counts as a sliver."""
+
+
+@inlined
+def _dot(a: Any, b: Any, at: int) -> Any:
+    return a[0] * b[at] + a[1] * b[at + 1] + a[2] * b[at + 2]
+
+
+@inlined
+def _height(p: Any, row: Any) -> Any:
+    """Of points over the plane of a face, on the side of its normal."""
+    return (p[0] - row[0]) * row[3] + (p[1] - row[1]) * row[4] + (p[2] - row[2]) * row[5]
+
+
+@inlined
+def sliver_part(a1: Any, l1: Any, l2: Any, l3: Any, half: Any) -> Any:
+    """F from coordinates along the longest edge (s) and across it (w), where all terms that could cancel don't.
+
+    tau = (v3 - v1).t and e = (v3 - v1) - tau t place the third corner.
+    """
+    s1 = _dot(a1, half, 6)
+    s2 = s1 + half[9]
+    s3 = s1 + half[10]
+    wx, wy, wz = a1[0] - s1 * half[6], a1[1] - s1 * half[7], a1[2] - s1 * half[8]
+    ww = wx * wx + wy * wy + wz * wz
+    ew = wx * half[11] + wy * half[12] + wz * half[13]
+    along = s1 * s2
+    between = along < 0.0
+    cross1 = l1 * s2
+    cross2 = l2 * s1
+    l12 = l1 * l2
+    # Between its ends, k = l1 l2 + s1 s2 + ww and m = l1 s2 + l2 s1 are made rational: one division for both.
+    k_conjugate = l12 - along
+    m_conjugate = cross1 - cross2
+    r = ww / (k_conjugate * m_conjugate)
+    k = ww + select(between, r * m_conjugate * (s1 * s1 + s2 * s2 + ww), l12 + along)
+    m = select(between, r * k_conjugate * half[9] * (s1 + s2), cross1 + cross2)
+    part = l3 * k + s3 * m + (l1 + l2) * (ww + ew)
+    return part + part
+
+
+@inlined
+def _part(ordinary: bool, p: Any, v1: Any, l1: Any, l2: Any, l3: Any, half: Any) -> Any:
+    """F of a triangle whose first corner is v1."""
+    if ordinary:
+        F = (l1 + l2) * ((l2 + l3) * (l3 + l1)) - (half[3] * l1 + half[4] * l2 + half[5] * l3)
+    else:
+        F = sliver_part((v1[0] - p[0], v1[1] - p[1], v1[2] - p[2]), l1, l2, l3, half)
+    return F
+
+
+@inlined
+def _gather(
+    scratch: Any, squares: int, step: int, v1: int, v2: int, v3: int, s: Any, l1: Any, l2: Any, l3: Any, half: Any
+) -> None:
+    """Add s (S^2 - l_i^2 - L_i^2) to the number of corner i."""
+    S = l1 + l2 + l3
+    whole = s * (S * S)
+    c = 2 * squares
+    q1, q2, q3 = (
+        load(scratch, squares + v1 * step),
+        load(scratch, squares + v2 * step),
+        load(scratch, squares + v3 * step),
+    )
+    store(scratch, c + v1 * step, (load(scratch, c + v1 * step) + whole) - s * (q1 + half[3]))
+    store(scratch, c + v2 * step, (load(scratch, c + v2 * step) + whole) - s * (q2 + half[4]))
+    store(scratch, c + v3 * step, (load(scratch, c + v3 * step) + whole) - s * (q3 + half[5]))
+
+
+@inlined
+def _corners(vertices: Any, at: int, scratch: Any, step: int) -> Any:
+    """A triangle's three vertices, the row's entries from `at` on, and the distances of the points to them."""
+    v1, v2, v3 = vertices[at], vertices[at + 1], vertices[at + 2]
+    return (v1, v2, v3), (load(scratch, v1 * step), load(scratch, v2 * step), load(scratch, v3 * step))
+
+
+@inlined
+def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
+    p: Any, scratch: Any, step: int, vertices: Any, link: Any, triangle_corners: Any, triangles: Any,
+    quad_corners: Any, quads: Any,
+) -> Any:  # fmt: skip
+    """Field of a block of unit charge per area at points: Phi, gradient (3), curvature, half the solid angles.
+
+    Args:
+        p: Points in the frame of the tables [m], three lanes.
+        scratch: At least 4 * step elements for every vertex of the block; holds nothing between calls.
+        step: Lanes of a vector.
+        vertices: Corners of this block, shape (v, 3) [m].
+        link: Its row of `FieldTables.links`.
+        triangle_corners: Vertices of the block, longest edge from the first to the second, shape (t, 3).
+        triangles: Plane and half, shape (t, 20).
+        quad_corners: Two triangles each, shape (q, 6).
+        quads: Plane and two halves, shape (q, 34).
+    """
+    x, y, z = p
+    zero = 0.0 * x
+    phi, gx, gy, gz, curvature, winding = zero, zero, zero, zero, zero, zero
+    gap = smallest_gap(x)
+    n = vertices.shape[0]
+    squares = n * step
+    c, inverses = 2 * squares, 3 * squares
+    for v in range(n):
+        dx, dy, dz = x - vertices[v, 0], y - vertices[v, 1], z - vertices[v, 2]
+        square = dx * dx + dy * dy + (dz * dz + gap * gap)
+        inverse = inverse_root(square)
+        store(scratch, v * step, square * inverse)
+        store(scratch, squares + v * step, square)
+        store(scratch, c + v * step, zero)
+        store(scratch, inverses + v * step, inverse)
+    for t in range(link[3], link[5]):
+        row = triangles[t]
+        half = row[PLANE_ROWS:]
+        (v1, v2, v3), (l1, l2, l3) = _corners(triangle_corners[t], 0, scratch, step)
+        F = _part(t < link[4], p, vertices[v1], l1, l2, l3, half)
+        height = _height(p, row)
+        term, k, slope = single_field(height, F, half[0], half[1], half[2])
+        _gather(scratch, squares, step, v1, v2, v3, slope, l1, l2, l3, half)
+        phi = phi + term
+        winding = winding + height * term
+        curvature = curvature + k
+        k = k * height
+        gx = gx + k * row[3]
+        gy = gy + k * row[4]
+        gz = gz + k * row[5]
+    for t in range(link[6], link[8]):
+        row = quads[t]
+        half1 = row[PLANE_ROWS:]
+        half2 = row[PLANE_ROWS + HALF_ROWS :]
+        (v1, v2, v3), (l1, l2, l3) = _corners(quad_corners[t], 0, scratch, step)
+        (v4, v5, v6), (l4, l5, l6) = _corners(quad_corners[t], 3, scratch, step)
+        F1 = _part(t < link[7], p, vertices[v1], l1, l2, l3, half1)
+        F2 = _part(t < link[7], p, vertices[v4], l4, l5, l6, half2)
+        height = _height(p, row)
+        term, k, slope1, slope2 = pair_field(height, F1, F2, half1[0], half2[0])
+        _gather(scratch, squares, step, v1, v2, v3, slope1, l1, l2, l3, half1)
+        _gather(scratch, squares, step, v4, v5, v6, slope2, l4, l5, l6, half2)
+        phi = phi + term
+        winding = winding + height * term
+        curvature = curvature + k
+        k = k * height
+        gx = gx + k * row[3]
+        gy = gy + k * row[4]
+        gz = gz + k * row[5]
+    gx, gy, gz = -0.5 * gx, -0.5 * gy, -0.5 * gz
+    for v in range(n):
+        w = load(scratch, c + v * step) * load(scratch, inverses + v * step)
+        gx = gx - w * (x - vertices[v, 0])
+        gy = gy - w * (y - vertices[v, 1])
+        gz = gz - w * (z - vertices[v, 2])
+    return phi, gx, gy, gz, curvature, winding
+
+
+@inlined
+def block_potential_at(
+    p: Any, scratch: Any, step: int, vertices: Any, link: Any, triangle_corners: Any, triangles: Any,
+    quad_corners: Any, quads: Any,
+) -> Any:  # fmt: skip
+    """`block_at` for the potential alone."""
+    x, y, z = p
+    zero = 0.0 * x
+    phi = zero
+    gap = smallest_gap(x)
+    for v in range(vertices.shape[0]):
+        dx, dy, dz = x - vertices[v, 0], y - vertices[v, 1], z - vertices[v, 2]
+        square = dx * dx + dy * dy + (dz * dz + gap * gap)
+        store(scratch, v * step, square * inverse_root(square))
+    for t in range(link[3], link[5]):
+        row = triangles[t]
+        half = row[PLANE_ROWS:]
+        v, (l1, l2, l3) = _corners(triangle_corners[t], 0, scratch, step)
+        F = _part(t < link[4], p, vertices[v[0]], l1, l2, l3, half)
+        phi = phi + single_field(_height(p, row), F, half[0], half[1], half[2])[0]
+    for t in range(link[6], link[8]):
+        row = quads[t]
+        half1 = row[PLANE_ROWS:]
+        half2 = row[PLANE_ROWS + HALF_ROWS :]
+        v, (l1, l2, l3) = _corners(quad_corners[t], 0, scratch, step)
+        w, (l4, l5, l6) = _corners(quad_corners[t], 3, scratch, step)
+        F1 = _part(t < link[7], p, vertices[v[0]], l1, l2, l3, half1)
+        F2 = _part(t < link[7], p, vertices[w[0]], l4, l5, l6, half2)
+        phi = phi + pair_field(_height(p, row), F1, F2, half1[0], half2[0])[0]
+    return phi

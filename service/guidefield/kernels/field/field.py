@@ -1,0 +1,273 @@
+"""The field of everything charged at many points: boxes, faces, spheres, capsules, planes and clouds summed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types, void
+
+from guidefield.kernels.field.box import box_at
+from guidefield.kernels.field.faces import block_at, block_potential_at
+from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, MATRIX_32, TABLES, TABLES_32, FieldTables
+from guidefield.kernels.field.primitives import charged_capsule_at, plane_at, sphere_at
+from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, Floats, compiled, inlined
+from guidefield.kernels.simd.generic_vector import every, inverse_root, lanes_of, load, store
+
+MATRIX_32_OUT = types.Array(types.float32, 2, "C")
+VECTOR_32_OUT = types.Array(types.float32, 1, "C")
+
+LANES = 16
+"""Points come in multiples of it: the longest vector of lanes."""
+
+
+class Field(NamedTuple):
+    """The field at points.
+
+    Attributes:
+        potential: [1/m], shape (n,).
+        gradient: Of the potential [1/m^2], shape (n, 3); minus the force on a unit charge.
+        curvature: Of the nearby surfaces [1/m^3], never negative, shape (n,): the sum of -2 Phi_h/h over triangles and
+            rectangles, what corresponds to it for other shapes.
+        winding: Count of closed surfaces around the point, whatever their charge, shape (n,).
+    """
+
+    potential: Floats
+    gradient: Floats
+    curvature: Floats
+    winding: Floats
+
+
+def field_at_points(tables: FieldTables, points: Floats) -> Field:
+    """Field of all that is charged at many points, in the precision of the tables.
+
+    Args:
+        tables: What is charged.
+        points: Points in the frame of the tables [m], shape (n, 3).
+
+    Returns:
+        The field; all is finite everywhere, on the surfaces too. Inside a solid it does not tell the way out.
+
+    Raises:
+        ValueError: if `points` is not of shape (n, 3) or not finite.
+    """
+    at = padded(tables, points)
+    out = np.zeros((6, at.shape[1]), at.dtype)
+    add_field(tables, at, 0, out)
+    rows = out[:, : len(points)].astype(np.float64)
+    return Field(rows[0], np.ascontiguousarray(rows[1:4].T), rows[4], rows[5])
+
+
+def padded(tables: FieldTables, points: Floats) -> Floats:
+    """Points as `add_field` takes them: relative to the tables' origin, the last repeated to fill the lanes.
+
+    Args:
+        tables: What is charged.
+        points: Points in the frame of the tables [m], shape (n, 3).
+
+    Returns:
+        Shape (3, m), m the next multiple of `LANES` from n on; in the precision of the tables.
+
+    Raises:
+        ValueError: if `points` is not of shape (n, 3) or not finite.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"`points` must have shape (n, 3), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"`points` must be finite, got {points[~np.isfinite(points).all(axis=1)][0]}")
+    rows = (points - tables.origin).T.astype(tables.boxes.dtype)
+    filled = np.zeros((3, len(points) + -len(points) % LANES), rows.dtype)
+    filled[:, : len(points)] = rows
+    if len(points):
+        filled[:, len(points) :] = rows[:, -1:]
+    return filled
+
+
+@inlined
+def _plus(total: Any, charge: float, term: Any) -> Any:
+    """Sum of fields; the winding number counts surfaces whatever their charge."""
+    return (
+        total[0] + charge * term[0],
+        total[1] + charge * term[1],
+        total[2] + charge * term[2],
+        total[3] + charge * term[3],
+        total[4] + charge * term[4],
+        total[5] + term[5],
+    )
+
+
+@inlined
+def _expansion(dx: Any, dy: Any, dz: Any, square: Any, node: Any) -> Any:
+    """Potential of a cluster at an offset from its centre of charge; what its gradient needs: two factors and Q x.
+
+    Phi = q/|x|^3 + (15 x.Q x/|x|^2 - 3 tr Q) / (2 |x|^5); there is no dipole about the centre of charge.
+    """
+    i = inverse_root(square)
+    ii = i * i
+    i3 = ii * i
+    i5 = i3 * ii
+    qx = node[4] * dx + node[5] * dy + node[6] * dz
+    qy = node[5] * dx + node[7] * dy + node[8] * dz
+    qz = node[6] * dx + node[8] * dy + node[9] * dz
+    trace = node[4] + node[7] + node[9]
+    xqx = (qx * dx + qy * dy + qz * dz) * ii
+    phi = node[3] * i3 + (7.5 * xqx - 1.5 * trace) * i5
+    along = -3.0 * node[3] * i5 + (7.5 * trace - 52.5 * xqx) * (i5 * ii)
+    return phi, along, 15.0 * i5 * ii, (qx, qy, qz), i3
+
+
+@inlined
+def _largest_block(links: Any) -> int:
+    largest = 0
+    for m in range(links.shape[0]):
+        largest = max(largest, links[m, 2] - links[m, 1])
+    return largest
+
+
+@inlined
+def _aligned(array: Any) -> Any:
+    """The array from its first multiple of 64 bytes on: vectors that straddle cache lines take twice as long."""
+    return array[(-array.ctypes.data % 64) // array.itemsize :]
+
+
+@inlined
+def _add_faces(t: Any, p: Any, f: Any, scratch: Any, step: int) -> Any:
+    """Down the trees: a node's expansion where all points are beyond its reach, the faces of a leaf elsewhere."""
+    phi, gx, gy, gz, curvature, angle = f
+    m = 0
+    while m < t.links.shape[0]:
+        node, link = t.nodes[m], t.links[m]
+        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
+        square = dx * dx + dy * dy + dz * dz
+        if every(square > t.reach[m] * t.reach[m]):
+            term, along, across, q, i3 = _expansion(dx, dy, dz, square, node)
+            phi = phi + term
+            gx = gx + along * dx + across * q[0]
+            gy = gy + along * dy + across * q[1]
+            gz = gz + along * dz + across * q[2]
+            angle = angle + (dx * node[10] + dy * node[11] + dz * node[12]) * i3
+            m = link[0]
+            continue
+        if link[2] > link[1]:
+            b = block_at(
+                p, scratch, step, t.vertices[link[1] : link[2]], link, t.triangle_corners, t.triangles,
+                t.quad_corners, t.quads,
+            )  # fmt: skip
+            charge = node[CHARGE_PER_AREA]
+            phi = phi + charge * b[0]
+            gx = gx + charge * b[1]
+            gy = gy + charge * b[2]
+            gz = gz + charge * b[3]
+            curvature = curvature + charge * b[4]
+            angle = angle + b[5]
+        m += 1
+    return phi, gx, gy, gz, curvature, angle
+
+
+@inlined
+def _add_face_potentials(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> Any:
+    """`_add_faces` for the potential alone."""
+    m = 0
+    while m < t.links.shape[0]:
+        node, link = t.nodes[m], t.links[m]
+        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
+        square = dx * dx + dy * dy + dz * dz
+        if every(square > t.reach[m] * t.reach[m]):
+            phi = phi + _expansion(dx, dy, dz, square, node)[0]
+            m = link[0]
+            continue
+        if link[2] > link[1]:
+            phi = phi + node[CHARGE_PER_AREA] * block_potential_at(
+                p, scratch, step, t.vertices[link[1] : link[2]], link, t.triangle_corners, t.triangles,
+                t.quad_corners, t.quads,
+            )  # fmt: skip
+        m += 1
+    return phi
+
+
+@inlined
+def _soft_point(p: Any, row: Any) -> Any:
+    """Potential of a cloud's point, w (R^2 + eps^2)^(-3/2), and its slope over the offset, and the offset."""
+    dx, dy, dz = p[0] - row[0], p[1] - row[1], p[2] - row[2]
+    i = inverse_root(dx * dx + dy * dy + dz * dz + row[4])
+    potential = row[3] * (i * i * i)
+    return potential, -3.0 * potential * (i * i), dx, dy, dz
+
+
+@inlined
+def _closed_forms(t: Any, p: Any, f: Any) -> Any:
+    """Boxes, spheres, capsules, planes and clouds."""
+    for i in range(t.boxes.shape[0]):
+        f = _plus(f, t.boxes[i, 15], box_at(p[0], p[1], p[2], t.boxes[i]))
+    for i in range(t.spheres.shape[0]):
+        s = t.spheres[i]
+        f = _plus(f, s[4], sphere_at(p, (s[0], s[1], s[2]), s[3]))
+    for i in range(t.capsules.shape[0]):
+        c = t.capsules[i]
+        f = _plus(f, c[7], charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6]))
+    for i in range(t.planes.shape[0]):
+        n = t.planes[i]
+        f = _plus(f, n[4], plane_at(p, (n[0], n[1], n[2]), n[3]))
+    phi, gx, gy, gz, curvature, winding = f
+    for i in range(t.cloud.shape[0]):
+        potential, slope, dx, dy, dz = _soft_point(p, t.cloud[i])
+        phi = phi + potential
+        gx = gx + slope * dx
+        gy = gy + slope * dy
+        gz = gz + slope * dz
+        # That of the law c/d with this potential and this slope.
+        curvature = curvature + 2.0 * (slope * slope) * (dx * dx + dy * dy + dz * dz) / potential
+    return phi, gx, gy, gz, curvature, winding
+
+
+@compiled([void(TABLES, MATRIX, types.intp, MATRIX_OUT), void(TABLES_32, MATRIX_32, types.intp, MATRIX_32_OUT)])
+def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
+    """Add the field at points in vectors from the first on.
+
+    What is left over behind the last whole vector is left out.
+
+    Args:
+        t: What is charged.
+        points: In the frame of the tables, less their origin, shape (3, n) [m].
+        first: The point to begin with.
+        field_out: Potential [1/m], gradient (3) [1/m^2], curvature [1/m^3] and winding number, shape (6, n).
+    """
+    x, y, z = points[0], points[1], points[2]
+    step = lanes_of(x)
+    scratch = _aligned(np.empty((4 * _largest_block(t.links) + 1) * step, points.dtype))
+    for i in range(first, points.shape[1] - step + 1, step):
+        p = (load(x, i), load(y, i), load(z, i))
+        zero = 0.0 * p[0]
+        f = (zero, zero, zero, zero, zero, zero)
+        phi, gx, gy, gz, curvature, angle = _add_faces(t, p, f, scratch, step)
+        f = _closed_forms(t, p, (phi, gx, gy, gz, curvature, angle * (-0.25 / math.pi)))
+        for k, term in enumerate(f):
+            row = field_out[k]
+            store(row, i, load(row, i) + term)
+
+
+@compiled(void(TABLES_32, MATRIX_32, types.intp, VECTOR_32_OUT))
+def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
+    """`add_field` for the potential alone, shape (n,), in half the time; as descents ask for it."""
+    x, y, z = points[0], points[1], points[2]
+    step = lanes_of(x)
+    scratch = _aligned(np.empty((_largest_block(t.links) + 1) * step, points.dtype))
+    for i in range(first, points.shape[1] - step + 1, step):
+        p = (load(x, i), load(y, i), load(z, i))
+        phi = _add_face_potentials(t, p, load(potential_out, i), scratch, step)
+        for k in range(t.boxes.shape[0]):
+            phi = phi + t.boxes[k, 15] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
+        for k in range(t.spheres.shape[0]):
+            s = t.spheres[k]
+            phi = phi + s[4] * sphere_at(p, (s[0], s[1], s[2]), s[3])[0]
+        for k in range(t.capsules.shape[0]):
+            c = t.capsules[k]
+            phi = phi + c[7] * charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6])[0]
+        for k in range(t.planes.shape[0]):
+            n = t.planes[k]
+            phi = phi + n[4] * plane_at(p, (n[0], n[1], n[2]), n[3])[0]
+        for k in range(t.cloud.shape[0]):
+            phi = phi + _soft_point(p, t.cloud[k])[0]
+        store(potential_out, i, phi)

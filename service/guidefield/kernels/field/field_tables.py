@@ -1,0 +1,118 @@
+"""What is charged, as the kernels read it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.field.faces import HALF_ROWS, PLANE_ROWS
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, VECTOR
+
+BOX_COLUMNS, NODE_COLUMNS, LINK_COLUMNS = 17, 14, 9
+TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS
+
+CHARGE_PER_AREA = 13
+"""Where a node's row has it."""
+
+
+class FieldTables(NamedTuple):
+    """Everything charged; one row each, C-contiguous, in double or in single precision, lengths in m.
+
+    Faces stand in blocks that share corners, blocks are the leaves of trees in depth-first order. A node's multipole
+    expansion stands for all below it where points are farther than its reach from its centre.
+
+    Attributes:
+        origin: What to subtract from points, shape (3,), always in double precision; tables are relative to it.
+        boxes: Centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3), charge, and what
+            square of a distance is far; shape (b, 17).
+        vertices: Corners of blocks, shape (v, 3).
+        triangle_corners: Indices into a block's vertices, shape (t, 3).
+        triangles: As kernels/field/faces.py reads them, shape (t, 20).
+        quad_corners: Two triangles each, indices into a block's vertices, shape (q, 6).
+        quads: As kernels/field/faces.py reads them, shape (q, 34).
+        nodes: Centre of charge (3), charge, its second moments xx xy xz yy yz zz, area vector (3), charge per area of
+            all faces below; shape (m, 14).
+        links: The node after all below a node; of a leaf's block first and past vertex; first triangle, first sliver
+            and past; first quad, first with a sliver and past; shape (m, 9).
+        reach: Distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,).
+        spheres: Centre (3), radius, charge; shape (s, 5).
+        capsules: Ends of the axis (2 x 3), radius, charge; shape (c, 8).
+        planes: Unit normal (3), offset, charge; shape (p, 5).
+        cloud: Points of clouds: position (3), charge [1], square of their softening length; shape (n, 5).
+    """
+
+    origin: np.ndarray
+    boxes: np.ndarray
+    vertices: np.ndarray
+    triangle_corners: np.ndarray
+    triangles: np.ndarray
+    quad_corners: np.ndarray
+    quads: np.ndarray
+    nodes: np.ndarray
+    links: np.ndarray
+    reach: np.ndarray
+    spheres: np.ndarray
+    capsules: np.ndarray
+    planes: np.ndarray
+    cloud: np.ndarray
+
+
+MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)
+VECTOR_32 = types.Array(types.float32, 1, "C", readonly=True)
+
+
+def _tables(matrix: types.Array, vector: types.Array) -> types.NamedTuple:
+    i, m = INDEX_MATRIX, matrix
+    return types.NamedTuple((VECTOR, m, m, i, m, i, m, m, i, vector, m, m, m, m), FieldTables)
+
+
+TABLES = _tables(MATRIX, VECTOR)
+TABLES_32 = _tables(MATRIX_32, VECTOR_32)
+
+
+def exact(tables: FieldTables) -> FieldTables:
+    """The same without expansions: every face counts by itself."""
+    return tables._replace(reach=frozen(np.full(len(tables.reach), np.inf, tables.reach.dtype)))
+
+
+def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
+    """The same in single precision, relative to an origin in the midst of the points that will be asked for.
+
+    Good to about 1e-6 where the distance to the surfaces is a hundredth of their size, and less nearer.
+
+    Args:
+        tables: In double precision.
+        origin: In the frame of the tables, shape (3,) [m].
+    """
+    shift = np.asarray(origin, dtype=np.float64) - tables.origin
+
+    def moved(rows: np.ndarray, *columns: int) -> np.ndarray:
+        result = rows.copy()
+        for column in columns:
+            result[:, column : column + 3] -= shift
+        return frozen(result.astype(np.float32))
+
+    planes = tables.planes.copy()
+    planes[:, 3] -= planes[:, :3] @ shift
+    return tables._replace(
+        origin=frozen(tables.origin + shift),
+        boxes=moved(tables.boxes, 0),
+        vertices=moved(tables.vertices, 0),
+        triangles=moved(tables.triangles, 0),
+        quads=moved(tables.quads, 0),
+        nodes=moved(tables.nodes, 0),
+        reach=frozen(tables.reach.astype(np.float32)),
+        spheres=moved(tables.spheres, 0),
+        capsules=moved(tables.capsules, 0, 3),
+        planes=frozen(planes.astype(np.float32)),
+        cloud=moved(tables.cloud, 0),
+    )
+
+
+def frozen(values: np.ndarray) -> np.ndarray:
+    """The values as a C-contiguous array of the same shape that is read-only."""
+    array = np.ascontiguousarray(values)
+    array.setflags(write=False)
+    return array

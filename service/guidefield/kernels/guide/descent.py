@@ -1,0 +1,212 @@
+"""Descent of the potential on the manifold of configurations whose tip keeps a constraint: kernel of Projected.
+
+service/docs/algorithm.md, "Projected". A step is ``v = -(y - Z C y)`` with ``y = M^-1 g`` and
+``Z = M^-1 C^T (C M^-1 C^T)^-1``: Newton's step in the metric M of nearby faces' curvature, less the part that would
+leave the constraint. It is taken back onto the constraint by up to three corrections with the same Z.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.distance.distance import TABLES as BODIES
+from guidefield.kernels.field.energy import ROBOT, forces, potential
+from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.guide.projected_step import direction, state_room, step_room
+from guidefield.kernels.guide.tip_constraint import CONSTRAINT, constraint_error
+from guidefield.kernels.guide.tip_guard import GUARD, allows
+from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.kinematics.articulated_body import empty_factors
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements
+from guidefield.kernels.kinematics.integrate import MOVER, clamp, integrate, tip_position
+from guidefield.kernels.kinematics.local_coordinates import chart_values
+from guidefield.kernels.sweep.swept import motion_apart
+from guidefield.kernels.sweep.swept_bounds import SWEPT
+
+ENDED, UNDECIDED, OUT_OF_STEPS = range(3)
+"""How a descent comes back: at its end; for the caller to judge a motion; after all the steps it may take."""
+
+_REFUSED, _TAKEN, _TO_JUDGE = range(3)
+
+_CORRECTIONS = 3
+_TRIALS = 10
+_SUFFICIENT_DECREASE = 1e-4
+
+
+class Settings(NamedTuple):
+    """How a descent goes.
+
+    Attributes:
+        regularization: Share of the metric's mean diagonal added to it.
+        on_constraint: How near a trial comes to the constraint [m or rad].
+        tolerance: It ends where a step promises, or brings, less than this share of U ..
+        fine: .. and, where the robot is then nearer to obstacles than `close`, less than this share.
+        close: See `fine` [m].
+        margin: Distance kept from obstacles [m].
+        self_margin: What capsules of the robot keep from each other [m].
+        floor: Motions are halved down to this [m].
+        exact: 1 where a no of the capsules is a no.
+    """
+
+    regularization: float
+    on_constraint: float
+    tolerance: float
+    fine: float
+    close: float
+    margin: float
+    self_margin: float
+    floor: float
+    exact: int
+
+
+SETTINGS = types.NamedTuple((*(SCALAR,) * 8, types.int64), Settings)
+COUNTS_OUT = types.Array(types.int64, 1, "C")
+
+
+@inlined
+def _retracted(
+    mover: Any, constraint: Any, settings: Any, origin: Floats, q: Floats, alpha: float, room: Any, there: Any
+) -> bool:
+    """The configuration along v, brought back onto the constraint and into the limits; whether that succeeds."""
+    joints = mover.joints
+    for k in range(room.v.shape[0]):
+        room.tangent[k] = alpha * room.v[k]
+    integrate(mover, q, room.tangent, there.q)
+    for correction in range(_CORRECTIONS + 1):
+        if not clamp(mover, there.q, room.tangent):
+            return False
+        joint_placements(
+            joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, there.q, there.world
+        )
+        for i in range(joints.parents.shape[0]):
+            for r in range(3):
+                there.world[i, r, 3] -= origin[r]
+        constraint_error(constraint, mover, there.world, origin, room.error)
+        worst = 0.0
+        for a in range(room.error.shape[0]):
+            worst = max(worst, abs(room.error[a]))
+        if worst <= 0.1 * settings.on_constraint:
+            return True
+        if correction == _CORRECTIONS:
+            return bool(worst <= settings.on_constraint)
+        for k in range(room.v.shape[0]):
+            value = 0.0
+            for a in range(room.error.shape[0]):
+                value -= room.Z[a, k] * room.error[a]
+            room.tangent[k] = value
+        integrate(mover, there.q, room.tangent, there.q)
+    return False
+
+
+@inlined
+def _taken(
+    mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, guard: Any, settings: Any, z0: Floats, z1: Floats,
+    U: float, alpha: float, slope: float, there: Any, counts_out: Any,
+) -> tuple[int, float]:  # fmt: skip
+    """Whether a trial is refused, taken, or to be taken if its motion is free; and its potential [m].
+
+    Of one that is taken `there` has all that the next step needs: full steps are nearly always taken.
+    """
+    tip, origin = tip_position(mover, there.world), tables.origin
+    if not allows(guard, (tip[0] + origin[0], tip[1] + origin[1], tip[2] + origin[2])):
+        return _REFUSED, 0.0
+    chart_values(mover.joints, there.q, swept.origin, z0, z1)
+    counts_out[2] += 1
+    free = motion_apart(swept, bodies, z0, z1, settings.margin, settings.self_margin, settings.floor)
+    if not free and settings.exact == 1:
+        return _REFUSED, 0.0
+    counts_out[1] += 1
+    whole = alpha == 1.0
+    if whole:
+        reached = forces(mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias)
+    else:
+        reached = potential(mover.joints, robot, tables, there.q)
+    if not reached <= U + _SUFFICIENT_DECREASE * alpha * slope:
+        return _REFUSED, 0.0
+    if not free:
+        return _TO_JUDGE, reached
+    if not whole:
+        counts_out[1] += 1
+        reached = forces(mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias)
+    return _TAKEN, reached
+
+
+@inlined
+def _is_close(swept: Any, bodies: Any, settings: Any, z: Floats) -> bool:
+    """Whether the capsules at chart coordinates are nearer to obstacles than `settings.close`, or can't tell."""
+    return not motion_apart(swept, bodies, z, z, settings.close, settings.self_margin, settings.floor)
+
+
+@compiled(
+    types.int64(
+        *(MOVER, ROBOT, TABLES_32, SWEPT, BODIES, CONSTRAINT, GUARD, SETTINGS),
+        *(VECTOR, SCALAR, MATRIX_OUT, VECTOR_OUT, VECTOR_OUT, COUNTS_OUT),
+    )
+)
+def descend(
+    mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, constraint: Any, guard: Any, settings: Any,
+    q: Floats, longest: float, path_out: Floats, potentials_out: Floats, trial_out: Floats, counts_out: Any,
+) -> int:  # fmt: skip
+    """Reduce U while the tip keeps a constraint, by at most as many steps as `path_out` has room for.
+
+    Args:
+        mover: The joints that move.
+        robot: What is charged on them.
+        tables: What repels it, in single precision.
+        swept: The robot's capsules.
+        bodies: The obstacles.
+        constraint: What the tip keeps.
+        guard: Where it may be.
+        settings: How it goes.
+        q: Configuration of the model on the constraint, shape (nq,).
+        longest: Share of the first step that is tried first.
+        path_out: Configurations accepted, shape (steps, nq); where it comes back undecided the trial stands behind.
+        potentials_out: U at the start and after each of them, shape (steps + 1,) [m].
+        trial_out: Of an undecided trial: its share of the step, and U [m]; shape (2,).
+        counts_out: Steps, evaluations of U, motions judged; shape (3,).
+
+    Returns:
+        ENDED, UNDECIDED (capsules can't tell whether the motion from the last accepted configuration to the trial is
+        free, and U says it should be taken), or OUT_OF_STEPS.
+    """
+    n, nv, m = mover.joints.parents.shape[0], mover.values.shape[0], mover.leaders.shape[0]
+    here, there = state_room(q.shape[0], n), state_room(q.shape[0], n)
+    room, factors = step_room(n, m, nv, constraint.kind), empty_factors(n, m)
+    zero, z0, z1 = np.zeros(m), np.empty(m), np.empty(m)
+    here.q[:] = q
+    U = forces(mover.joints, robot, tables, here.q, here.world, here.wrenches, here.inertias)
+    counts_out[0], counts_out[1], counts_out[2] = 0, 1, 0
+    potentials_out[0] = U
+    alpha, tolerance = longest, settings.tolerance
+    while counts_out[0] < path_out.shape[0]:
+        slope = direction(mover, constraint, settings.regularization, here, factors, room)
+        chart_values(mover.joints, here.q, swept.origin, zero, z0)
+        if -slope < tolerance * U and tolerance > settings.fine and _is_close(swept, bodies, settings, z0):
+            tolerance = settings.fine
+        if -slope < tolerance * U or slope >= 0.0:
+            return ENDED
+        verdict, reached = _REFUSED, 0.0
+        while verdict == _REFUSED and alpha > 0.5**_TRIALS:
+            if _retracted(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
+                verdict, reached = _taken(
+                    mover, robot, tables, swept, bodies, guard, settings, z0, z1, U, alpha, slope, there, counts_out
+                )
+            alpha *= 0.5
+        if verdict == _REFUSED:
+            return ENDED
+        path_out[counts_out[0]] = there.q
+        if verdict == _TO_JUDGE:
+            trial_out[0], trial_out[1] = 2.0 * alpha, reached
+            return UNDECIDED
+        counts_out[0] += 1
+        before, U, alpha = U, reached, 1.0
+        potentials_out[counts_out[0]] = U
+        here, there = there, here
+        if before - U < tolerance * before:
+            if tolerance <= settings.fine or not _is_close(swept, bodies, settings, z1):
+                return ENDED
+            tolerance = settings.fine
+    return OUT_OF_STEPS

@@ -1,0 +1,197 @@
+"""The tip's coarse way through a scene: a wavefront over a grid of points, along which clearance counts.
+
+A way costs its length times 1 + (comfort / clearance)^2, clearance up to what is ample. Points touch a ball of their
+own clearance: two neighbours are joined if their balls cover the way between them, so that no wall is too thin to stop
+the wave.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.distance.distance import INDICES_OUT, TABLES, DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import INDICES, Integers
+
+CAP = 0.25
+"""Clearance beyond this doesn't count [m]."""
+
+_HASTE = 1.1
+"""The way found costs at most so many times the cheapest: the estimate of what is left is so much too large."""
+
+_SETTLED = -1.0
+
+_ROOM = 1 << 14
+"""For entries of the heap at first."""
+
+CLEARANCES = types.Array(types.float32, 1, "C")
+
+
+@inlined
+def _clearance(x: float, y: float, z: float, tables: DistanceTables, cap: float, candidates: Integers) -> float:
+    """Distance to the nearest obstacle, at most `cap`."""
+    count = bodies_near(x, y, z, cap, tables, candidates)
+    return min(nearest_body(x, y, z, candidates, count, tables, cap)[0], cap)
+
+
+@inlined
+def _distance(x: float, y: float, z: float, centre: Floats) -> float:
+    return math.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2)
+
+
+@inlined
+def _push(heap: Floats, cells: Integers, size: int, cost: float, cell: int) -> None:
+    """Put an entry into a binary heap of `size` entries."""
+    i = size
+    while i > 0:
+        up = (i - 1) // 2
+        if heap[up] <= cost:
+            break
+        heap[i], cells[i] = heap[up], cells[up]
+        i = up
+    heap[i], cells[i] = cost, cell
+
+
+@inlined
+def _pop(heap: Floats, cells: Integers, size: int) -> None:
+    """Take the first entry out of a binary heap of `size` entries."""
+    cost, cell = heap[size - 1], cells[size - 1]
+    i, last = 0, size - 1
+    while True:
+        down = 2 * i + 1
+        if down >= last:
+            break
+        if down + 1 < last and heap[down + 1] < heap[down]:
+            down += 1
+        if heap[down] >= cost:
+            break
+        heap[i], cells[i] = heap[down], cells[down]
+        i = down
+    heap[i], cells[i] = cost, cell
+
+
+@inlined
+def _free_at(
+    there: int, x: float, y: float, z: float, tables: DistanceTables, centre: Floats, reach: float,
+    candidates: Integers, free_out: np.ndarray,
+) -> float:  # fmt: skip
+    """Clearance at a point of the grid, remembered; -1 beyond reach."""
+    if math.isnan(free_out[there]):
+        beyond = _distance(x, y, z, centre) > reach
+        free_out[there] = -1.0 if beyond else _clearance(x, y, z, tables, CAP, candidates)
+    return float(free_out[there])
+
+
+@inlined
+def _neighbours(spacing: float) -> tuple[Integers, Floats]:
+    """Steps to a point's 26 neighbours along the axes of the grid, and their lengths [m]."""
+    offsets, lengths = np.empty((26, 3), np.int64), np.empty(26)
+    for n in range(26):
+        m = n if n < 13 else n + 1
+        offsets[n, 0], offsets[n, 1], offsets[n, 2] = m // 9 - 1, (m // 3) % 3 - 1, m % 3 - 1
+        lengths[n] = spacing * math.sqrt(offsets[n, 0] ** 2 + offsets[n, 1] ** 2 + offsets[n, 2] ** 2)
+    return offsets, lengths
+
+
+@inlined
+def _way_back(origin: Integers, last: int, way_out: Integers) -> int:
+    """The points from the last back to the first, and how many they are."""
+    n, cell = 0, last
+    while cell >= 0 and n < way_out.shape[0]:
+        way_out[n] = cell
+        n += 1
+        cell = origin[cell]
+    return n
+
+
+@compiled(
+    types.int64(
+        *(TABLES, VECTOR, SCALAR, INDICES, INDICES, INDICES),
+        *(SCALAR, SCALAR, SCALAR, VECTOR, SCALAR, SCALAR, CLEARANCES, INDICES_OUT),
+    )
+)
+def wavefront(
+    tables: DistanceTables, low: Floats, spacing: float, counts: Integers, start: Integers, goal: Integers,
+    comfort: float, ample: float, floor: float, centre: Floats, reach: float, arm: float, free_out: np.ndarray,
+    way_out: Integers,
+) -> int:  # fmt: skip
+    """A cheap way over a grid between two of its points.
+
+    Weighted A*: the estimate is the straight way at its best, times `_HASTE` (I. Pohl, Heuristic search viewed as path
+    finding in a graph, 1970).
+
+    Args:
+        tables: The obstacles.
+        low: Lower corner of the grid, shape (3,) [m].
+        spacing: Between neighbours [m].
+        counts: Points along each axis, shape (3,).
+        start: Indices of the first point, shape (3,).
+        goal: Indices of the last, shape (3,).
+        comfort: Clearance at which a way costs twice its length [m].
+        ample: Clearance beyond which more makes a way no cheaper, at most `CAP` [m].
+        floor: Points nearer to an obstacle are out of bounds [m].
+        centre: Points farther than `reach` from here are out of bounds, shape (3,) [m].
+        reach: See `centre` [m]; may be infinite.
+        arm: An arm from `centre` that lies along the way, from the point of it that suits best, is no longer than
+            this, as far as the cheapest ways to its points tell [m]; may be infinite.
+        free_out: Clearance of each point where it is known [m], else NaN; -1 beyond reach. What is found out is added.
+        way_out: Gets flat indices of the way's points, from the goal back to the start.
+
+    Returns:
+        How many points the way has; 0 if there is none.
+    """
+    nx, ny, nz = counts[0], counts[1], counts[2]
+    cost = np.full(nx * ny * nz, np.inf, np.float32)  # negative where it is settled, or never will be
+    origin, along = np.full(cost.shape[0], -1, np.int32), np.empty(cost.shape[0], np.float32)
+    candidates = np.empty(tables.kinds.shape[0], np.int64)
+    heap, cells = np.empty(_ROOM), np.empty(_ROOM, np.int64)
+    offsets, steps = _neighbours(spacing)
+    least = _HASTE * spacing * (1.0 + (comfort / ample) ** 2)
+    first = (start[0] * ny + start[1]) * nz + start[2]
+    last = (goal[0] * ny + goal[1]) * nz + goal[2]
+    cost[first], size = 0.0, 1
+    x, y, z = low[0] + spacing * start[0], low[1] + spacing * start[1], low[2] + spacing * start[2]
+    _free_at(first, x, y, z, tables, centre, math.inf, candidates, free_out)
+    along[first] = _distance(x, y, z, centre)
+    heap[0], cells[0] = 0.0, first
+    while size > 0:
+        cell = cells[0]
+        _pop(heap, cells, size)
+        size -= 1
+        here = float(cost[cell])
+        if here < 0.0:
+            continue
+        cost[cell] = _SETTLED
+        if cell == last:
+            return _way_back(origin, last, way_out)
+        roomy = min(float(free_out[cell]), ample)
+        at_best = 1.0 + (2.0 * comfort / (ample + roomy)) ** 2
+        k, j, i = cell % nz, (cell // nz) % ny, cell // (nz * ny)
+        for n in range(offsets.shape[0]):
+            a, b, c = i + offsets[n, 0], j + offsets[n, 1], k + offsets[n, 2]
+            if a < 0 or a >= nx or b < 0 or b >= ny or c < 0 or c >= nz:
+                continue
+            there, step = (a * ny + b) * nz + c, steps[n]
+            if here + step * at_best >= cost[there]:
+                continue
+            x, y, z = low[0] + spacing * a, low[1] + spacing * b, low[2] + spacing * c
+            clear = _free_at(there, x, y, z, tables, centre, reach, candidates, free_out)
+            if clear <= floor:
+                cost[there] = _SETTLED
+                continue
+            new = here + step * (1.0 + (2.0 * comfort / (min(clear, ample) + roomy)) ** 2)
+            if clear + free_out[cell] <= step or new >= cost[there]:
+                continue
+            away = math.sqrt((a - goal[0]) ** 2 + (b - goal[1]) ** 2 + (c - goal[2]) ** 2)
+            needed = min(_distance(x, y, z, centre), along[cell] + step)
+            if needed + spacing * away > arm:
+                continue
+            cost[there], origin[there], along[there] = new, cell, needed
+            if size == heap.shape[0]:
+                heap, cells = np.concatenate((heap, heap)), np.concatenate((cells, cells))
+            _push(heap, cells, size, new + least * away, there)
+            size += 1
+    return 0

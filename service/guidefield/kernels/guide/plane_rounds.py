@@ -1,0 +1,268 @@
+"""Rounds of advance, slide and reorient towards a guide plane by Projected, where capsules judge every motion.
+
+service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open". What these
+kernels do step by step stands in planner/guide/guide.py and planner/guide/guided_path.py too, for the minimizers and the robots whose
+motions are judged elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.distance.distance import TABLES as BODIES
+from guidefield.kernels.field.energy import ROBOT
+from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.guide.descent import COUNTS_OUT, SETTINGS, descend
+from guidefield.kernels.guide.tip_constraint import ON_PLANE, TipConstraint
+from guidefield.kernels.guide.tip_guard import GUARD, TipGuard, closest
+from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements
+from guidefield.kernels.kinematics.integrate import MOVER, tip_position
+from guidefield.kernels.kinematics.local_coordinates import chart_values
+from guidefield.kernels.kinematics.position_ik import reach
+from guidefield.kernels.sweep.swept import motion_apart
+from guidefield.kernels.sweep.swept_bounds import SWEPT
+
+NEARER, ARRIVED, BLOCKED = range(3)
+"""How the last round ended."""
+
+ADVANCED, DESCENDED = range(2)
+"""Kinds of steps."""
+
+_STRAIGHT, _ALL, _NONE = -1, -2, -3
+"""Ways, where a number that isn't negative is the one step through which it leads."""
+
+
+class Rounds(NamedTuple):
+    """How rounds go; lengths in m.
+
+    Attributes:
+        step: Of an advance, at most.
+        smallest: An advance below this is given up.
+        guard: Share of an advance's gain that a descent keeps.
+        on_plane: How near the plane counts as on it.
+        depth: How far inside the plane's edges the tip stays once it is on the plane.
+        comfortable: A straight way that keeps this distance is taken without comparing.
+        middle: A point of the plane, shape (3,).
+        normal: Its unit normal, shape (3,).
+        margins: Distances by which ways are compared, the widest first, shape (k,).
+    """
+
+    step: float
+    smallest: float
+    guard: float
+    on_plane: float
+    depth: float
+    comfortable: float
+    middle: Floats
+    normal: Floats
+    margins: Floats
+
+
+class Record(NamedTuple):
+    """What rounds leave; rows of steps in the order in which they were taken.
+
+    Attributes:
+        steps: Configurations of the model, shape (rows, nq).
+        values: Length of an advance [m] or potential after a descent's step [m], shape (rows,).
+        kinds: ADVANCED or DESCENDED, shape (rows,).
+        kept: 1 where a step stays in the path, shape (rows,).
+        rounds: For each round: distance before and after [m], shape (rounds, 2).
+        ends: For each round: its row past the last, shape (rounds,).
+        refused: Ends of the last motion that was not free, shape (2, nq).
+        counts: Rounds; evaluations of U; motions judged; steps of descents; 2 ends if a motion was refused.
+    """
+
+    steps: Floats
+    values: Floats
+    kinds: Any
+    kept: Any
+    rounds: Floats
+    ends: Any
+    refused: Floats
+    counts: Any
+
+
+ROUNDS = types.NamedTuple((*(SCALAR,) * 6, VECTOR, VECTOR, VECTOR), Rounds)
+RECORD_OUT = types.NamedTuple(
+    (MATRIX_OUT, VECTOR_OUT, COUNTS_OUT, COUNTS_OUT, MATRIX_OUT, COUNTS_OUT, MATRIX_OUT, COUNTS_OUT), Record
+)
+
+
+@inlined
+def _tip(mover: Any, q: Floats, world: Floats) -> Vector3:
+    joints = mover.joints
+    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    return tip_position(mover, world)
+
+
+@inlined
+def _gap(aim: Any, tip: Vector3) -> tuple[float, Vector3]:
+    """Distance to the inset polygon, and its point that is closest."""
+    c = closest(aim, tip)
+    return math.sqrt((c[0] - tip[0]) ** 2 + (c[1] - tip[1]) ** 2 + (c[2] - tip[2]) ** 2), c
+
+
+@compiled(types.boolean(SWEPT, BODIES, VECTOR, VECTOR, SCALAR, SETTINGS, COUNTS_OUT))
+def _keeps(swept: Any, bodies: Any, q0: Floats, q1: Floats, margin: float, settings: Any, counts: Any) -> bool:
+    """Whether the straight joint motion between two configurations keeps a margin."""
+    m = 0
+    for i in range(swept.joints.parents.shape[0]):
+        m = max(m, swept.joints.idx_v[i] + swept.joints.nv[i])
+    z0, z1 = np.zeros(m), np.empty(m)
+    chart_values(swept.joints, q0, swept.origin, np.zeros(m), z0)
+    chart_values(swept.joints, q1, swept.origin, z0, z1)
+    counts[2] += 1
+    return bool(motion_apart(swept, bodies, z0, z1, margin, settings.self_margin, settings.floor))
+
+
+@inlined
+def _refuse(record: Any, q0: Floats, q1: Floats) -> None:
+    record.counts[4] = 2
+    for k in range(q0.shape[0]):
+        record.refused[0, k], record.refused[1, k] = q0[k], q1[k]
+
+
+@inlined
+def _advanced(
+    mover: Any, swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, tip: Vector3, to: Vector3,
+    distance: float, row: int, record: Any,
+) -> float:  # fmt: skip
+    """The largest of step, step/2, step/4 .. that is feasible and free, taken; its length, 0 if there is none."""
+    tried, smallest = min(rounds.step, distance), min(rounds.smallest, 0.5 * distance)
+    longest, point, there = tried, np.empty(3), record.steps[row]
+    while tried >= smallest or tried == longest:
+        for r in range(3):
+            point[r] = tip[r] + tried / distance * (to[r] - tip[r])
+        if reach(mover, q, point, there):
+            if _keeps(swept, bodies, q, there, settings.margin, settings, record.counts):
+                record.kinds[row], record.values[row], record.kept[row] = ADVANCED, tried, 1
+                return float(tried)
+            _refuse(record, q, there)
+        tried *= 0.5
+    return 0.0
+
+
+@compiled(types.boolean(SWEPT, BODIES, VECTOR, MATRIX_OUT, types.int64, SCALAR, SETTINGS, COUNTS_OUT))
+def _way_keeps(
+    swept: Any, bodies: Any, q: Floats, steps: Floats, through: int, margin: float, settings: Any, counts: Any
+) -> bool:
+    """Whether the way from q to the last of some steps keeps a margin: straight, by one of them, or by all."""
+    last, before = steps.shape[0] - 1, q
+    for row in range(steps.shape[0]):
+        if row in (last, through) or through == _ALL:
+            if not _keeps(swept, bodies, before, steps[row], margin, settings, counts):
+                return False
+            before = steps[row]
+    return True
+
+
+@inlined
+def _straightened(
+    swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, steps: Floats, kept: Any, record: Any
+) -> None:
+    """Leave out steps of a round where the way without them keeps as wide a margin: as `Walker.straighten`."""
+    last, through, m, counts = steps.shape[0] - 1, _NONE, 0, record.counts
+    if last < 1:
+        return
+    if _way_keeps(swept, bodies, q, steps, _STRAIGHT, max(rounds.comfortable, settings.margin), settings, counts):
+        through = _STRAIGHT
+    while through == _NONE and m < rounds.margins.shape[0] and rounds.margins[m] > settings.margin:
+        margin, ways = rounds.margins[m], last + 2
+        if not _keeps(swept, bodies, q, q, margin, settings, counts):  # no way is wider than where it begins
+            ways = 0
+        for way in range(ways):
+            # straight, by a single step from the last one on, by all
+            one = _STRAIGHT if way == 0 else last - way if way <= last else _ALL
+            if _way_keeps(swept, bodies, q, steps, one, margin, settings, counts):
+                through = one
+                break
+        m += 1
+    if through == _NONE:
+        if not _keeps(swept, bodies, q, steps[last], settings.margin, settings, counts):
+            _refuse(record, q, steps[last])
+            return
+        through = _STRAIGHT
+    if through != _ALL:
+        kept[:last] = 0
+        if through >= 0:
+            kept[through] = 1
+
+
+@compiled(types.int64(MOVER, ROBOT, TABLES_32, SWEPT, BODIES, GUARD, SETTINGS, ROUNDS, types.int64, VECTOR, RECORD_OUT))
+def approach(
+    mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, aim: Any, settings: Any, rounds: Any,
+    most_steps: int, q: Floats, record_out: Any,
+) -> int:  # fmt: skip
+    """Rounds towards a guide plane, as many as there is room for in the record.
+
+    Args:
+        mover: The joints that move.
+        robot: What is charged on them.
+        tables: What repels it, in single precision.
+        swept: The robot's capsules; they have to be its very shapes.
+        bodies: The obstacles.
+        aim: The plane's polygon, inset.
+        settings: How descents go.
+        rounds: How rounds go.
+        most_steps: Of one descent; there have to be so many rows and one more in the record for each round.
+        q: Configuration of the model, shape (nq,).
+        record_out: Gets all steps.
+
+    Returns:
+        How the last round ended: NEARER, ARRIVED or BLOCKED (the tip can't be moved; that round has no steps).
+    """
+    world = np.empty((mover.joints.parents.shape[0], 3, 4))
+    constraint = TipConstraint(ON_PLANE, np.empty(3), np.empty(3), np.eye(3))
+    trial, counts, potentials = np.empty(2), np.zeros(3, np.int64), np.empty(most_steps + 1)
+    here, row, total = q.copy(), 0, record_out.counts
+    total[:] = 0
+    while total[0] < record_out.ends.shape[0]:
+        tip = _tip(mover, here, world)
+        distance, to = _gap(aim, tip)
+        if distance <= rounds.on_plane:
+            return ARRIVED
+        first = row
+        total[4] = 0
+        moved = _advanced(mover, swept, bodies, settings, rounds, here, tip, to, distance, row, record_out)
+        if moved == 0.0:
+            return BLOCKED
+        arrived = moved >= distance - rounds.on_plane
+        farthest, depth = math.inf, -math.inf
+        if arrived:
+            constraint.point[:], constraint.normal[:] = rounds.middle, rounds.normal
+            depth = rounds.depth
+        else:
+            now = _tip(mover, record_out.steps[row], world)
+            for r in range(3):
+                constraint.point[r], constraint.normal[r] = now[r], (to[r] - tip[r]) / distance
+            farthest = distance - rounds.guard * (distance - _gap(aim, now)[0])
+        guard = TipGuard(aim.origin, aim.axes, aim.inward, aim.offsets, aim.corners, aim.inset, farthest, depth)
+        row += 1
+        descend(
+            mover, robot, tables, swept, bodies, constraint, guard, settings, record_out.steps[row - 1], 1.0,
+            record_out.steps[row : row + most_steps], potentials, trial, counts,
+        )  # fmt: skip
+        for k in range(counts[0]):
+            record_out.kinds[row + k], record_out.values[row + k] = DESCENDED, potentials[k + 1]
+            record_out.kept[row + k] = 1
+        row += counts[0]
+        total[1] += counts[1]
+        total[2] += counts[2]
+        total[3] += counts[0]
+        _straightened(
+            swept, bodies, settings, rounds, here, record_out.steps[first:row], record_out.kept[first:row], record_out
+        )
+        here[:] = record_out.steps[row - 1]
+        k = total[0]
+        record_out.rounds[k, 0] = distance
+        record_out.rounds[k, 1] = _gap(aim, _tip(mover, here, world))[0]
+        record_out.ends[k] = row
+        total[0] += 1
+        if arrived:
+            return ARRIVED
+    return NEARER

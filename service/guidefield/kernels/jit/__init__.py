@@ -1,0 +1,1 @@
+"""How numba compiles kernels, keeps their machine code, and compiles what is missing ahead."""

@@ -1,0 +1,265 @@
+"""Forward kinematics of sixteen configurations at once, in float32, from tables: one kernel for every robot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64, types, void
+from numpy.typing import NDArray
+
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import (
+    FLOAT_POINTER,
+    FLOATS,
+    LANES,
+    Vector,
+    lane_part,
+    lane_step,
+    load,
+    pointed,
+    splat,
+    store,
+)
+from guidefield.kernels.simd.lane_math import Floats32, cosine_and_sine, quaternion_of
+
+Integers = NDArray[np.int64]
+
+POSE = 12 * LANES
+"""Floats of sixteen placements: rotation and translation row by row, each number in sixteen lanes."""
+
+TURNING, SLIDING, PLANAR, BALL, FLOATING = range(5)
+"""Kinds of joints: about z; along z; along x and y and about z; about a point; all of these. The frame of a joint with
+one degree of freedom is turned so that its axis is z; the others take as many coordinates as robot/model/chart.py says."""
+
+PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
+"""Forms of the placement of a joint in its parent's frame: any; turned about x by a right angle, or not at all, of a
+turning joint; any in the world, of one that turns or slides."""
+
+JOINT = 16
+"""Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value, or the
+quaternion (x, y, z, w) that its rotation vector starts from."""
+
+
+class LaneJoints(NamedTuple):
+    """Joints, parents before children; row 0 is the world, which never moves.
+
+    Attributes:
+        size: n.
+        parents: (n,) index of each joint's parent.
+        kinds: (n,) one of the kinds above.
+        forms: (n,) one of the forms above; `PLAIN` is always right.
+        drivers: (n,) which coordinate moves it, or the first of several; joints that mimic others share one.
+        numbers: (n * JOINT,) placements and what follows them: the value of a joint with one degree of freedom is
+            multiplier * coordinate + offset.
+    """
+
+    size: int
+    parents: np.ndarray
+    kinds: np.ndarray
+    forms: np.ndarray
+    drivers: np.ndarray
+    numbers: np.ndarray
+
+
+LANE_JOINTS = types.NamedTuple([types.int64, *[INDICES] * 4, FLOATS], LaneJoints)
+JOINTS = pointed(LANE_JOINTS)
+
+
+@lane_part
+def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
+    """Where a point of a joint's moved frame is in the world, at each of sixteen placements [m].
+
+    Args:
+        poses: Placements in lanes, shape (joints * POSE,).
+        joint: Which joint.
+        x: The point in the joint's frame [m], with y and z.
+        y: See x.
+        z: See x.
+    """
+    at = joint * POSE
+    return (
+        load(poses, at) * x + load(poses, at + 16) * y + load(poses, at + 32) * z + load(poses, at + 48),
+        load(poses, at + 64) * x + load(poses, at + 80) * y + load(poses, at + 96) * z + load(poses, at + 112),
+        load(poses, at + 128) * x + load(poses, at + 144) * y + load(poses, at + 160) * z + load(poses, at + 176),
+    )
+
+
+@lane_step(void(FLOAT_POINTER))
+def _place_world(poses_out: Floats32) -> None:
+    """Write the world's own placement, the identity, into the first place."""
+    for entry in range(12):
+        store(poses_out, entry * LANES, splat(1.0 if entry in (0, 5, 10) else 0.0))
+
+
+@lane_part
+def _shifted(poses: Floats32, row: int, numbers: Floats32, base: int) -> Vector:
+    """A number of the place of a joint whose parent's placement has its row there."""
+    x, y, z = numbers[base + 3], numbers[base + 7], numbers[base + 11]
+    t = load(poses, row) * x + load(poses, row + 16) * y + load(poses, row + 32) * z
+    return t + load(poses, row + 48)
+
+
+@lane_part
+def _place_grounded(
+    turning: bool, numbers: Floats32, base: int, value: Vector, c: Vector, s: Vector, poses_out: Floats32, here: int
+) -> None:
+    """Write placements of a joint that turns in the world, by angles with these cosines and sines, or slides in it."""
+    for r in range(3):
+        row, at = here + r * 4 * LANES, base + 4 * r
+        if turning:
+            store(poses_out, row, c * numbers[at] + s * numbers[at + 1])
+            store(poses_out, row + 16, c * numbers[at + 1] - s * numbers[at])
+            store(poses_out, row + 48, splat(numbers[at + 3]))
+        else:
+            store(poses_out, row, splat(numbers[at]))
+            store(poses_out, row + 16, splat(numbers[at + 1]))
+            store(poses_out, row + 48, value * numbers[at + 2] + numbers[at + 3])
+        store(poses_out, row + 32, splat(numbers[at + 2]))
+
+
+@lane_part
+def _place_square(
+    numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int, there: int
+) -> None:
+    """Write placements of a joint whose axis is at right angles to its parent's."""
+    for r in range(3):
+        row, at = there + r * 4 * LANES, here + r * 4 * LANES
+        p0, p2 = load(poses_out, row), load(poses_out, row + 32)
+        store(poses_out, at, p0 * c + p2 * s)
+        store(poses_out, at + 16, p2 * c - p0 * s)
+        store(poses_out, at + 32, -load(poses_out, row + 16))
+        store(poses_out, at + 48, _shifted(poses_out, row, numbers, base))
+
+
+@lane_part
+def _place_parallel(
+    numbers: Floats32, base: int, c: Vector, s: Vector, poses_out: Floats32, here: int, there: int
+) -> None:
+    """Write placements of a joint whose axis is parallel to its parent's."""
+    for r in range(3):
+        row, at = there + r * 4 * LANES, here + r * 4 * LANES
+        p0, p1 = load(poses_out, row), load(poses_out, row + 16)
+        store(poses_out, at, p0 * c + p1 * s)
+        store(poses_out, at + 16, p1 * c - p0 * s)
+        store(poses_out, at + 32, load(poses_out, row + 32))
+        store(poses_out, at + 48, _shifted(poses_out, row, numbers, base))
+
+
+@lane_part
+def _place_plain(
+    turning: bool,
+    numbers: Floats32,
+    base: int,
+    value: Vector,
+    c: Vector,
+    s: Vector,
+    poses_out: Floats32,
+    here: int,
+    there: int,
+) -> None:
+    """Write placements of any joint with one degree of freedom."""
+    for r in range(3):
+        row, at = there + r * 4 * LANES, here + r * 4 * LANES
+        p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
+        r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
+        r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
+        r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+        t = _shifted(poses_out, row, numbers, base)
+        store(poses_out, at, r0 * c + r1 * s)
+        store(poses_out, at + 16, r1 * c - r0 * s)
+        store(poses_out, at + 32, r2)
+        store(poses_out, at + 48, t if turning else t + r2 * value)
+
+
+@lane_part
+def _entries(x: Vector, y: Vector, z: Vector, w: Vector) -> tuple[Vector, ...]:
+    """The rotation of unit quaternions, row by row."""
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - z * w),
+        2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w),
+        2.0 * (y * z + x * w),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@lane_part
+def _turned(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
+    """Rotation, row by row, of a joint that turns about a point: that it starts from, then its rotation vector's."""
+    ex, ey, ez, ew = quaternion_of(load(coordinates, at), load(coordinates, at + 16), load(coordinates, at + 32))
+    x, y, z, w = numbers[base + 12], numbers[base + 13], numbers[base + 14], numbers[base + 15]
+    return _entries(
+        ex * w + ew * x + ez * y - ey * z,
+        ey * w - ez * x + ew * y + ex * z,
+        ez * w + ey * x - ex * y + ew * z,
+        ew * w - ex * x - ey * y - ez * z,
+    )
+
+
+@lane_step(void(JOINTS, int64, FLOAT_POINTER, FLOAT_POINTER))
+def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Floats32) -> None:
+    """Write the placement of a joint with several degrees of freedom, whose parent's is there."""
+    numbers, base, at = joints.numbers, i * JOINT, joints.drivers[i] * LANES
+    here, there, kind = i * POSE, joints.parents[i] * POSE, joints.kinds[i]
+    x, y, z = splat(0.0), splat(0.0), splat(0.0)
+    if kind != BALL:
+        x, y = load(coordinates, at), load(coordinates, at + 16)
+    if kind == FLOATING:
+        z = load(coordinates, at + 32)
+        at += 3 * LANES
+    a, b, c, d, e, f, g, h, k = _entries(splat(0.0), splat(0.0), splat(0.0), splat(1.0))
+    if kind == PLANAR:
+        a, d = cosine_and_sine(load(coordinates, at + 32))
+        b, e = -d, a
+    else:
+        a, b, c, d, e, f, g, h, k = _turned(numbers, base, coordinates, at)
+    for r in range(3):
+        row = there + r * 4 * LANES
+        p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
+        r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
+        r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
+        r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+        t = _shifted(poses_out, row, numbers, base) + r0 * x + r1 * y + r2 * z
+        row = here + r * 4 * LANES
+        store(poses_out, row, r0 * a + r1 * d + r2 * g)
+        store(poses_out, row + 16, r0 * b + r1 * e + r2 * h)
+        store(poses_out, row + 32, r0 * c + r1 * f + r2 * k)
+        store(poses_out, row + 48, t)
+
+
+@lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
+def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
+    """World placements of all joints' moved frames at sixteen configurations.
+
+    Args:
+        joints: The joints.
+        coordinates: Sixteen values of each coordinate, shape (nv * 16,) [rad or m]; rotation vectors are shorter than a
+            full turn.
+        poses_out: Entry by entry of rotation and translation [m], shape (n * POSE,); all 0, or from an earlier call,
+            as the world stays where it is.
+    """
+    size, parents, kinds, forms, drivers, numbers = joints
+    if poses_out[0] != 1.0:
+        _place_world(poses_out)
+    for i in range(1, size):
+        base, here, there, form = i * JOINT, i * POSE, parents[i] * POSE, forms[i]
+        value = load(coordinates, drivers[i] * LANES) * numbers[base + 12] + numbers[base + 13]
+        turning = kinds[i] == TURNING
+        c, s = splat(1.0), splat(0.0)
+        if turning:
+            c, s = cosine_and_sine(value)
+        if form == SQUARE:
+            _place_square(numbers, base, c, s, poses_out, here, there)
+        elif form == PARALLEL:
+            _place_parallel(numbers, base, c, s, poses_out, here, there)
+        elif form == GROUNDED:
+            _place_grounded(turning, numbers, base, value, c, s, poses_out, here)
+        elif kinds[i] > SLIDING:
+            _place_free(joints, i, coordinates, poses_out)
+        else:
+            _place_plain(turning, numbers, base, value, c, s, poses_out, here, there)

@@ -1,0 +1,195 @@
+"""Forward kinematics of a tree of joints in float64, from tables: one compiled kernel for every robot.
+
+Joint kinds and their motion subspaces are Pinocchio's (linear part first): a revolute or continuous joint turns about
+its axis, a prismatic one slides along it, a planar one moves in its x-y plane and turns about z, a spherical one turns
+freely, a floating one does everything; the last three have tangents in the moved frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types, void
+from numpy.typing import NDArray
+
+from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, Floats, compiled, inlined
+
+REVOLUTE, CONTINUOUS, PRISMATIC, PLANAR, SPHERICAL, FLOATING = range(6)
+"""Codes of joint kinds in `JointTable.kinds`."""
+
+Integers = NDArray[np.int64]
+
+INDICES = types.Array(types.int64, 1, "C", readonly=True)
+BLOCKS = types.Array(types.float64, 3, "C", readonly=True)
+BLOCKS_OUT = types.Array(types.float64, 3, "C")
+
+
+class JointTable(NamedTuple):
+    """The joints of a tree, parents before children; row 0 is the world.
+
+    Attributes:
+        parents: Index of each joint's parent, shape (n,).
+        kinds: Code of what it can do, shape (n,).
+        axes: Its axis in its own frame, shape (n, 3).
+        placements: Rotation and translation of the joint frame in the parent's, shape (n, 3, 4) [m].
+        idx_q, idx_v, nv: Where its values stand, and how many tangent values it has, each of shape (n,).
+    """
+
+    parents: np.ndarray
+    kinds: np.ndarray
+    axes: np.ndarray
+    placements: np.ndarray
+    idx_q: np.ndarray
+    idx_v: np.ndarray
+    nv: np.ndarray
+
+
+@inlined
+def axis_rotation(ax: float, ay: float, az: float, c: float, s: float, rotation_out: Floats) -> None:
+    """Rodrigues: rotation about a unit axis by an angle of cosine c and sine s.
+
+    Args:
+        ax: The axis, with ay and az.
+        ay: See ax.
+        az: See ax.
+        c: Cosine.
+        s: Sine.
+        rotation_out: Shape (3, 3).
+    """
+    d = 1.0 - c
+    rotation_out[0, 0] = c + ax * ax * d
+    rotation_out[0, 1] = ax * ay * d - az * s
+    rotation_out[0, 2] = ax * az * d + ay * s
+    rotation_out[1, 0] = ay * ax * d + az * s
+    rotation_out[1, 1] = c + ay * ay * d
+    rotation_out[1, 2] = ay * az * d - ax * s
+    rotation_out[2, 0] = az * ax * d - ay * s
+    rotation_out[2, 1] = az * ay * d + ax * s
+    rotation_out[2, 2] = c + az * az * d
+
+
+@inlined
+def _quaternion_rotation(x: float, y: float, z: float, w: float, rotation_out: Floats) -> None:
+    """Rotation of a unit quaternion."""
+    rotation_out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    rotation_out[0, 1] = 2.0 * (x * y - z * w)
+    rotation_out[0, 2] = 2.0 * (x * z + y * w)
+    rotation_out[1, 0] = 2.0 * (x * y + z * w)
+    rotation_out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    rotation_out[1, 2] = 2.0 * (y * z - x * w)
+    rotation_out[2, 0] = 2.0 * (x * z - y * w)
+    rotation_out[2, 1] = 2.0 * (y * z + x * w)
+    rotation_out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@inlined
+def _compose(parent: Floats, fixed: Floats, rotation: Floats, translation: Floats, placement_out: Floats) -> None:
+    """Product of placements: parent * fixed * (rotation, translation)."""
+    for r in range(3):
+        r0 = parent[r, 0] * fixed[0, 0] + parent[r, 1] * fixed[1, 0] + parent[r, 2] * fixed[2, 0]
+        r1 = parent[r, 0] * fixed[0, 1] + parent[r, 1] * fixed[1, 1] + parent[r, 2] * fixed[2, 1]
+        r2 = parent[r, 0] * fixed[0, 2] + parent[r, 1] * fixed[1, 2] + parent[r, 2] * fixed[2, 2]
+        t = parent[r, 3] + parent[r, 0] * fixed[0, 3] + parent[r, 1] * fixed[1, 3] + parent[r, 2] * fixed[2, 3]
+        placement_out[r, 0] = r0 * rotation[0, 0] + r1 * rotation[1, 0] + r2 * rotation[2, 0]
+        placement_out[r, 1] = r0 * rotation[0, 1] + r1 * rotation[1, 1] + r2 * rotation[2, 1]
+        placement_out[r, 2] = r0 * rotation[0, 2] + r1 * rotation[1, 2] + r2 * rotation[2, 2]
+        placement_out[r, 3] = t + r0 * translation[0] + r1 * translation[1] + r2 * translation[2]
+
+
+@compiled(void(INDICES, INDICES, MATRIX, BLOCKS, INDICES, VECTOR, BLOCKS_OUT))
+def joint_placements(
+    parents: Integers,
+    kinds: Integers,
+    axes: Floats,
+    placements: Floats,
+    idx_q: Integers,
+    q: Floats,
+    placements_out: Floats,
+) -> None:
+    """World placement of every joint's moved frame: T_world_i = T_world_parent T_parent_joint T_joint(q_i).
+
+    Args:
+        parents: As in `JointTable`, shape (n,), and so are the next four.
+        kinds: Shape (n,).
+        axes: Shape (n, 3).
+        placements: Shape (n, 3, 4) [m].
+        idx_q: Shape (n,).
+        q: Configuration, shape (nq,).
+        placements_out: Rotation and translation, shape (n, 3, 4) [m, world]; row 0 is the world itself.
+    """
+    rotation = np.empty((3, 3))
+    translation = np.zeros(3)
+    for r in range(3):
+        for c in range(4):
+            placements_out[0, r, c] = 1.0 if r == c else 0.0
+    for i in range(1, parents.shape[0]):
+        at = idx_q[i]
+        translation[:] = 0.0
+        kind = kinds[i]
+        if kind == PRISMATIC:
+            rotation[:, :] = 0.0
+            for k in range(3):
+                rotation[k, k] = 1.0
+                translation[k] = axes[i, k] * q[at]
+        elif kind == REVOLUTE:
+            axis_rotation(axes[i, 0], axes[i, 1], axes[i, 2], math.cos(q[at]), math.sin(q[at]), rotation)
+        elif kind == CONTINUOUS:
+            axis_rotation(axes[i, 0], axes[i, 1], axes[i, 2], q[at], q[at + 1], rotation)
+        elif kind == PLANAR:
+            translation[0] = q[at]
+            translation[1] = q[at + 1]
+            axis_rotation(0.0, 0.0, 1.0, q[at + 2], q[at + 3], rotation)
+        elif kind == SPHERICAL:
+            _quaternion_rotation(q[at], q[at + 1], q[at + 2], q[at + 3], rotation)
+        else:
+            for k in range(3):
+                translation[k] = q[at + k]
+            _quaternion_rotation(q[at + 3], q[at + 4], q[at + 5], q[at + 6], rotation)
+        _compose(placements_out[parents[i]], placements[i], rotation, translation, placements_out[i])
+
+
+@compiled(void(INDICES, MATRIX, INDICES, INDICES, BLOCKS_OUT, MATRIX_OUT))
+def motion_subspaces(
+    kinds: Integers, axes: Floats, idx_v: Integers, nv: Integers, placements: Floats, subspaces_out: Floats
+) -> None:
+    """Motion subspace of every tangent value, at the world's origin in the world's axes.
+
+    Args:
+        kinds: As in `JointTable`, shape (n,), and so are the next three.
+        axes: Shape (n, 3).
+        idx_v: Shape (n,).
+        nv: Shape (n,).
+        placements: Of the joints in the world, as `joint_placements` has them, shape (n, 3, 4) [m].
+        subspaces_out: Row v is the twist (linear velocity of the point at the world's origin, then angular velocity)
+            that the v-th tangent value causes, shape (total nv, 6).
+    """
+    for i in range(1, kinds.shape[0]):
+        for k in range(nv[i]):
+            row = idx_v[i] + k
+            lx, ly, lz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            kind = kinds[i]
+            if kind in (REVOLUTE, CONTINUOUS):
+                wx, wy, wz = axes[i, 0], axes[i, 1], axes[i, 2]
+            elif kind == PRISMATIC:
+                lx, ly, lz = axes[i, 0], axes[i, 1], axes[i, 2]
+            else:
+                code = k
+                if kind == PLANAR and k == 2:
+                    code = 5
+                if kind == SPHERICAL:
+                    code = 3 + k
+                lx, ly, lz = 1.0 * (code == 0), 1.0 * (code == 1), 1.0 * (code == 2)
+                wx, wy, wz = 1.0 * (code == 3), 1.0 * (code == 4), 1.0 * (code == 5)
+            T = placements[i]
+            ax = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz
+            ay = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz
+            az = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz
+            # velocity at the world's origin = rotated linear part - omega x t = linear + t x omega
+            subspaces_out[row, 0] = T[0, 0] * lx + T[0, 1] * ly + T[0, 2] * lz + T[1, 3] * az - T[2, 3] * ay
+            subspaces_out[row, 1] = T[1, 0] * lx + T[1, 1] * ly + T[1, 2] * lz + T[2, 3] * ax - T[0, 3] * az
+            subspaces_out[row, 2] = T[2, 0] * lx + T[2, 1] * ly + T[2, 2] * lz + T[0, 3] * ay - T[1, 3] * ax
+            subspaces_out[row, 3] = ax
+            subspaces_out[row, 4] = ay
+            subspaces_out[row, 5] = az

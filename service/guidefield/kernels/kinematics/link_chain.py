@@ -1,0 +1,225 @@
+"""A chain of ball or universal joints as the places of its joints: closing it, what it exerts on its end, its angles.
+
+Joints stand at J_0 .. J_n, link k runs from J_{k-1} to J_k, l_k = J_k - J_{k-1}. A link's spin about itself plays no
+part: it is carried along.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, INDICES, Integers, axis_rotation
+from guidefield.kernels.linalg.small_systems import solve_three
+
+BALL, FREE, UNIVERSAL = range(3)
+"""Kinds of joints of a chain; FREE is the first of a chain that nothing holds."""
+
+_CLOSED = 1e-7
+"""How exactly a chain is closed [m]."""
+_CLOSING_ROUNDS = 12
+_LARGEST_TURN = 0.4
+"""No link turns more than this in a round of closing [rad]."""
+
+
+class LinkChain(NamedTuple):
+    """A chain of links.
+
+    Attributes:
+        kinds: (n,) what joins link k to the one before.
+        at: (n, 2) where the joint's values stand in a configuration; of a universal joint both angles.
+        frames: (n, 3, 3) rotation of the joint in the frame of the link before (of the first: in the world).
+        origin: (3,) place of the first joint, as it stands without translation [m].
+        links: (n, 3) each link from its joint to the next, in its own frame [m].
+        first_axes, second_axes: (n, 3) of universal joints, each in the frame of its own revolute joint.
+        between: (n, 3, 3) of universal joints, rotation of the second revolute joint in the first one's frame.
+        circling: (n, 2) 1 where such a revolute joint is continuous: cosine and sine stand for its angle.
+    """
+
+    kinds: Integers
+    at: Integers
+    frames: Floats
+    origin: Floats
+    links: Floats
+    first_axes: Floats
+    second_axes: Floats
+    between: Floats
+    circling: Integers
+
+
+CHAIN = types.NamedTuple(
+    (
+        INDICES,
+        types.Array(types.int64, 2, "C", readonly=True),
+        BLOCKS,
+        VECTOR,
+        MATRIX,
+        MATRIX,
+        MATRIX,
+        BLOCKS,
+        types.Array(types.int64, 2, "C", readonly=True),
+    ),
+    LinkChain,
+)
+
+
+@inlined
+def rotated(R: Floats, v: Floats, out: Floats) -> None:
+    """Product of a matrix, shape (3, 3), and a vector, shape (3,), into `out`, shape (3,)."""
+    for r in range(3):
+        out[r] = R[r, 0] * v[0] + R[r, 1] * v[1] + R[r, 2] * v[2]
+
+
+@inlined
+def _ridge(N: Floats) -> float:
+    """What keeps N regular where the chain is straight."""
+    return float(1e-12 * (N[0, 0] + N[1, 1] + N[2, 2]))
+
+
+@inlined
+def _turn_link(link: Floats, wx: float, wy: float, wz: float, scratch: Floats, turned: Floats) -> None:
+    """Replace a vector by itself turned by a rotation vector."""
+    angle = math.sqrt(wx * wx + wy * wy + wz * wz)
+    if angle > 0.0:
+        axis_rotation(wx / angle, wy / angle, wz / angle, math.cos(angle), math.sin(angle), scratch)
+        rotated(scratch, link, turned)
+        link[0], link[1], link[2] = turned[0], turned[1], turned[2]
+
+
+@inlined
+def _add_closing(link: Floats, N: Floats) -> None:
+    """Add |l|^2 I - l l^T."""
+    square = link[0] * link[0] + link[1] * link[1] + link[2] * link[2]
+    for r in range(3):
+        for c in range(3):
+            N[r, c] += (square if r == c else 0.0) - link[r] * link[c]
+
+
+@compiled(types.boolean(MATRIX_OUT, types.int64, VECTOR))
+def close_chain(joints_out: Floats, m: int, target: Floats) -> bool:
+    """Bring J_m to a place by the least sum of squared turns of links 1..m; J_0 stays, J_{m+1}.. are not looked at.
+
+    omega_i = l_i x lambda, lambda = N^-1 e, N = sum(|l_i|^2 I - l_i l_i^T), e what is missing; until it is closed.
+
+    Args:
+        joints_out: (n + 1, 3) places of joints [m]; those of 1..m are changed.
+        m: How many links turn.
+        target: (3,) [m].
+
+    Returns:
+        Whether it closes: False is out of reach.
+    """
+    links = np.empty((m, 3))
+    N, scratch = np.empty((3, 3)), np.empty((3, 3))
+    missing, multiplier, turned = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(m):
+        for c in range(3):
+            links[i, c] = joints_out[i + 1, c] - joints_out[i, c]
+    for _ in range(_CLOSING_ROUNDS):
+        N[:, :] = 0.0
+        for c in range(3):
+            missing[c] = target[c] - joints_out[0, c]
+        for i in range(m):
+            for c in range(3):
+                missing[c] -= links[i, c]
+            _add_closing(links[i], N)
+        if missing[0] ** 2 + missing[1] ** 2 + missing[2] ** 2 < _CLOSED * _CLOSED:
+            for i in range(m):
+                for c in range(3):
+                    joints_out[i + 1, c] = joints_out[i, c] + links[i, c]
+            return True
+        solve_three(N, _ridge(N), missing, multiplier)
+        x, y, z = multiplier[0], multiplier[1], multiplier[2]
+        for i in range(m):
+            link = links[i]
+            wx, wy, wz = link[1] * z - link[2] * y, link[2] * x - link[0] * z, link[0] * y - link[1] * x
+            angle = math.sqrt(wx * wx + wy * wy + wz * wz)
+            scale = min(1.0, _LARGEST_TURN / angle) if angle > 0.0 else 1.0
+            _turn_link(link, scale * wx, scale * wy, scale * wz, scratch, turned)
+    return False
+
+
+@compiled(types.void(MATRIX, MATRIX, MATRIX, types.int64, VECTOR_OUT))
+def end_force(joints: Floats, forces: Floats, torques: Floats, m: int, force_out: Floats) -> None:
+    """f2, the force that links 1..m exert on their end J_m: it does the same virtual work when the chain is closed.
+
+    Q_i = tau_i + l_i x sum_{i<j<=m} F_j, f2 = N^-1 sum Q_i x l_i.
+
+    Args:
+        joints: (n + 1, 3) places of joints [m].
+        forces: (n, 3) on links.
+        torques: (n, 3) on links about J_{k-1} [m].
+        m: How many links.
+        force_out: (3,).
+    """
+    N, work, link = np.zeros((3, 3)), np.zeros(3), np.empty(3)
+    fx, fy, fz = 0.0, 0.0, 0.0
+    for i in range(m - 1, -1, -1):
+        for c in range(3):
+            link[c] = joints[i + 1, c] - joints[i, c]
+        qx = torques[i, 0] + link[1] * fz - link[2] * fy
+        qy = torques[i, 1] + link[2] * fx - link[0] * fz
+        qz = torques[i, 2] + link[0] * fy - link[1] * fx
+        work[0] += qy * link[2] - qz * link[1]
+        work[1] += qz * link[0] - qx * link[2]
+        work[2] += qx * link[1] - qy * link[0]
+        fx, fy, fz = fx + forces[i, 0], fy + forces[i, 1], fz + forces[i, 2]
+        _add_closing(link, N)
+    solve_three(N, _ridge(N), work, force_out)
+
+
+@compiled(types.void(MATRIX, types.int64, VECTOR, SCALAR, MATRIX_OUT))
+def turn_from(joints: Floats, k: int, axis: Floats, angle: float, joints_out: Floats) -> None:
+    """Turn link k about its joint J_{k-1}; the links behind it are carried along without turning.
+
+    Args:
+        joints: (n + 1, 3) places of joints [m].
+        k: Which link, from 1.
+        axis: (3,) unit vector.
+        angle: How far [rad].
+        joints_out: (n + 1, 3).
+    """
+    link, turned, scratch = np.empty(3), np.empty(3), np.empty((3, 3))
+    for c in range(3):
+        link[c] = joints[k, c] - joints[k - 1, c]
+    axis_rotation(axis[0], axis[1], axis[2], math.cos(angle), math.sin(angle), scratch)
+    rotated(scratch, link, turned)
+    for i in range(joints.shape[0]):
+        for c in range(3):
+            joints_out[i, c] = joints[i, c] + (turned[c] - link[c] if i >= k else 0.0)
+
+
+@compiled(types.boolean(MATRIX, types.int64, VECTOR, SCALAR, MATRIX_OUT))
+def turn_towards(joints: Floats, k: int, axis: Floats, angle: float, joints_out: Floats) -> bool:
+    """Turn link k about its far end J_k; the links before it are closed on its near end, those beyond stay.
+
+    Of link 2 the near end can only circle about the line from J_0 to J_2, whatever `axis` says. Returns whether it
+    closes; see `turn_from` for the arguments and their shapes.
+    """
+    pivot = 0 if k == 2 else k
+    link, turned, scratch, target = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
+    x, y, z = axis[0], axis[1], axis[2]
+    if k == 2:
+        x, y, z = joints[2, 0] - joints[0, 0], joints[2, 1] - joints[0, 1], joints[2, 2] - joints[0, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length < 1e-9:
+            return False
+        x, y, z = x / length, y / length, z / length
+    axis_rotation(x, y, z, math.cos(angle), math.sin(angle), scratch)
+    for c in range(3):
+        link[c] = joints[k - 1, c] - joints[pivot, c]
+    rotated(scratch, link, turned)
+    for i in range(joints.shape[0]):
+        for c in range(3):
+            joints_out[i, c] = joints[i, c]
+    for c in range(3):
+        target[c] = joints[pivot, c] + turned[c]
+    if k == 2:
+        for c in range(3):
+            joints_out[1, c] = target[c]
+        return True
+    return close_chain(joints_out, k - 1, target)

@@ -1,0 +1,1 @@
+"""The objective of relaxing a path: a barrier on distances along it."""

@@ -1,0 +1,100 @@
+"""The barrier of a robot against obstacles and against itself at one configuration, with gradient and Hessian."""
+
+from __future__ import annotations
+
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import Floats, Vector3
+from guidefield.kernels.kinematics.forward_kinematics import JointTable
+from guidefield.kernels.relax.obstacle_barrier import obstacle_barrier
+from guidefield.kernels.relax.sampled_robot import SampledRobot, Workspace, place
+from guidefield.kernels.relax.self_barrier import self_barrier
+from guidefield.kernels.relax.verlet_list import NearBodies
+
+
+@uncounted
+def robot_barrier(
+    robot: SampledRobot,
+    tables: DistanceTables,
+    s: int,
+    z: Floats,
+    walls: Vector3,
+    share: float,
+    near: NearBodies,
+    work: Workspace,
+    gradient_out: Floats,
+    hessian_out: Floats,
+) -> float:
+    """The barrier of a robot at one configuration.
+
+    Args:
+        robot: The robot.
+        tables: Obstacles.
+        s: Under which number bodies near the configuration are remembered.
+        z: Chart coordinates, shape (nv,) [rad or m].
+        walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
+        share: Factor of the barrier between links; where it is 0 that isn't looked at.
+        near: What is remembered.
+        work: Scratch.
+        gradient_out: Its gradient by z, shape (nv,); nothing is written where the barrier is 0.
+        hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv); the same.
+
+    Returns:
+        Sum of the weighted barriers of all points.
+    """
+    place(robot, z, work)
+    work.forces[:, :] = 0.0
+    work.inertias[:, :, :] = 0.0
+    total = obstacle_barrier(robot, tables, s, walls, near, work)
+    if total > 0.0:
+        _carry(robot.joints, work)
+    else:
+        work.gradient[:] = 0.0
+        work.hessian[:, :] = 0.0
+    if share > 0.0:
+        total += self_barrier(robot, share, work)
+    if total == 0.0:
+        return total
+    gradient_out[:] = 0.0
+    hessian_out[:, :] = 0.0
+    for i in range(robot.drivers.shape[0]):
+        row, m = robot.drivers[i], robot.multipliers[i]
+        gradient_out[row] += m * work.gradient[i]
+        for j in range(robot.drivers.shape[0]):
+            hessian_out[row, robot.drivers[j]] += m * robot.multipliers[j] * work.hessian[i, j]
+    return total
+
+
+@uncounted
+def _carry(joints: JointTable, work: Workspace) -> None:
+    """Carry forces and inertias to the root; gradient and Hessian by the model's chart coordinates."""
+    S = work.subspaces
+    work.hessian[:, :] = 0.0
+    for i in range(joints.parents.shape[0] - 1, 0, -1):
+        A = work.inertias[i]
+        for row in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
+            value = 0.0
+            r0 = r1 = r2 = r3 = r4 = r5 = 0.0
+            for c in range(6):
+                s = S[row, c]
+                value += s * work.forces[i, c]
+                r0 += s * A[0, c]
+                r1 += s * A[min(1, c), max(1, c)]
+                r2 += s * A[min(2, c), max(2, c)]
+                r3 += s * A[min(3, c), max(3, c)]
+                r4 += s * A[min(4, c), max(4, c)]
+                r5 += s * A[c, 5]
+            work.gradient[row] = value
+            j = i
+            while j > 0:
+                for column in range(joints.idx_v[j], joints.idx_v[j] + joints.nv[j]):
+                    value = S[column, 0] * r0 + S[column, 1] * r1 + S[column, 2] * r2
+                    value += S[column, 3] * r3 + S[column, 4] * r4 + S[column, 5] * r5
+                    work.hessian[row, column] = value
+                    work.hessian[column, row] = value
+                j = joints.parents[j]
+        parent = joints.parents[i]
+        for r in range(6):
+            work.forces[parent, r] += work.forces[i, r]
+            for c in range(r, 6):
+                work.inertias[parent, r, c] += A[r, c]

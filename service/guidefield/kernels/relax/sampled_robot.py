@@ -1,0 +1,214 @@
+"""A robot as points on its surface, and where they are at a configuration."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.distance.distance import TABLES, DistanceTables
+from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, Vector3
+from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
+from guidefield.kernels.kinematics.forward_kinematics import (
+    BLOCKS,
+    INDICES,
+    JointTable,
+    joint_placements,
+    motion_subspaces,
+)
+
+FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
+JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
+
+
+class SampledRobot(NamedTuple):
+    """A robot as points on the surface of its links, and as the links themselves.
+
+    Attributes:
+        joints: Joints of the robot's model, followers included.
+        drivers, multipliers, offsets: (model nv,) chart coordinate i of the model, followers included, is
+            multipliers[i] z[drivers[i]] + offsets[i].
+        origin: (model nq,) configuration from which the chart's rotation vectors start.
+        points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together.
+        weights: (p,) how much each counts.
+        groups: (g, 4) joint, first point, one past the last point, one past those that stand for all against links.
+        balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
+        ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
+        links: Bodies of all collision shapes, in the frame of their joint.
+        link_joints: (b,) joint of each of them; 0 is the world.
+        link_balls: (b, 4) centre and radius of a ball about each, in the frame of its joint [m].
+        pairs: (k, 2) group and body of links that are kept apart.
+        pair_ranges: (k,) range of the barrier between them [m], positive.
+    """
+
+    joints: JointTable
+    drivers: np.ndarray
+    multipliers: Floats
+    offsets: Floats
+    origin: Floats
+    points: Floats
+    weights: Floats
+    groups: np.ndarray
+    balls: Floats
+    ignored: np.ndarray
+    links: DistanceTables
+    link_joints: np.ndarray
+    link_balls: Floats
+    pairs: np.ndarray
+    pair_ranges: Floats
+
+
+ROBOT = types.NamedTuple(
+    (
+        *(JOINTS, INDICES, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS),
+        *(TABLES, INDICES, MATRIX, INDEX_MATRIX, VECTOR),
+    ),
+    SampledRobot,
+)
+
+
+class Workspace(NamedTuple):
+    """Scratch of `barrier_at`, overwritten by every call; n joints, nv tangents of the model.
+
+    Attributes:
+        q: Configuration of the model, shape (nq,).
+        values: Chart coordinates of the model, shape (nv,).
+        row: Gradient of one distance by them, shape (nv,).
+        gradient, hessian: Sums by them, shapes (nv,) and (nv, nv).
+        world: Placements of the joints, shape (n, 3, 4) [m].
+        links: Placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at.
+        centres, link_centres: Centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m].
+        subspaces: What chart velocities cause, as twists at the world's origin, shape (nv, 6).
+        forces, inertias: What has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle.
+        candidates: Bodies near a group.
+        gaps: Square of the distance from a group's points to the nearest box about a body [m^2].
+    """
+
+    q: Floats
+    values: Floats
+    row: Floats
+    gradient: Floats
+    hessian: Floats
+    world: Floats
+    links: Floats
+    centres: Floats
+    link_centres: Floats
+    subspaces: Floats
+    forces: Floats
+    inertias: Floats
+    candidates: np.ndarray
+    gaps: Floats
+
+
+@counted
+def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
+    """Scratch for a robot among some bodies."""
+    n, nv = robot.joints.parents.shape[0], robot.offsets.shape[0]
+    return Workspace(
+        np.empty(robot.origin.shape[0]),
+        np.empty(nv),
+        np.empty(nv),
+        np.empty(nv),
+        np.empty((nv, nv)),
+        np.empty((n, 3, 4)),
+        np.empty((robot.link_joints.shape[0], 3, 4)),
+        np.empty((robot.groups.shape[0], 3)),
+        np.empty((robot.link_joints.shape[0], 3)),
+        np.empty((nv, 6)),
+        np.empty((n, 6)),
+        np.empty((n, 6, 6)),
+        np.empty(tables.kinds.shape[0], np.int64),
+        np.empty(robot.points.shape[1]),
+    )
+
+
+@uncounted
+def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
+    """Where a point of a placed frame is in the world [m].
+
+    Args:
+        T: Placement of the frame, shape (3, 4) [m].
+        x: The point in the frame [m], with y and z.
+        y: See x.
+        z: See x.
+    """
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
+
+
+@uncounted
+def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
+    """Placements of joints, motion subspaces by the chart of the model, and centres of balls, into the scratch.
+
+    Args:
+        robot: The robot.
+        z: Chart coordinates of the group, shape (nv,) [rad or m].
+        work: The scratch.
+    """
+    joints = robot.joints
+    for i in range(robot.offsets.shape[0]):
+        work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
+    configuration(joints, work.values, robot.origin, work.q)
+    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, work.q, work.world)
+    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
+    subspaces_by_chart(joints, work.values, work.q, work.subspaces)
+    for b in range(robot.link_joints.shape[0]):
+        _centre(work.world[robot.link_joints[b]], robot.link_balls[b], work.link_centres[b])
+    for g in range(robot.groups.shape[0]):
+        _centre(work.world[robot.groups[g, 0]], robot.balls[g], work.centres[g])
+
+
+@uncounted
+def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
+    """The centre of a ball of a placed frame in the world."""
+    centre_out[0], centre_out[1], centre_out[2] = moved(T, ball[0], ball[1], ball[2])
+
+
+@uncounted
+def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
+    """Fill in the placement of a link's body."""
+    outer, inner, placement_out = work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b]
+    for r in range(3):
+        for c in range(4):
+            value = outer[r, 3] if c == 3 else 0.0
+            placement_out[r, c] = (
+                value + outer[r, 0] * inner[0, c] + outer[r, 1] * inner[1, c] + outer[r, 2] * inner[2, c]
+            )
+
+
+@uncounted
+def lower_gaps(robot: SampledRobot, g: int, last: int, tables: DistanceTables, body: int, work: Workspace) -> None:
+    """Lower the gaps of a group's points up to one to those to the box about a body; a vector loop."""
+    T = work.world[robot.groups[g, 0]]
+    B, bounds = tables.placements[body], tables.bounds[body]
+    r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
+    r01 = B[0, 0] * T[0, 1] + B[1, 0] * T[1, 1] + B[2, 0] * T[2, 1]
+    r02 = B[0, 0] * T[0, 2] + B[1, 0] * T[1, 2] + B[2, 0] * T[2, 2]
+    r10 = B[0, 1] * T[0, 0] + B[1, 1] * T[1, 0] + B[2, 1] * T[2, 0]
+    r11 = B[0, 1] * T[0, 1] + B[1, 1] * T[1, 1] + B[2, 1] * T[2, 1]
+    r12 = B[0, 1] * T[0, 2] + B[1, 1] * T[1, 2] + B[2, 1] * T[2, 2]
+    r20 = B[0, 2] * T[0, 0] + B[1, 2] * T[1, 0] + B[2, 2] * T[2, 0]
+    r21 = B[0, 2] * T[0, 1] + B[1, 2] * T[1, 1] + B[2, 2] * T[2, 1]
+    r22 = B[0, 2] * T[0, 2] + B[1, 2] * T[1, 2] + B[2, 2] * T[2, 2]
+    dx, dy, dz = T[0, 3] - B[0, 3], T[1, 3] - B[1, 3], T[2, 3] - B[2, 3]
+    tx = B[0, 0] * dx + B[1, 0] * dy + B[2, 0] * dz
+    ty = B[0, 1] * dx + B[1, 1] * dy + B[2, 1] * dz
+    tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
+    lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
+    # slices: an index that might be negative keeps the loop from becoming a vector loop
+    first = robot.groups[g, 1]
+    px, py, pz = robot.points[0, first:last], robot.points[1, first:last], robot.points[2, first:last]
+    gaps = work.gaps[first:last]
+    for i in range(gaps.shape[0]):
+        x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
+        y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
+        z = r20 * px[i] + r21 * py[i] + r22 * pz[i] + tz
+        ex = max(lx - x, x - hx, 0.0)
+        ey = max(ly - y, y - hy, 0.0)
+        ez = max(lz - z, z - hz, 0.0)
+        gaps[i] = min(gaps[i], ex * ex + ey * ey + ez * ez)

@@ -1,0 +1,1 @@
+"""Vector types for kernels, arithmetic on them, and how arguments are packed."""

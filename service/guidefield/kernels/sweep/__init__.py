@@ -1,0 +1,1 @@
+"""Whether capsules about links stay apart from everything along a motion."""

@@ -1,0 +1,263 @@
+"""How far capsules that a robot's joints carry move along a straight motion of its chart, at most.
+
+Two bounds, both rigorous: the sum of what the joints do (collision/motion_bound.py has its proof), and a capsule's
+speed at the middle of the motion with its largest acceleration, which counts what joints undo of each other.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from numba import types
+
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, inlined
+from guidefield.kernels.kinematics.chart import subspaces_by_chart
+from guidefield.kernels.kinematics.forward_kinematics import (
+    CONTINUOUS,
+    FLOATING,
+    INDICES,
+    PLANAR,
+    PRISMATIC,
+    REVOLUTE,
+    Integers,
+    JointTable,
+    motion_subspaces,
+)
+from guidefield.kernels.relax.sampled_robot import JOINTS
+
+
+class SweptRobot(NamedTuple):
+    """A robot as capsules that its joints carry.
+
+    Attributes:
+        joints: The joints of its model.
+        origin: (nq,) configuration from which the chart's rotation vectors start.
+        capsules: (c, 7) ends and radius in the frame of their joint [m].
+        carriers: (c,) the joint of each; 0 stands still.
+        moved: (c, n) 1 where a joint moves a capsule.
+        own: (k, 2) capsules that must not touch each other.
+    """
+
+    joints: JointTable
+    origin: Floats
+    capsules: Floats
+    carriers: Integers
+    moved: Integers
+    own: Integers
+
+
+SWEPT = types.NamedTuple((JOINTS, VECTOR, MATRIX, INDICES, INDEX_MATRIX, INDEX_MATRIX), SweptRobot)
+
+
+@inlined
+def spreads(robot: SweptRobot, z0: Floats, z1: Floats, turns_out: Floats, slides_out: Floats) -> None:
+    """How far each joint turns and slides along the whole motion.
+
+    Args:
+        robot: The capsules.
+        z0: Start in the chart of the robot's model, shape (nv,) [rad or m].
+        z1: End, shape (nv,).
+        turns_out: Shape (n,) [rad].
+        slides_out: How far it slides, and how far out it is at most, shape (n, 2) [m].
+    """
+    for i in range(1, robot.joints.parents.shape[0]):
+        at, kind = robot.joints.idx_v[i], robot.joints.kinds[i]
+        slid = 3 if kind == FLOATING else 2 if kind == PLANAR else 1 if kind == PRISMATIC else 0
+        first, last, change, turn = 0.0, 0.0, 0.0, 0.0
+        for k in range(at, at + robot.joints.nv[i]):
+            square = (z1[k] - z0[k]) ** 2
+            if k < at + slid:
+                first, last, change = first + z0[k] * z0[k], last + z1[k] * z1[k], change + square
+            else:
+                turn += square
+        turns_out[i] = math.sqrt(turn)
+        slides_out[i, 0], slides_out[i, 1] = math.sqrt(change), math.sqrt(max(first, last))
+
+
+@inlined
+def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
+    """Distance of a world point (3,) from a joint's axis, or from its centre where it has no one axis."""
+    T = world[joint]
+    dx, dy, dz = end[0] - T[0, 3], end[1] - T[1, 3], end[2] - T[2, 3]
+    square = dx * dx + dy * dy + dz * dz
+    kind = robot.joints.kinds[joint]
+    if kind in (REVOLUTE, CONTINUOUS, PLANAR):
+        x, y, z = robot.joints.axes[joint, 0], robot.joints.axes[joint, 1], robot.joints.axes[joint, 2]
+        if kind == PLANAR:
+            x, y, z = 0.0, 0.0, 1.0
+        along = 0.0
+        along += dx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
+        along += dy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
+        along += dz * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
+        square = max(square - along * along, 0.0)
+    return math.sqrt(square)
+
+
+@inlined
+def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
+    """Ends of the capsules' axes in the world.
+
+    Args:
+        robot: The capsules.
+        world: Placements of joints, shape (n, 3, 4) [m].
+        ends_out: Shape (c, 6) [m].
+    """
+    for c in range(robot.capsules.shape[0]):
+        T = world[robot.carriers[c]]
+        for e in range(2):
+            x, y, z = robot.capsules[c, 3 * e], robot.capsules[c, 3 * e + 1], robot.capsules[c, 3 * e + 2]
+            for r in range(3):
+                ends_out[c, 3 * e + r] = T[r, 0] * x + T[r, 1] * y + T[r, 2] * z + T[r, 3]
+
+
+@inlined
+def joint_shares(
+    robot: SweptRobot, world: Floats, ends: Floats, turns: Floats, slides: Floats, half: float, shares_out: Floats
+) -> None:
+    """How far each joint moves each capsule at most within a part of the motion.
+
+    Args:
+        robot: The capsules.
+        world: Placements of joints at the middle of the part, shape (n, 3, 4) [m].
+        ends: Ends of the capsules there, shape (c, 6) [m].
+        turns: As `spreads` has them, shape (n,) [rad].
+        slides: As `spreads` has them, shape (n, 2) [m].
+        half: Half of the part, as a share of the whole motion.
+        shares_out: Shape (c, n) [m]; in the first column, which is the world's, stands what they do together.
+    """
+    for c in range(robot.capsules.shape[0]):
+        radius = robot.capsules[c, 6]
+        shares_out[c, 0] = 0.0
+        for j in range(1, robot.joints.parents.shape[0]):
+            share = 0.0
+            if robot.moved[c, j] == 1 and (turns[j] > 0.0 or slides[j, 0] > 0.0):
+                lever = max(_lever(robot, j, world, ends[c, :3]), _lever(robot, j, world, ends[c, 3:6])) + radius
+                share = half * slides[j, 0] + 2.0 * math.sin(0.5 * min(half * turns[j], math.pi)) * lever
+            shares_out[c, j] = share
+            shares_out[c, 0] += share
+
+
+@inlined
+def capsule_accelerations(robot: SweptRobot, turns: Floats, slides: Floats, out: Floats) -> None:
+    """Bound on the acceleration of each capsule's points along the motion, time running from 0 to 1.
+
+    Up from the capsule's joint: a joint with p + R X before it, |p'| = s constant, turning at w at most, makes of
+    bounds r, v, a on X, X', X'' the bounds |p| + r, s + w r + v and 3/2 w^2 r + 2 w v + a. Its angular velocity
+    J_r(z) z' changes by w^2 / 2 at most, as J_r(z) is the mean of exp(-u [z]) over u from 0 to 1; about one axis it
+    doesn't change. The length |p| of slides is at most what they are at the end they are longer at.
+
+    Args:
+        robot: The capsules.
+        turns: As `spreads` has them, shape (n,) [rad].
+        slides: As `spreads` has them, shape (n, 2) [m].
+        out: Shape (c,) [m].
+    """
+    for c in range(robot.capsules.shape[0]):
+        row = robot.capsules[c]
+        r = row[6] + math.sqrt(max(row[0] ** 2 + row[1] ** 2 + row[2] ** 2, row[3] ** 2 + row[4] ** 2 + row[5] ** 2))
+        v, a = 0.0, 0.0
+        j = robot.carriers[c]
+        while j > 0:
+            w, kind = turns[j], robot.joints.kinds[j]
+            change = 1.0 if kind in (REVOLUTE, CONTINUOUS, PLANAR) else 1.5
+            a = change * w * w * r + 2.0 * w * v + a
+            v = slides[j, 0] + w * r + v
+            T = robot.joints.placements[j]
+            r += slides[j, 1] + math.sqrt(T[0, 3] ** 2 + T[1, 3] ** 2 + T[2, 3] ** 2)
+            j = robot.joints.parents[j]
+        out[c] = a
+
+
+@inlined
+def capsule_speeds(
+    robot: SweptRobot, world: Floats, z: Floats, q: Floats, dz: Floats, ends: Floats, subspaces: Floats, twists: Floats,
+    speeds_out: Floats,
+) -> None:  # fmt: skip
+    """How fast the fastest point of each capsule moves at a configuration, time running from 0 to 1.
+
+    Args:
+        robot: The capsules.
+        world: Placements of joints, shape (n, 3, 4) [m].
+        z: Chart point, shape (nv,) [rad or m].
+        q: Its configuration, shape (nq,).
+        dz: The whole motion, shape (nv,).
+        ends: Ends of the capsules, shape (c, 6) [m].
+        subspaces: Scratch, shape (nv, 6).
+        twists: Scratch, shape (n, 6).
+        speeds_out: Shape (c,) [m].
+    """
+    joints = robot.joints
+    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, world, subspaces)
+    subspaces_by_chart(joints, z, q, subspaces)
+    twists[0, :] = 0.0
+    for i in range(1, joints.parents.shape[0]):
+        for k in range(6):
+            value = twists[joints.parents[i], k]
+            for r in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
+                value += subspaces[r, k] * dz[r]
+            twists[i, k] = value
+    for c in range(robot.capsules.shape[0]):
+        t = twists[robot.carriers[c]]
+        fastest = 0.0
+        for e in range(2):
+            x, y, u = ends[c, 3 * e], ends[c, 3 * e + 1], ends[c, 3 * e + 2]
+            vx, vy, vz = t[0] + t[4] * u - t[5] * y, t[1] + t[5] * x - t[3] * u, t[2] + t[3] * y - t[4] * x
+            fastest = max(fastest, vx * vx + vy * vy + vz * vz)
+        spin = math.sqrt(t[3] * t[3] + t[4] * t[4] + t[5] * t[5])
+        speeds_out[c] = math.sqrt(fastest) + robot.capsules[c, 6] * spin
+
+
+@inlined
+def largest_move(
+    robot: SweptRobot, item: int, shares: Floats, speeds: Floats, accelerations: Floats, half: float
+) -> float:
+    """How far a capsule moves, or how much closer a pair comes, within `half` of the motion on either side [m].
+
+    Args:
+        robot: The capsules.
+        item: Which capsule, or capsules + which of its own pairs.
+        shares: As `joint_shares` has them, shape (c, n) [m].
+        speeds: As `capsule_speeds` has them, shape (c,) [m].
+        accelerations: As `capsule_accelerations` has them, shape (c,) [m].
+        half: As in `joint_shares`.
+    """
+    n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
+    bound: float = 0.0
+    if item < count:
+        bound = shares[item, 0]
+        by_speed: float = half * (speeds[item] + 0.5 * half * accelerations[item])
+        return min(bound, by_speed)
+    a, b = robot.own[item - count, 0], robot.own[item - count, 1]
+    for j in range(1, n):
+        if robot.moved[a, j] != robot.moved[b, j]:
+            bound += shares[a, j] + shares[b, j]
+    return bound
+
+
+@inlined
+def changing(robot: SweptRobot, turns: Floats, slides: Floats, items_out: Integers) -> int:
+    """Capsules that move, and pairs that move against each other; how many.
+
+    Args:
+        robot: The capsules.
+        turns: As `spreads` has them, shape (n,) [rad].
+        slides: As `spreads` has them, shape (n, 2) [m].
+        items_out: Capsules, then capsules + pairs, shape (c + k,).
+    """
+    found, count = 0, robot.capsules.shape[0]
+    for item in range(count + robot.own.shape[0]):
+        changes = False
+        for j in range(1, robot.joints.parents.shape[0]):
+            if turns[j] > 0.0 or slides[j, 0] > 0.0:
+                if item < count:
+                    changes = robot.moved[item, j] == 1
+                else:
+                    a, b = robot.own[item - count, 0], robot.own[item - count, 1]
+                    changes = robot.moved[a, j] != robot.moved[b, j]
+            if changes:
+                break
+        if changes:
+            items_out[found] = item
+            found += 1
+    return found

@@ -1,0 +1,1 @@
+"""Curves in time: splines, time-optimal speed, extrema."""

@@ -1,0 +1,1 @@
+"""RRT-Connect on lanes."""

@@ -1,0 +1,171 @@
+"""An even sequence of samples for searches on lanes: most near the way between two roots, the others in all of a box.
+
+A joint turns by more than most ways need. Samples from all of its limits mostly pull a tree away from where it has to
+go; those near the straight way from a start to a goal find most paths sooner, and the others find the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64, types
+
+from guidefield.kernels.jit.signatures import VECTOR, Floats
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import (
+    FLOAT_POINTER,
+    FLOATS,
+    LANES,
+    Vector,
+    f32x16,
+    lane_part,
+    lane_step,
+    largest_of,
+    load,
+    magnitude,
+    pointed,
+    pointers,
+    rint,
+    smallest_of,
+    splat,
+    sqrt,
+    store,
+    where_below,
+)
+from guidefield.kernels.simd.lane_math import Floats32, cosine_and_sine
+from guidefield.kernels.simd.packing import unpacked
+
+_AHEAD = np.arange(1, LANES + 1, dtype=np.float32)
+"""Of sixteen samples, the how manieth each is."""
+
+NEAR = 0.75
+"""The share of samples that are drawn near a way; the others fill the box."""
+
+WHOLE = 0.9999
+"""From so much of a turn on a coordinate's limits are a whole turn."""
+
+
+class Way(NamedTuple):
+    """What most samples are near: the straight way between two chart points.
+
+    Attributes:
+        nodes: Chart points, coordinate by coordinate.
+        start, goal: Where the first coordinates of the two points are in these.
+        stride: How far on each next coordinate is.
+        reach: In each coordinate samples are at most so far from a point of the way [rad or m].
+    """
+
+    nodes: Floats32
+    start: int
+    goal: int
+    stride: int
+    reach: float
+
+
+class Sampling(NamedTuple):
+    """Where samples come from.
+
+    Attributes:
+        steps: (nv + 1,) by which each coordinate's place in the box goes on from sample to sample, modulo 1; by the
+            last of these places it is chosen which samples are near the way, and how far along.
+        lower, width: (nv,) the box that samples fill.
+        period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
+        frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
+        n_rotations: How many joints turn about a point.
+        rotations: (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly.
+    """
+
+    steps: np.ndarray
+    lower: np.ndarray
+    width: np.ndarray
+    period: np.ndarray
+    frequency: np.ndarray
+    n_rotations: int
+    rotations: np.ndarray
+
+
+_SAMPLING = types.NamedTuple([*[VECTOR] * 3, *[FLOATS] * 2, types.int64, INDICES], Sampling)
+SAMPLING = pointed(_SAMPLING)
+
+sampling_of = unpacked(_SAMPLING)
+"""Makes a sampling of its words."""
+
+
+@lane_step(types.void(f32x16, f32x16, f32x16, FLOAT_POINTER, int64))
+def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Floats32, at: int) -> None:
+    """The rotation vectors, at most pi long, of the rotations at sixteen places in the unit cube (Shoemake 1992).
+
+    Places that fill the cube evenly are rotations that fill all of them evenly. With w the cosine of half of the angle,
+    vector and sine are as arccos w / sqrt(1 - w^2), here a polynomial that is off by 6e-5.
+
+    Args:
+        first: Shares of the cube's first side.
+        second: Of its second.
+        third: Of its third.
+        samples_out: Gets the vectors from an index on, coordinate by coordinate, shape (n,) [rad].
+        at: That index.
+    """
+    inner, outer = sqrt(splat(1.0) - first), sqrt(first)
+    c, s = cosine_and_sine(second * (2.0 * math.pi))
+    d, t = cosine_and_sine(third * (2.0 * math.pi))
+    w = outer * d
+    u = magnitude(w)
+    scale = (((0.5462545 - 0.1317371 * u) * u - 1.0787918) * u + 1.5185036) * u - 1.9957945
+    scale = scale * u + 3.141535
+    scale = where_below(w, splat(0.0), -scale, scale)
+    store(samples_out, at, scale * inner * s)
+    store(samples_out, at + LANES, scale * inner * c)
+    store(samples_out, at + 2 * LANES, scale * outer * t)
+
+
+@lane_part
+def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
+    """How far along a side of the box the next sixteen samples are, from 0 to 1."""
+    along = load(pointers(_AHEAD), 0) * sampling.steps[j] + places[j]
+    return along - rint(along - 0.5)
+
+
+@lane_part
+def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_out: Floats32) -> None:
+    """The next sixteen points of the sequence; `pass_samples` goes on by those that are used.
+
+    Each fills a box of its own: all of the limits, or what of them is within reach of a point of the way. A coordinate
+    that turns without end has no limits but a turn's length, and goes the short way. Rotations are drawn evenly.
+
+    Args:
+        sampling: The limits.
+        nv: Coordinates of a point.
+        places: (nv + 1,) where in its box the last one was, as shares of its sides, and which box that was.
+        way: What most of them are near.
+        samples_out: (nv * 16,) the points, coordinate by coordinate [rad or m].
+    """
+    along = _shares(sampling, places, nv)
+    reach = where_below(along, splat(NEAR), splat(way.reach), splat(np.inf))
+    along = along * np.float32(1.0 / NEAR)
+    for j in range(nv):
+        at, period, width = way.nodes[way.start + j * way.stride], sampling.period[j], np.float32(sampling.width[j])
+        apart, lower = way.nodes[way.goal + j * way.stride] - at, np.float32(sampling.lower[j])
+        if period != 0.0:
+            apart -= np.float32(np.rint(apart * sampling.frequency[j])) * period
+        middle = along * apart + at
+        if width < np.float32(WHOLE) * period or period == 0.0:
+            least = largest_of(middle - reach, splat(lower))
+            most = smallest_of(middle + reach, splat(lower + width))
+        else:
+            half = smallest_of(reach, splat(np.float32(0.5) * width))
+            least, most = middle - half, middle + half
+        store(samples_out, j * LANES, _shares(sampling, places, j) * (most - least) + least)
+    for k in range(sampling.n_rotations):
+        j = sampling.rotations[k]
+        x, y, z = _shares(sampling, places, j), _shares(sampling, places, j + 1), _shares(sampling, places, j + 2)
+        turn_evenly(x, y, z, samples_out, j * LANES)
+
+
+@lane_part
+def pass_samples(sampling: Sampling, nv: int, places: Floats, count: int) -> None:
+    """Go on by so many points of the sequence; `places` (nv + 1,) as for `next_samples`, changed."""
+    for j in range(nv + 1):
+        place = places[j] + count * sampling.steps[j]
+        places[j] = place - math.floor(place)

@@ -1,0 +1,184 @@
+"""The nodes of two trees that a search on lanes grows: steps from them, one more of them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64, types, void
+
+from guidefield.kernels.jit.signatures import VECTOR_OUT
+from guidefield.kernels.simd.f32x16 import (
+    FLOAT_POINTER,
+    FLOATS_OUT,
+    INTEGERS_OUT,
+    LANES,
+    lane,
+    lane_part,
+    lane_step,
+    load,
+    pointed,
+    splat,
+    sqrt,
+    store,
+)
+from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.packing import unpacked
+from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
+from guidefield.kernels.tree.kd_buckets import BUCKETS_TYPE, STATE, Buckets, short_way
+
+RANGE = 1.0
+"""Longest extension of a tree [rad or m]."""
+
+LATE = 1024
+"""So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
+
+SIZE, ITERATION, ACTIVE, MEETING, MOTIONS, ROWS, REFUSED, TRIED, PLANTED = 0, 2, 3, 4, 6, 7, 8, 9, 11
+"""Places in the counters: both trees' sizes, iterations so far, which tree grew last, the nodes that met, motions,
+rows of the path, how many samples in a row were outside of their nodes' domains, the extensions of both trees that were
+judged, and the roots of both trees."""
+COUNTERS = 13
+
+
+class Search(NamedTuple):
+    """Two trees and what belongs to their search; each array holds both trees, one after the other.
+
+    Attributes:
+        nv: Coordinates of a chart point.
+        capacity: Nodes that each tree has room for.
+        nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
+        parents: (2 * capacity,) -1 for roots.
+        domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
+        failed: (2 * capacity,) how many of each node's extensions were not free.
+        places: (nv + 1,) where in its box the last sample was, as shares of its sides, and which box that was.
+        counters: (COUNTERS,).
+        sample, target, origin, reached: (nv,) memory.
+        samples: (nv * 16,) samples, coordinate by coordinate.
+        near: (2 * 16,) how far each is from the node nearest to it, squared; then those nodes.
+        grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
+        longest: (16,) how long they may be; then which share of the ways to their samples they are.
+        origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate.
+        hits: (3 * SIEVE,) what the sieve of a batch tries first.
+        path: (2 * nv * capacity,) the path once the trees have met, chart point by chart point.
+        buckets: Where the older nodes of large trees are.
+    """
+
+    nv: int
+    capacity: int
+    nodes: np.ndarray
+    parents: np.ndarray
+    domains: np.ndarray
+    failed: np.ndarray
+    places: np.ndarray
+    counters: np.ndarray
+    sample: np.ndarray
+    target: np.ndarray
+    origin: np.ndarray
+    reached: np.ndarray
+    samples: np.ndarray
+    near: np.ndarray
+    grown: np.ndarray
+    longest: np.ndarray
+    origins: np.ndarray
+    ends: np.ndarray
+    hits: np.ndarray
+    path: np.ndarray
+    buckets: Buckets
+
+
+_SEARCH = types.NamedTuple(
+    [
+        *[types.int64] * 2,
+        FLOATS_OUT,
+        INTEGERS_OUT,
+        FLOATS_OUT,
+        INTEGERS_OUT,
+        VECTOR_OUT,
+        INTEGERS_OUT,
+        *[FLOATS_OUT] * 6,
+        INTEGERS_OUT,
+        *[FLOATS_OUT] * 3,
+        INTEGERS_OUT,
+        VECTOR_OUT,
+        BUCKETS_TYPE,
+    ],
+    Search,
+)
+SEARCH = pointed(_SEARCH)
+
+search_of = unpacked(_SEARCH)
+"""Makes a search of its words."""
+
+ROOTS = types.Array(types.float64, 2, "A", readonly=True)
+"""Roots of a tree, shape (n, nv), in any order in memory."""
+
+
+@lane_part
+def step_each(search: Search, sampling: Sampling, batch: int) -> None:
+    """Let the first extensions of a batch, whose ends are what they go towards, end where they get to at most."""
+    nodes, grown, origins, ends, longest = search.nodes, search.grown, search.origins, search.ends, search.longest
+    nv, capacity = search.nv, search.capacity
+    for slot in range(batch):
+        at = grown[2 * slot] * nv * capacity + grown[2 * slot + 1]
+        for j in range(nv):
+            origins[j * LANES + slot] = lane(load(nodes, at + j * capacity), 0)
+    square = splat(0.0)
+    for j in range(nv):
+        way = load(ends, j * LANES) - load(origins, j * LANES)
+        way = short_way(way, sampling.period[j], sampling.frequency[j])
+        store(ends, j * LANES, way)
+        square = square + way * way
+    store(search.near, 0, sqrt(square))
+    for slot in range(batch):
+        longest[slot] = min(np.float32(1.0), longest[slot] / max(search.near[slot], np.float32(1e-12)))
+    share = load(longest, 0)
+    for j in range(nv):
+        store(ends, j * LANES, load(ends, j * LANES) * share + load(origins, j * LANES))
+
+
+@lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING, types.float64))
+def step_towards(search: Search, tree: int, node: int, target: Floats32, sampling: Sampling, longest: float) -> float:
+    """Write a node's point and the one so far towards a target, shape (nv,), at most; the distance to the target."""
+    origin, reached, nodes, square = search.origin, search.reached, search.nodes, 0.0
+    nv, capacity = search.nv, search.capacity
+    for j in range(nv):
+        origin[j] = nodes[(tree * nv + j) * capacity + node]
+        way = target[j] - origin[j]
+        if sampling.period[j] != 0.0:
+            way -= np.float32(np.rint(way * sampling.frequency[j])) * sampling.period[j]
+        reached[j] = way
+        square += way * way
+    distance = math.sqrt(square)
+    share = np.float32(min(1.0, longest / max(distance, 1e-12)))
+    for j in range(nv):
+        reached[j] = origin[j] + share * reached[j]
+    return distance
+
+
+@lane_step(int64(SEARCH, int64, int64))
+def add_reached(search: Search, tree: int, parent: int) -> int:
+    """Add the point that was reached to a tree, which has room; its index."""
+    at, nv, capacity = search.counters[SIZE + tree], search.nv, search.capacity
+    for j in range(nv):
+        search.nodes[(tree * nv + j) * capacity + at] = search.reached[j]
+    search.parents[tree * capacity + at] = parent
+    search.domains[tree * capacity + at] = np.inf
+    search.failed[tree * capacity + at] = 0
+    search.counters[SIZE + tree] = at + 1
+    return int(at)
+
+
+@lane_step(void(SEARCH, int64, ROOTS))
+def plant(search: Search, tree: int, roots: np.ndarray) -> None:
+    """Leave nothing of a tree but its roots, chart points, shape (n, nv); there is room for them."""
+    nv, capacity, first = search.nv, search.capacity, tree * search.capacity
+    for i in range(len(roots)):
+        for j in range(nv):
+            search.nodes[(tree * nv + j) * capacity + i] = roots[i, j]
+        search.parents[first + i] = -1
+        search.domains[first + i] = np.inf
+        search.failed[first + i] = 0
+    search.counters[SIZE + tree] = search.counters[PLANTED + tree] = len(roots)
+    for k in range(STATE):
+        search.buckets.state[tree * STATE + k] = 0

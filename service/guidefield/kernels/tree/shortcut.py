@@ -1,0 +1,140 @@
+"""Paths shortened in lanes: detours left out where the straight way is free, then straight ways between places.
+
+The places come from a fixed sequence that fills the square of pairs evenly, so the same path becomes the same one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import int64, types
+
+from guidefield.kernels.collide.motion_validation import LaneWorld, motion_free, world_of
+from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import lane_kernel, lane_part, pointers
+from guidefield.kernels.simd.packing import Words
+
+_PATH = types.Array(types.float32, 2, "C")
+
+# The additive recurrence of the plastic number (M. Roberts, 2018).
+_STEP_X, _STEP_Y = 0.7548776662466927, 0.5698402909980532
+
+
+@lane_part
+def _length(path: np.ndarray, segment: int) -> float:
+    """Length of a segment of a path."""
+    square = 0.0
+    for j in range(path.shape[1]):
+        square += (path[segment + 1, j] - path[segment, j]) ** 2
+    return math.sqrt(square)
+
+
+@lane_part
+def _total(path: np.ndarray, count: int) -> float:
+    """Length of a path of so many points."""
+    total = 0.0
+    for segment in range(count - 1):
+        total += _length(path, segment)
+    return total
+
+
+@lane_part
+def _moved(path: np.ndarray, first: int, count: int, by: int) -> None:
+    """Move the points from `first` on by some places, towards the end where that is positive."""
+    for k in range(count - first):
+        i = count - 1 - k if by > 0 else first + k
+        for j in range(path.shape[1]):
+            path[i + by, j] = path[i, j]
+
+
+@lane_part
+def _place(path: np.ndarray, count: int, along: float, point: int) -> int:
+    """Write the place so far along a path into one of its rows; the segment that it is on."""
+    segment = 0
+    while segment < count - 2 and along > _length(path, segment):
+        along -= _length(path, segment)
+        segment += 1
+    share = np.float32(min(along / max(_length(path, segment), 1e-12), 1.0))
+    for j in range(path.shape[1]):
+        path[point, j] = path[segment, j] + share * (path[segment + 1, j] - path[segment, j])
+    return segment
+
+
+@lane_part
+def _without_detours(world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float) -> int:
+    """From each point on, leave out all before the farthest that is reached straight; how many are left of so many."""
+    i = 0
+    while i < count - 2:
+        for j in range(count - 1, i + 1, -1):
+            if motion_free(world, clearance, pointers(path[i]), pointers(path[j]), resolution):
+                _moved(path, j, count, i + 1 - j)
+                count -= j - i - 1
+                break
+        i += 1
+    return count
+
+
+@lane_part
+def _with_shortcuts(
+    world: LaneWorld, path: np.ndarray, count: int, clearance: float, resolution: float, tries: int
+) -> int:
+    """Take straight ways between places on a path of so many points, where they are free; how many points it has then.
+
+    Each try may need one row more; the last two are for looking ahead.
+    """
+    low, high, total = len(path) - 2, len(path) - 1, _total(path, count)
+    for k in range(tries):
+        if count < 3:
+            break
+        x, y = (0.5 + k * _STEP_X) % 1.0, (0.5 + k * _STEP_Y) % 1.0
+        start = _place(path, count, min(x, y) * total, low)
+        end = _place(path, count, max(x, y) * total, high)
+        if start < end and motion_free(world, clearance, pointers(path[low]), pointers(path[high]), resolution):
+            more = 2 + start - end
+            _moved(path, end + 1, count, more)
+            count += more
+            for j in range(path.shape[1]):
+                path[start + 1, j], path[start + 2, j] = path[low, j], path[high, j]
+            total = _total(path, count)
+    return count
+
+
+@lane_kernel(int64(INDICES, MATRIX, types.float64, types.float64, int64, _PATH, MATRIX_OUT))
+def shorten(
+    words: Words,
+    path: np.ndarray,
+    clearance: float,
+    resolution: float,
+    tries: int,
+    rows: np.ndarray,
+    short_out: np.ndarray,
+) -> int:
+    """Leave out detours of a path, take straight ways between places on it, and leave out detours again.
+
+    Args:
+        words: Robot and obstacles, a packed `LaneWorld`.
+        path: Chart points, shape (n, nv) [rad or m].
+        clearance: What to keep from obstacles [m].
+        resolution: Samples per length in the chart [1/rad or 1/m].
+        tries: How many pairs of places.
+        rows: Memory, shape (n + tries + 2, nv), float32.
+        short_out: Gets the path, whose ends are as they were given; shape (n + tries + 2, nv).
+
+    Returns:
+        How many points it has.
+    """
+    world, count, nv = world_of(pointers(words)), len(path), path.shape[1]
+    for i in range(count):
+        for j in range(nv):
+            rows[i, j] = path[i, j]
+    count = _without_detours(world, rows, count, clearance, resolution)
+    count = _with_shortcuts(world, rows, count, clearance, resolution, tries)
+    count = _without_detours(world, rows, count, clearance, resolution)
+    for i in range(count):
+        for j in range(nv):
+            short_out[i, j] = rows[i, j]
+    for j in range(nv):
+        short_out[0, j], short_out[count - 1, j] = path[0, j], path[len(path) - 1, j]
+    return count

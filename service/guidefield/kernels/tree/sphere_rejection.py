@@ -1,0 +1,143 @@
+"""Which of sixteen configurations touch an obstacle for certain: balls inside the bodies tell, nothing else is asked.
+
+What is hit here touches for `block_touches`, too, so to ask first changes no answer. The sixteen may have nothing to do
+with each other, and each has its own verdict.
+"""
+
+from __future__ import annotations
+
+from numba import int64, types
+
+from guidefield.kernels.collide.broadphase import ball_centre, boxes_near, near_obstacle, place_carriers
+from guidefield.kernels.collide.layout import (
+    BALL,
+    BAND,
+    BODIES,
+    OBSTACLES,
+    SCRATCH_MEMORY,
+    LaneBodies,
+    LaneObstacles,
+    Scratch,
+)
+from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, Integers, LaneJoints, lane_placements
+from guidefield.kernels.simd.f32x16 import (
+    ALL_LANES,
+    FLOAT_POINTER,
+    INTEGER_POINTER,
+    LANES,
+    first_lane,
+    lane_part,
+    lane_step,
+    load,
+)
+from guidefield.kernels.simd.lane_math import Floats32
+
+SIEVE = 32
+"""How many of the inner balls that met an obstacle are tried before any other."""
+
+FEW = 4
+"""Where they leave at most so many configurations open, all else costs more than it tells."""
+
+
+@lane_step(int64(BODIES, OBSTACLES, types.float64, SCRATCH_MEMORY, INTEGER_POINTER))
+def _hit_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, scratch: Scratch, hits: Integers) -> int:
+    """The lanes where one of the balls that met an obstacle lately does so again; such a ball moves on by a place."""
+    poses, inner, mask = scratch.poses, bodies.inner, 0
+    for k in range(SIEVE):
+        body, o, ball = hits[3 * k], hits[3 * k + 1], hits[3 * k + 2]
+        if body < 0:
+            break
+        x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
+        new = near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, ALL_LANES & ~mask) & ~mask
+        if new == 0:
+            continue
+        mask |= new
+        if mask == ALL_LANES:
+            break
+        if k > 0:
+            for i in range(3 * k, 3 * k + 3):
+                hits[i - 3], hits[i] = hits[i], hits[i - 3]
+    return int(mask)
+
+
+@lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY, INTEGER_POINTER))
+def _hits_of(
+    bodies: LaneBodies,
+    body: int,
+    obstacles: LaneObstacles,
+    o: int,
+    near: int,
+    clearance: float,
+    scratch: Scratch,
+    hits: Integers,
+) -> int:
+    """The lanes of some where a ball inside a body meets an obstacle; such balls are remembered."""
+    mask = 0
+    for ball in range(bodies.inners[body], bodies.inners[body + 1]):
+        x, y, z = ball_centre(scratch.poses, bodies.joints[body], bodies.inner, ball)
+        left = near & ~mask
+        new = left & near_obstacle(obstacles, o, x, y, z, bodies.inner[4 * ball + 3] + clearance - BAND, left)
+        if new:
+            mask |= new
+            for i in range(3 * SIEVE - 1, 2, -1):
+                hits[i] = hits[i - 3]
+            hits[0], hits[1], hits[2] = body, o, ball
+    return int(mask)
+
+
+@lane_part
+def _few(lanes: int) -> bool:
+    """Whether a mask has at most `FEW` lanes."""
+    for _ in range(FEW):
+        lanes &= lanes - 1
+    return bool(lanes == 0)
+
+
+@lane_step(int64(JOINTS, BODIES, OBSTACLES, types.float64, FLOAT_POINTER, SCRATCH_MEMORY, INTEGER_POINTER))
+def certain_hits(
+    joints: LaneJoints,
+    bodies: LaneBodies,
+    obstacles: LaneObstacles,
+    clearance: float,
+    coordinates: Floats32,
+    scratch: Scratch,
+    hits: Integers,
+) -> int:
+    """Mask of lanes where a ball inside a body meets an obstacle; some where one does may be missing.
+
+    Args:
+        joints: The robot's joints.
+        bodies: Its bodies.
+        obstacles: What is around it.
+        clearance: What it has to keep from obstacles [m], >= 0.
+        coordinates: Sixteen values of each chart coordinate, flat, (nv * 16).
+        scratch: Memory.
+        hits: (3 * SIEVE,) balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
+    """
+    lane_placements(joints, coordinates, scratch.poses)
+    mask = _hit_again(bodies, obstacles, clearance, scratch, hits)
+    if _few(ALL_LANES & ~mask):
+        return mask
+    place_carriers(bodies, scratch)
+    poses, centres, members, n = scratch.poses, scratch.centres, bodies.members, obstacles.size
+    for c in range(bodies.moving):
+        x, y, z = load(centres, c * BALL), load(centres, c * BALL + LANES), load(centres, c * BALL + 2 * LANES)
+        reach, several = bodies.around[4 * c + 3] + clearance, members[c + 1] - members[c] > 1
+        for block in range((n + LANES - 1) // LANES):
+            candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
+            while candidates:
+                o = block * LANES + first_lane(candidates)
+                candidates &= candidates - 1
+                about = near_obstacle(obstacles, o, x, y, z, reach, ALL_LANES & ~mask)
+                if obstacles.whole[o] == 0 or about & ~mask == 0:
+                    continue
+                for k in range(members[c], members[c + 1]):
+                    body, near = bodies.order[k], about & ~mask
+                    if near and several:
+                        u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
+                        near &= near_obstacle(obstacles, o, u, v, w, bodies.bounds[4 * body + 3] + clearance, near)
+                    if near and obstacles.tested[body * n + o]:
+                        mask |= _hits_of(bodies, body, obstacles, o, near, clearance, scratch, hits)
+                if mask == ALL_LANES:
+                    return mask
+    return int(mask)

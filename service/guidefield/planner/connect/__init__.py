@@ -1,0 +1,1 @@
+"""Connections of configurations: trees, and what is done with the paths that they find."""

@@ -1,0 +1,36 @@
+"""Whether a configuration can be left at all: short motions in every direction, where long ones all failed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.collision.lanes.lanes import Lanes
+
+LENGTHS = 0.3, 0.1, 0.03, 0.01
+"""How far the motions go that are tried [rad or m]."""
+
+DIRECTIONS = 1024
+"""How many directions of each length, beside those along one coordinate."""
+
+
+def can_be_left(lanes: Lanes, roots: np.ndarray, clearance: float, resolution: float, rng: np.random.Generator) -> bool:
+    """Whether any of many short motions out of some configurations is free.
+
+    Args:
+        lanes: Robot and obstacles.
+        roots: Chart points, shape (k, nv), free.
+        clearance: What to keep from obstacles [m].
+        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
+        rng: Chooses directions.
+    """
+    group, along = lanes.world.group, np.eye(lanes.world.group.nv)
+    drawn = rng.normal(size=(DIRECTIONS, group.nv))
+    directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]])
+    for root in roots:
+        for length in LENGTHS:
+            ends = np.clip(root + length * directions, group.lower, group.upper)
+            ends = ends[np.linalg.norm(ends - root, axis=1) > 0.5 * length]
+            for end in ends[~lanes.touching(ends, clearance)]:
+                if lanes.free_until(np.array([root, end]), resolution, clearance):
+                    return True
+    return False

@@ -1,0 +1,245 @@
+"""Tree search on the lane kernels."""
+
+from __future__ import annotations
+
+import math
+import threading
+import weakref
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.collision.lanes.lanes import Lanes
+from guidefield.kernels.collide.arena import LINE
+from guidefield.kernels.simd.f32x16 import LANES
+from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel
+from guidefield.kernels.tree.kd_buckets import buckets_for
+from guidefield.kernels.tree.sphere_rejection import SIEVE
+from guidefield.planner.connect.escape_test import can_be_left
+from guidefield.planner.connect.sample_sources import Sources, sources_of
+from guidefield.planner.task.problem import Budget
+from guidefield.robot.group.group import PlanningGroup
+
+MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
+"""Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
+
+PIECE = 256
+"""Iterations between two looks at the budget: some milliseconds."""
+
+ENCLOSED = 20_000
+"""After so many extensions of nothing but roots it is asked whether these can be left at all."""
+
+FIRST_CAPACITY = 512
+"""Nodes that each tree has room for at first; doubled when it is full."""
+
+
+class Found(NamedTuple):
+    """What a search came to.
+
+    Attributes:
+        path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
+        counters: What the search counted, see lane_nodes.
+        search: Its trees, until this thread begins another search.
+        enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
+    """
+
+    path: np.ndarray | None
+    counters: np.ndarray
+    search: lane_nodes.Search
+    enclosed: int | None = None
+
+    @property
+    def iterations(self) -> int:
+        """Samples drawn."""
+        return int(self.counters[lane_nodes.ITERATION])
+
+    @property
+    def motions(self) -> int:
+        """Straight motions judged."""
+        return int(self.counters[lane_nodes.MOTIONS])
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Configurations of both trees."""
+        first, second = self.counters[lane_nodes.SIZE : lane_nodes.SIZE + 2].tolist()
+        return first, second
+
+    @property
+    def tried(self) -> tuple[int, int]:
+        """Extensions of both trees that were judged."""
+        first, second = self.counters[lane_nodes.TRIED : lane_nodes.TRIED + 2].tolist()
+        return first, second
+
+    def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
+        held = zip(*held_by(self.search)[:2], self.sizes, strict=True)
+        return tuple((nodes[:, :size].T.astype(float), parents[:size].copy()) for nodes, parents, size in held)
+
+
+def grow(
+    lanes: Lanes,
+    starts: np.ndarray,
+    goals: np.ndarray,
+    resolution: float,
+    clearance: float,
+    rng: np.random.Generator,
+    budget: Budget,
+    *,
+    within: float = math.inf,
+    most_motions: int = MOST_MOTIONS,
+) -> Found:
+    """Grow two trees towards each other until they meet.
+
+    Args:
+        lanes: Robot and obstacles.
+        starts: Roots of the one tree, shape (k, nv), free.
+        goals: Roots of the other, shape (m, nv), free.
+        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
+        clearance: What to keep from obstacles [m].
+        rng: Shifts the sequence of samples.
+        budget: How long.
+        within: Samples come from where a path of at most this length [rad or m] may lead.
+        most_motions: After so many motions it ends.
+    """
+    nv = starts.shape[1]
+    place = _place(lanes.world.group, nv)
+    sources, room = place.sources, place.room
+    if sources.roams.size:
+        sources = sources.about(np.concatenate([starts, goals]))
+    if within != math.inf:
+        sources = sources.between(starts, goals, within)
+    most_roots = max(len(starts), len(goals))
+    if 2 * most_roots > FIRST_CAPACITY:
+        room = _Room.build(nv, 2 * most_roots)
+    rng.random(out=room.search.places)
+    begins, suspected, counters = True, [0, 1], room.search.counters
+    while True:
+        piece = PIECE if budget.spent() is None else 0
+        ended = kernel.grow(lanes.words, sources.words, room.words, starts, goals, clearance, resolution, piece, begins)
+        if ended == kernel.MET:
+            # samples are float32: rounding may take one beyond a limit
+            path = np.clip(room.path[: counters[lane_nodes.ROWS]], lanes.world.group.lower, lanes.world.group.upper)
+            return Found(path, counters.copy(), room.search)
+        begins = False
+        if ended == kernel.FULL:
+            room = room.roomier()
+        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= ENCLOSED), None)
+        if tried is not None:
+            suspected.remove(tried)
+            roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
+            if size == len(roots) and not can_be_left(lanes, roots, clearance, resolution, rng):
+                return Found(None, counters.copy(), room.search, tried)
+        if (
+            piece == 0
+            or counters[lane_nodes.ITERATION] >= MOST_ITERATIONS
+            or counters[lane_nodes.MOTIONS] >= most_motions
+        ):
+            return Found(None, counters.copy(), room.search)
+
+
+def held_by(search: lane_nodes.Search) -> tuple[np.ndarray, ...]:
+    """Nodes, parents, domains and failures, tree by tree: shapes (2, nv, capacity) and (2, capacity) each."""
+    nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
+    return nodes, *(array.reshape(2, -1) for array in (search.parents, search.domains, search.failed))
+
+
+def _from_a_line(size: int) -> np.ndarray:
+    """So many float32, all 0, the first of which is where a line of the cache begins."""
+    floats = LINE // 4
+    memory = np.zeros(size + floats, np.float32)
+    begin = -memory.ctypes.data % LINE // 4
+    return memory[begin : begin + size]
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """Memory of two trees.
+
+    Attributes:
+        search: The trees.
+        words: Those packed.
+        path: Where the path is written, shape (2 * capacity, nv).
+    """
+
+    search: lane_nodes.Search
+    words: Words
+    path: np.ndarray
+
+    @classmethod
+    def build(cls, nv: int, capacity: int) -> _Room:
+        """Room for so many nodes in each tree."""
+        ends_of = np.cumsum((nv, nv, nv, 2)) * LANES
+        samples, origins, ends, near, longest = np.split(_from_a_line((3 * nv + 3) * LANES), ends_of)
+        # sixteen more: the nearest node is looked for sixteen at a time
+        search = lane_nodes.Search(
+            nv=nv,
+            capacity=capacity,
+            nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
+            parents=np.full(2 * capacity, -1, np.int64),
+            domains=np.full(2 * capacity, np.inf, np.float32),
+            failed=np.zeros(2 * capacity, np.int64),
+            places=np.zeros(nv + 1),
+            counters=np.zeros(lane_nodes.COUNTERS, np.int64),
+            sample=np.zeros(nv, np.float32),
+            target=np.zeros(nv, np.float32),
+            origin=np.zeros(nv, np.float32),
+            reached=np.zeros(nv, np.float32),
+            samples=samples,
+            near=near,
+            grown=np.zeros(2 * LANES, np.int64),
+            longest=longest,
+            origins=origins,
+            ends=ends,
+            hits=np.full(3 * SIEVE, -1, np.int64),
+            path=np.empty(2 * nv * capacity),
+            buckets=buckets_for(nv, capacity if capacity > lane_nodes.LATE else 0),
+        )
+        return cls.of(search)
+
+    @classmethod
+    def of(cls, search: lane_nodes.Search) -> _Room:
+        """The memory of some trees."""
+        return cls(search, packed(search), search.path.reshape(-1, search.nv))
+
+    def roomier(self) -> _Room:
+        """The same trees with room for twice as many nodes."""
+        larger = _Room.build(self.search.nv, 2 * self.search.capacity).search
+        for old, new in zip(held_by(self.search), held_by(larger), strict=True):
+            new[..., : self.search.capacity] = old
+        return _Room.of(larger._replace(places=self.search.places, counters=self.search.counters))
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a thread's searches begin.
+
+    Attributes:
+        room: Memory of the usual size.
+        group: Whose the last search was.
+        sources: Where its samples come from.
+    """
+
+    room: _Room
+    group: weakref.ref[PlanningGroup]
+    sources: Sources
+
+
+class _Places(threading.local):
+    """A thread's, by how many coordinates and what size: to make them takes longer than to find a simple path."""
+
+    def __init__(self) -> None:
+        self.kept: dict[tuple[int, int], _Place] = {}
+
+
+_PLACES = _Places()
+
+
+def _place(group: PlanningGroup, nv: int) -> _Place:
+    """This thread's place for searches of a group with so many coordinates."""
+    place = _PLACES.kept.get((nv, FIRST_CAPACITY))
+    if place is None or place.group() is not group:
+        room = _Room.build(nv, FIRST_CAPACITY) if place is None else place.room
+        place = _PLACES.kept[nv, FIRST_CAPACITY] = _Place(room, weakref.ref(group), sources_of(group))
+    return place

@@ -1,0 +1,141 @@
+"""Go on by a connection from the motion found so far, to a goal or to a guide plane that the field didn't reach."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import Status
+from guidefield.planner.connect.connect import Connection, connect
+from guidefield.planner.connect.constrained_tree import Keeper, connect_constrained
+from guidefield.planner.ends import tip_points
+from guidefield.planner.guide.guide import Crossing
+from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stage, StageFailed
+from guidefield.planner.task.trace import Note
+from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import GuidePlane
+
+SHARE = 0.5
+"""Share of the time for a connection before a lesser one is looked for: from the start instead of from where derived
+guide planes led; with no more than contact avoided instead of with the clearance asked for."""
+
+
+@dataclass
+class Found:
+    """The motion found so far.
+
+    Attributes:
+        path: Chart points (n, nv).
+        crossings: By index of each guide plane in the request, its index in `path`.
+    """
+
+    path: np.ndarray
+    crossings: dict[int, int] = field(default_factory=dict)
+
+    def extend(self, points: np.ndarray) -> None:
+        """Go on along chart points, shape (n, nv), whose first is where the path ends."""
+        self.path = np.concatenate([self.path, points[1:]])
+
+
+def connect_to_plane(problem: Problem, found: Found, stuck: Crossing, index: int, stage: Stage) -> None:
+    """Reach a guide plane, with any orientation, from where the approach to it began.
+
+    Args:
+        problem: Robot, world and guide planes.
+        found: The motion so far; extended, also by how far the approach came where this fails.
+        stuck: The approach that didn't arrive.
+        index: Of the plane among the problem's.
+        stage: What it is counted as.
+
+    Raises:
+        StageFailed: if no connection is found; with the approach's status and reason.
+    """
+    plane = problem.guide_planes[index]
+    tip = problem.kinematics.tip_position(stuck.path[-1])
+    place = plane.closest_point(tip, inset_of(problem, plane))
+    try:
+        try:
+            goals = tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
+        except StageFailed as failure:
+            if failure.status is not Status.NO_IK_SOLUTION:
+                raise
+            goals = tip_points(problem, _within(problem, plane))
+        connect_to_goal(problem, found, goals, stage)
+    except StageFailed as failure:
+        found.extend(problem.group.chart_path(list(stuck.path), found.path[-1]))
+        raise StageFailed(
+            stuck.status, f"{stuck.message}; the tree got no further either: {failure.message}", **stuck.details
+        ) from None
+
+
+def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
+    """The tip anywhere in a square in the middle of a plane, as large as stays inside, with any orientation."""
+    inset, across = inset_of(problem, plane), axes_across(plane.normal)
+    centre = plane.closest_point(plane.centroid, inset)
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
+    half = plane.inradius
+    while half > EXACT and not all(plane.contains(centre + half * corner, inset) for corner in corners):
+        half *= 0.5
+    rotation = np.column_stack([*across, np.cross(*across)])
+    return PoseTarget(pin.SE3(rotation, centre), np.array([half, half, 0.0]), np.full(3, np.inf))
+
+
+def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
+    """Go on to a goal; whether that motion is certified.
+
+    Args:
+        problem: Robot and world.
+        found: The motion so far; extended. If nothing leads on from where guide planes led that nobody gave, it
+            begins anew at the start.
+        goals: Chart points of which one is to be reached, shape (m, nv).
+        stage: What it is counted as.
+        prove: Whether the connection is to be certified.
+
+    Raises:
+        StageFailed: if no connection is found, or time is up.
+    """
+    led = len(found.path) > 1 and max(found.crossings, default=-1) < problem.derived_planes
+    connection = _tried(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
+    if led and connection.status is not Status.SUCCESS and not problem.budget.spent():
+        problem.tell(Note("nothing leads on from where derived guide planes led: the connection begins at the start"))
+        found.path, found.crossings = found.path[:1], {}
+        connection = _tried(problem, found, goals, prove)
+    stage.outcome = connection.message
+    if connection.status is not Status.SUCCESS:
+        raise StageFailed(connection.status, connection.message, stage="connect")
+    found.extend(connection.path)
+    return connection.proven
+
+
+def _tried(problem: Problem, found: Found, goals: np.ndarray, prove: bool) -> Connection:
+    """A connection from the end of the motion so far, along path constraints if there are any."""
+    rng = np.random.default_rng([problem.seed, 2])
+    if problem.path_constraints:
+        keeper = Keeper(problem, problem.constrained_frames)
+        return connect_constrained(problem, keeper, found.path[-1], goals, rng)
+    return _connected(problem, found, goals, rng, prove)
+
+
+def _connected(problem: Problem, found: Found, goals: np.ndarray, rng: np.random.Generator, prove: bool) -> Connection:
+    """With the clearance asked for if there is such a connection, else any that is free."""
+    part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
+    connection = connect(part, found.path[-1], goals, rng, prove=prove)
+    if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
+        problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
+        problem = dataclasses.replace(problem, min_clearance=0.0)
+        connection = connect(problem, found.path[-1], goals, rng, prove=prove)
+    return connection
+
+
+def _in_part_of_the_time(problem: Problem) -> Problem:
+    """The problem with a share of the time that is left: another way is tried after."""
+    left = problem.budget.deadline - time.monotonic()
+    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + SHARE * max(left, 0.0))
+    return dataclasses.replace(problem, budget=budget)

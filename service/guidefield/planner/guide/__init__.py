@@ -1,0 +1,1 @@
+"""Guide planes: found, reached and crossed by descending the field."""

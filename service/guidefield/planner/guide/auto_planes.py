@@ -1,0 +1,171 @@
+"""Guide planes nobody gave: along a coarse way of the tip, at bottlenecks, mouths and bends.
+
+service/docs/algorithm.md, "Guide planes that nobody gave": a wavefront finds the way; planes stand where it is
+narrowest, where free space turns into a passage (a taper is not narrowest at its mouth), and where the centres of two
+planes don't see each other. Each is the free cross-section there, and is moved along the way to the smallest one
+nearby.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from guidefield.collision.swept import swept_world
+from guidefield.errors import SceneInvalid
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.guide.grid_astar import CAP
+from guidefield.messages import scene as messages
+from guidefield.planner.guide.tip_reach import arm_reach, tip_radius
+from guidefield.planner.guide.tip_way import TipWay, centroid, clearances, enclosed, open_areas, section, tip_way
+from guidefield.planner.task.problem import Problem
+from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import GuidePlane, build
+
+MOUTH = 0.8
+"""A passage begins where clearance falls below this share of what counts as free."""
+SIGHT = 0.5
+"""Two centres see each other if the straight way between them keeps this share of the clearance at its ends."""
+NEARBY = 3
+"""How many points of the way a plane may be moved to a smaller section."""
+APART = 0.1
+"""Planes nearer to each other, to the start or to the goal than this are one [m]."""
+CENTRINGS = 2
+NORMALS = np.array([n for n in itertools.product((-1.0, 0.0, 1.0), repeat=3) if n > (0.0, 0.0, 0.0)])
+NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
+"""Normals of planes in which a point may be enclosed, where none is given: along axes and diagonals, shape (13, 3)."""
+SIGHT_STEP = 0.02
+"""Spacing of the points that are looked at along a line of sight [m]."""
+
+
+def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
+    """Planes that lead the tip from the start to a point or a plane; none where it sees it from the start.
+
+    Args:
+        problem: Robot, scene and start.
+        goal: Where the tip is to be in the end: a point, shape (3,) [m], or a plane, for its centroid.
+
+    Returns:
+        Planes in order, named GP-auto-1, GP-auto-2 ..; None if there is no way for the tip.
+    """
+    tables = swept_world(problem.world).tables
+    start = problem.kinematics.tip_position(problem.q_start)
+    place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
+    centre, reach = arm_reach(problem)
+    ample = min(_room(tables, start, NORMALS), _room(tables, place, normals))
+    way = tip_way(tables, start, place, tip_radius(problem), centre, reach, ample)
+    if way is None:
+        return None
+    places = _places(tables, way)
+    planes = [_plane(tables, way, place, number) for number, place in enumerate(places, 1)]
+    return tuple(plane for plane in planes if plane is not None)
+
+
+def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray) -> float:
+    """Clearance that is ample for a way with such an end [m].
+
+    From a tube no way is roomier than the tube: more clearance elsewhere is worth no detour. So a goal inside a tube
+    is reached through the tube, and not round it and in at its far end.
+    """
+    return float(clearances(tables, end[None])[0]) if enclosed(tables, end, normals) else CAP
+
+
+def _places(tables: DistanceTables, way: TipWay) -> list[int]:
+    """Indices on the way where planes belong, in order."""
+    chosen: list[int] = []
+    for place in sorted(_bottlenecks(way) | _mouths(way)):
+        chosen = _with(way, chosen, _smallest_nearby(tables, way, place))
+    return _with_bends(tables, way, chosen)
+
+
+def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
+    """The places and one more, unless it is next to one of them or to an end."""
+    others = [0, len(way.points) - 1, *chosen]
+    if min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others) < APART:
+        return chosen
+    return sorted([*chosen, place])
+
+
+def _bottlenecks(way: TipWay) -> set[int]:
+    """Local minima of clearance; of a plateau its first and last point."""
+    clear, found = way.clearances, set()
+    first = 0
+    for k in range(1, len(clear)):
+        if abs(clear[k] - clear[first]) <= 0.02 * clear[first]:
+            continue
+        falls = first > 0 and clear[first - 1] > clear[first]
+        if falls and clear[k] > clear[k - 1] and clear[first] < CAP:
+            found |= {first, k - 1}
+        first = k
+    return found
+
+
+def _mouths(way: TipWay) -> set[int]:
+    """Where clearance falls below a share of what counts as free."""
+    confined = way.clearances < MOUTH * CAP
+    return set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
+
+
+def _with_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[int]:
+    """With one between every two, start and goal among them, that don't see each other: farthest from their chord."""
+    looked = [0, *chosen, len(way.points) - 1]
+    k = 0
+    while k + 1 < len(looked):
+        a, b = looked[k], looked[k + 1]
+        if b - a < 3 or _see(tables, way, a, b):
+            k += 1
+            continue
+        chord = way.points[b] - way.points[a]
+        between = way.points[a + 1 : b] - way.points[a]
+        share = np.clip(between @ chord / max(float(chord @ chord), 1e-12), 0.0, 1.0)
+        away = np.linalg.norm(between - share[:, None] * chord, axis=1)
+        bend = _smallest_nearby(tables, way, a + 1 + int(np.argmax(away)), (a, b))
+        if _with(way, [place for place in looked if 0 < place < len(way.points) - 1], bend).count(bend):
+            looked.insert(k + 1, bend)
+        else:
+            k += 1
+    return looked[1:-1]
+
+
+def _see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
+    """Whether the straight way between two places keeps a share of the clearance that they have."""
+    steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / SIGHT_STEP)))
+    points = np.linspace(way.points[a], way.points[b], steps + 1)
+    local = float(min(way.clearances[a], way.clearances[b]))
+    return float(clearances(tables, points).min()) >= SIGHT * local
+
+
+def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None) -> int:
+    """The place near another, and within a stretch of the way, where the section is smallest."""
+    first, last = within or (0, len(way.points) - 1)
+    places = np.arange(max(first + 1, place - NEARBY), min(last, place + NEARBY + 1))
+    if not len(places):
+        return place
+    across = np.array([axes_across(way.tangents[k]) for k in places])
+    areas = open_areas(tables, way.points[places], across)
+    return int(places[np.lexsort([np.abs(places - place), areas])[0]])
+
+
+def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> GuidePlane | None:
+    """The free section at a place, about its own middle; None where it is no polygon."""
+    across = axes_across(way.tangents[place])
+    centre = way.points[place].copy()
+    for _ in range(CENTRINGS):
+        moved = centre + centroid(section(tables, centre, across)) @ across
+        if clearances(tables, moved[None])[0] < 0.5 * way.clearances[place]:
+            break
+        centre = moved
+    corners = _distinct(section(tables, centre, across))
+    vertices = [tuple(vertex) for vertex in (centre + corners @ across).tolist()]
+    try:
+        return build(messages.GuidePlane(name=f"GP-auto-{number}", vertices=vertices), number - 1)
+    except SceneInvalid:
+        return None
+
+
+def _distinct(corners: np.ndarray) -> np.ndarray:
+    """Corners (k, 2) without those on top of the one before."""
+    size = float(np.ptp(corners, axis=0).max())
+    distinct: np.ndarray = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-3 * size]
+    return distinct

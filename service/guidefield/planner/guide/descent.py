@@ -1,0 +1,105 @@
+"""Descent of the potential on the manifold of configurations whose tip keeps a constraint (kernels/guide/descent.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
+from guidefield.kernels.guide.descent import ENDED, UNDECIDED, Settings, descend as descend_kernel
+from guidefield.kernels.guide.tip_constraint import TipConstraint
+from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.planner.guide.guided_path import Walker
+from guidefield.robot.group.mover import mover_of, planned_values
+
+REGULARIZATION = 1e-2
+"""Share of the metric's mean diagonal added to it: full steps are mostly accepted, symmetric links don't spin."""
+ON_CONSTRAINT = 1e-5
+"""How near a trial has to come to the constraint [m or rad]."""
+TOLERANCE = 1e-3
+"""A descent ends where a step promises, or brings, less than this share of U."""
+CLOSE = 0.015
+"""Where the robot is nearer to obstacles than this when a descent would end, it goes on [m] ..."""
+FINE = 1e-4
+""".. with this tolerance: there the last thousandth of U is millimetres of clearance."""
+MOST_STEPS = 60
+AT_ONCE = 20
+"""Steps between two looks at the budget."""
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent ended.
+
+    Attributes:
+        path: The configurations accepted on the way, without the first.
+        potentials: U at the first and at each of them [m].
+    """
+
+    path: tuple[np.ndarray, ...]
+    potentials: tuple[float, ...]
+
+    @property
+    def potential(self) -> float:
+        """U at the end [m]."""
+        return self.potentials[-1]
+
+
+def settings_of(walker: Walker, tolerance: float) -> Settings:
+    """How descents go, for the kernels."""
+    exact = int(swept_world(walker.problem.world).exact)
+    return Settings(
+        REGULARIZATION, ON_CONSTRAINT, tolerance, FINE, CLOSE, walker.margin, SELF_MARGIN, FLOOR, exact
+    )  # fmt: skip
+
+
+def descend(
+    walker: Walker,
+    constraint: TipConstraint,
+    guard: TipGuard,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+) -> Descent:
+    """Reduce U while the tip keeps a constraint, from where a walker stands; it takes no step itself.
+
+    Args:
+        walker: The robot, on the constraint; it judges motions.
+        constraint: What the tip has to keep.
+        guard: Where the tip may be.
+        tolerance: It ends where a step promises, or brings, less than this share of U.
+        most_steps: It ends after so many steps.
+    """
+    problem, group = walker.problem, walker.problem.group
+    swept, field = swept_world(problem.world), problem.robot_field
+    q, planned, longest = group.expand(walker.q), planned_values(group), 1.0
+    path: list[np.ndarray] = []
+    potentials: list[float] = []
+    trial, counts = np.empty(2), np.zeros(3, np.int64)
+    while True:
+        found = np.empty((min(AT_ONCE, most_steps - len(path)), len(q)))
+        values = np.empty(len(found) + 1)
+        answer = descend_kernel(
+            mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard,
+            settings_of(walker, tolerance), q, longest, found, values, trial, counts,
+        )  # fmt: skip
+        steps = int(counts[0])
+        field.evaluations += int(counts[1])
+        problem.counters.collision_checks += int(counts[2])
+        path += [row[planned] for row in found[:steps]]
+        potentials += [float(value) for value in values[min(1, len(potentials)) : steps + 1]]
+        q, longest = found[steps - 1] if steps else q, 1.0
+        if answer == UNDECIDED:
+            before = potentials[-1]
+            if walker.judged(path[-1] if path else walker.q, found[steps][planned]):
+                q = found[steps]
+                path.append(q[planned])
+                potentials.append(float(trial[1]))
+                if before - potentials[-1] < tolerance * before and walker.keeps(path[-1], path[-1], CLOSE):
+                    answer = ENDED
+            else:
+                longest = 0.5 * float(trial[0])
+        if answer == ENDED or len(path) >= most_steps or problem.budget.spent():
+            break
+    problem.counters.iterations += len(path)
+    return Descent(tuple(path), tuple(potentials))

@@ -1,0 +1,163 @@
+"""The seed's algorithm: bring the tip onto a guide plane, in the middle of the free space.
+
+service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open": the robot
+repels itself, a slide may not undo an advance (guard), the tip heads for the polygon inset by its radius, the last
+advance stops at the plane, and every accepted step belongs to the path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from guidefield.collision.swept import swept_world
+from guidefield.errors import Status
+from guidefield.planner.guide.aim import Aim
+from guidefield.planner.guide.guided_path import MARGIN, Walker
+from guidefield.planner.guide.projected import Blocks, Projected
+from guidefield.planner.guide.rounds import FIRST_STEP, Attempt, Round, rounds
+from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.refusal import stopped_before
+from guidefield.planner.task.trace import Note, Step
+from guidefield.scene.guide_plane import GuidePlane
+
+CREEPING = 0.1
+"""A round gains little if it brings less than this share of what an advance may bring."""
+CREEPING_ROUNDS = 3
+"""So many such rounds in a row are a standstill."""
+
+PROJECTED = (
+    Attempt(Projected(Blocks.ONE), FIRST_STEP),
+    Attempt(Projected(Blocks.TWO), FIRST_STEP),
+    Attempt(Projected(Blocks.ONE), FIRST_STEP / 2),
+)
+"""Tried in this order until one crosses the plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """What came of a guide plane.
+
+    Attributes:
+        status: SUCCESS, or why the plane was not reached.
+        message: One sentence for a person.
+        path: Configurations in order, start included, shape (n, nq); the last is on the plane if it was reached.
+        details: Values that the message speaks about.
+    """
+
+    status: Status
+    message: str
+    path: np.ndarray
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+def cross(
+    problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempts: Sequence[Attempt] = PROJECTED
+) -> Crossing:
+    """Bring the tip onto a guide plane: each attempt from the same start, until one succeeds.
+
+    Args:
+        problem: Robot, scene, field and budget.
+        q: Where to start, shape (nq,).
+        plane: The plane.
+        index: Which one of the request's it is, for reports.
+        attempts: Tried in order.
+
+    Returns:
+        The first attempt that succeeds, else the one that came nearest.
+    """
+    impossible = unreachable_at_once(problem, plane)
+    if impossible is not None:
+        reason, details = impossible
+        details = {"stage": "guide", "plane": index, "guide_plane": plane.name, **details}
+        return Crossing(Status.GUIDE_PLANE_UNREACHABLE, f"guide plane {plane.name!r}: {reason}", q[None], details)
+    best: Crossing | None = None
+    for number, attempt in enumerate(attempts):
+        if number:
+            problem.tell(Note(f"again, {attempt.minimizer.name}, steps of {1000 * attempt.step:.0f} mm"))
+        outcome = _attempt(problem, q, plane, index, attempt)
+        if outcome.status in (Status.SUCCESS, Status.TIMED_OUT, Status.PREEMPTED):
+            return outcome
+        if best is None or outcome.details["distance"] < best.details["distance"]:
+            best = outcome
+    assert best is not None, "there is at least one attempt"
+    return best
+
+
+def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
+    """Rounds until the tip is on the plane or a reason to give up turns up."""
+    aim = Aim(plane, inset_of(problem, plane))
+    walker = Walker(problem, q, margin_at(problem, q), index)
+    problem.tell(Step("start", q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
+    creeping = 0
+    while True:
+        if (spent := problem.budget.spent()) is not None:
+            return _given_up(spent, stopped_before(spent, plane.name, aim.distance(walker.tip)), walker, aim, index)
+        for made in rounds(walker, aim, attempt):
+            if made.ended is Round.BLOCKED:
+                return _blocked(walker, aim, index)
+            if made.ended is Round.ARRIVED:
+                return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
+            little = made.before - made.after < CREEPING * min(attempt.step, made.before)
+            creeping = creeping + 1 if little else 0
+            if creeping >= CREEPING_ROUNDS:
+                return _given_up(
+                    Status.STUCK_IN_MINIMUM,
+                    f"stuck in a minimum of the potential {1000 * made.before:.0f} mm before guide plane"
+                    f" {plane.name!r}",
+                    walker, aim, index,
+                )  # fmt: skip
+
+
+def _blocked(walker: Walker, aim: Aim, index: int) -> Crossing:
+    """No advance is possible: held by an obstacle it is stuck, out of reach the plane is unreachable from here."""
+    plane, left = aim.plane, 1000 * aim.distance(walker.tip)
+    refusal = walker.refusal()
+    if refusal is None:
+        return _given_up(
+            Status.GUIDE_PLANE_UNREACHABLE,
+            f"guide plane {plane.name!r} is {left:.0f} mm away and the tip can't get nearer: joint limits or reach",
+            walker, aim, index,
+        )  # fmt: skip
+    pair = " and ".join(refusal.pair) if refusal.pair else "two bodies"
+    return _given_up(
+        Status.STUCK_IN_MINIMUM,
+        f"stuck in a minimum of the potential {left:.0f} mm before guide plane {plane.name!r}: {pair} would touch",
+        walker, aim, index,
+    )  # fmt: skip
+
+
+def _given_up(status: Status, message: str, walker: Walker, aim: Aim, index: int) -> Crossing:
+    group, refusal = walker.problem.group, walker.refusal()
+    z = group.chart(walker.q)
+    at_limit = [
+        j.name for j in group.joints if min(z[j.idx_v] - group.lower[j.idx_v], group.upper[j.idx_v] - z[j.idx_v]) < 1e-6
+    ]
+    details = {
+        "stage": "guide",
+        "plane": index,
+        "guide_plane": aim.plane.name,
+        "distance": aim.distance(walker.tip),
+        "tip": walker.tip.tolist(),
+        "potential": walker.problem.robot_field.potential(walker.q),
+        "pair": list(refusal.pair) if refusal is not None and refusal.pair else None,
+        "joints_at_limit": at_limit,
+    }
+    return Crossing(status, message, np.array(walker.path), details)
+
+
+def margin_at(problem: Problem, q: np.ndarray) -> float:
+    """Distance that steps keep from obstacles [m]: what is asked for, a little more where the start allows it.
+
+    Args:
+        problem: Robot, world and what is asked for.
+        q: Where the robot starts, shape (nq,).
+    """
+    if swept_world(problem.world).keeps(q, 2.0 * MARGIN):
+        return max(problem.min_clearance, MARGIN)
+    start = max(problem.world.clearance(q).obstacle_distance, 0.0)
+    return max(problem.min_clearance, min(MARGIN, 0.5 * start))

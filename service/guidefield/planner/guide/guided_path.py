@@ -1,0 +1,215 @@
+"""Steps towards a guide plane: advances of the tip, and every accepted configuration, which together are the path.
+
+service/docs/algorithm.md, "Crossing a guide plane", has the algorithm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from guidefield.collision.certify.certificate import Verdict, motion_free
+from guidefield.collision.swept import swept_world
+from guidefield.kernels.kinematics.position_ik import reach
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.trace import Note, Step
+from guidefield.robot.group.mover import mover_of, planned_values
+
+MARGIN = 2e-3
+"""Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
+
+COMFORTABLE = 0.02
+"""A straight way that keeps this distance from obstacles is taken without comparing [m]."""
+
+WIDE_MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
+"""Distances from obstacles by which ways between the same configurations are compared, the widest first [m]."""
+
+DIPS = (0.06, 0.045, 0.03, 0.015)
+"""A way dips that does not keep the widest of these distances that both its ends keep [m]."""
+
+Reach = Callable[[Problem, np.ndarray, np.ndarray], Iterable[np.ndarray]]
+"""Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Where an advance got to.
+
+    Attributes:
+        q: Configuration after it; None if no step was feasible.
+        step: Distance that the tip moved [m].
+    """
+
+    q: np.ndarray | None
+    step: float
+
+
+class Walker:
+    """Takes steps for one problem and keeps every accepted configuration: they are the path.
+
+    Args:
+        problem: What is planned.
+        q: Where to start, shape (nq,).
+        margin: Distance to keep from obstacles [m].
+        plane: Index of the guide plane that is approached, for reports.
+    """
+
+    def __init__(self, problem: Problem, q: np.ndarray, margin: float, plane: int) -> None:
+        self.problem = problem
+        self.path = [q]
+        self.margin = margin
+        self.plane = plane
+        self._tip: np.ndarray | None = None
+        self._refused: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def q(self) -> np.ndarray:
+        """Where the robot is now, shape (nq,)."""
+        return self.path[-1]
+
+    @property
+    def tip(self) -> np.ndarray:
+        """Where its tip is now, shape (3,) [m]."""
+        if self._tip is None:
+            self._tip = self.problem.kinematics.tip_position(self.q)
+        return self._tip
+
+    def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
+        """Whether the straight motion between two configurations (nq,) is free over its whole length."""
+        swept = swept_world(self.problem.world)
+        z0, z1 = swept.ends(q0, q1)
+        self.problem.counters.collision_checks += 1
+        if swept.apart(z0, z1, self.margin):
+            return True
+        if swept.exact:
+            self._refused = (z0, z1)
+            return False
+        return self.judged(q0, q1)
+
+    def judged(self, q0: np.ndarray, q1: np.ndarray) -> bool:
+        """`free` by the certificate, where capsules can't tell; each configuration of shape (nq,)."""
+        z0, z1 = swept_world(self.problem.world).ends(q0, q1)
+        verdict = motion_free(self.problem.world, z0, z1, self.margin)
+        self.problem.counters.collision_checks += verdict.evaluations
+        if not verdict.free:
+            self._refused = (z0, z1)
+        return verdict.free
+
+    def straighten(self, since: int) -> None:
+        """Go straight from an earlier configuration of the path to the last one, where that motion is free.
+
+        Advances lead to the walls and descents back: from one plane's minimum to the next one's the straight motion is
+        shorter and mostly farther from the obstacles. It need not be, so every step is kept until this is known. Where
+        the straight way comes close, the first of it, one through a single step, and all steps stays that keeps the
+        widest margin.
+
+        Args:
+            since: Index in the path of the earlier configuration.
+        """
+        steps = self.path[since:]
+        if len(steps) < 3:
+            return
+        if self.keeps(steps[0], steps[-1], max(COMFORTABLE, self.margin)):
+            del self.path[since + 1 : -1]
+            return
+        for margin in (m for m in WIDE_MARGINS if m > self.margin):
+            for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
+                if all(self.keeps(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
+                    self.path[since + 1 : -1] = kept
+                    return
+        if self.free(steps[0], steps[-1]):
+            del self.path[since + 1 : -1]
+
+    def dips(self, since: int) -> bool:
+        """Whether the way from an earlier configuration comes nearer to obstacles than both its ends do.
+
+        Args:
+            since: Index in the path of the earlier configuration.
+        """
+        swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
+        margin = next((margin for margin in DIPS if all(swept.keeps(q, margin) for q in ends)), None)
+        return margin is not None and not all(self.keeps(a, b, margin) for a, b in pairwise(self.path[since:]))
+
+    def undo(self, since: int) -> None:
+        """Go back to an earlier configuration, whose index in the path is given."""
+        del self.path[since + 1 :]
+        self._tip = None
+        self.problem.tell(Note("comes too near to obstacles on the way: goes back, and on in shorter advances"))
+
+    def keeps(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
+        """Whether capsules can tell that the straight motion between configurations (nq,) keeps a margin [m]."""
+        swept = swept_world(self.problem.world)
+        self.problem.counters.collision_checks += 1
+        return swept.apart(*swept.ends(q0, q1), margin)
+
+    def refusal(self) -> Verdict | None:
+        """Why the last motion that was not free was refused: the certificate's verdict; None if there was none.
+
+        Where the fast judgement is stricter than the certificate by a hair, the verdict may be that it is free.
+        """
+        if self._refused is None:
+            return None
+        return motion_free(self.problem.world, *self._refused, self.margin)
+
+    def refused_between(self, *ends: np.ndarray) -> None:
+        """Note the ends of the last motion that was not free, two configurations (nq,); none if there was none."""
+        self._refused = swept_world(self.problem.world).ends(*ends) if ends else None
+
+    def take(
+        self, q: np.ndarray, kind: str, message: str, potential: float | None = None, *, kept: bool = True
+    ) -> None:
+        """Accept a configuration.
+
+        Args:
+            q: Where the robot goes, shape (nq,).
+            kind: What kind of step it is.
+            message: What an observer is told of it.
+            potential: U there [m], if it is known.
+            kept: Whether it belongs to the path: not where a straight way was found that leaves it out.
+        """
+        if kept:
+            self.path.append(q)
+            self._tip = None
+        self.problem.tell(Step(kind, q, message, potential, self.plane))
+
+    def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Moved:
+        """Move the tip along a direction: the largest of step, step/2, step/4 .. that is feasible and free.
+
+        Args:
+            direction: Unit vector, shape (3,).
+            step: How far at most [m].
+            smallest: Below this the advance is given up [m].
+            reached: How configurations with the tip at a point are found.
+        """
+        start, tried = self.tip, step
+        self._refused = None
+        while tried >= smallest or tried == step:
+            for q in reached(self.problem, self.q, start + tried * direction):
+                if self.free(self.q, q):
+                    self.take(q, "advance", f"tip {1000 * tried:.0f} mm towards the plane")
+                    return Moved(q, tried)
+            tried *= 0.5
+        return Moved(None, 0.0)
+
+
+def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarray | None:
+    """The configuration near q whose tip is at a point, by the least change of joints weighted with their reach.
+
+    Args:
+        problem: Robot and limits.
+        q: Where the robot is, shape (nq,).
+        point: Where its tip shall be, shape (3,) [m, world].
+
+    Returns:
+        A configuration within the limits, shape (nq,), or None if Newton's method does not get there.
+    """
+    group = problem.group
+    start = group.expand(q)
+    reached = np.empty_like(start)
+    if not reach(mover_of(group), start, point, reached):
+        return None
+    planned: np.ndarray = reached[planned_values(group)]
+    return planned

@@ -1,0 +1,44 @@
+"""What a minimizer does for the guided planner: it reaches points with the tip, and lowers the potential on a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+
+from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.task.problem import Problem
+
+MOST_ROUNDS = 6
+"""Rounds of slide and reorient on one plane."""
+NEGLIGIBLE = 2e-3
+"""Rounds end where U falls by less than this share."""
+
+
+class Minimizer(Protocol):
+    """Lowers the potential of the robot while its tip stays on a plane: the thesis' slide and reorient."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for reports."""
+
+    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterable[np.ndarray]:
+        """Configurations near one whose tip is at a point: those that an advance tries, in order.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+        """
+
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+        """Slide and reorient on a plane until U falls no more; the walker takes every step.
+
+        Args:
+            walker: The robot, with its tip on the plane.
+            point: A point of the plane, shape (3,) [m, world].
+            normal: The plane's unit normal, shape (3,), in the world.
+            guard: Where the tip may be.
+        """

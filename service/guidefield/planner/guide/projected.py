@@ -1,0 +1,80 @@
+"""Projected: the minimizer for any chain of joints; it descends on the manifold of configurations on a plane."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.kernels.guide.tip_constraint import TipConstraint
+from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.planner.guide.descent import MOST_STEPS, TOLERANCE, descend
+from guidefield.planner.guide.guided_path import Walker, reach_point
+from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
+from guidefield.planner.guide.tip_constraints import on_plane, reorienting, sliding
+from guidefield.planner.task.problem import Problem
+
+
+class Blocks(enum.Enum):
+    """How slide and reorient are done: both at once, or in turn (a second try where the first got stuck)."""
+
+    ONE = "one block"
+    TWO = "two blocks"
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py).
+
+    Attributes:
+        blocks: At once, or in turn.
+        tolerance: A descent ends where a step promises, or brings, less than this share of U.
+        most_steps: Steps of one descent.
+    """
+
+    blocks: Blocks = Blocks.ONE
+    tolerance: float = TOLERANCE
+    most_steps: int = MOST_STEPS
+
+    @property
+    def name(self) -> str:
+        """Its name, for reports."""
+        return f"projected in {self.blocks.value}"
+
+    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterator[np.ndarray]:
+        """The one configuration with the tip at a point that changes the joints least, if there is one near.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+
+        Yields:
+            Shape (nq,).
+        """
+        reached = reach_point(problem, q, point)
+        if reached is not None:
+            yield reached
+
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+        """Slide and reorient on a plane until U falls no more; see `Minimizer`, with the same shapes."""
+        problem = walker.problem
+        if self.blocks is Blocks.ONE:
+            self._descend(walker, on_plane(point, normal), guard, "descend")
+            return
+        before = problem.robot_field.potential(walker.q)
+        for _ in range(MOST_ROUNDS):
+            rotation = problem.kinematics.frame_placement(walker.q, problem.group.tip_id).rotation
+            self._descend(walker, sliding(point, normal, rotation), guard, "slide")
+            after = self._descend(walker, reorienting(walker.tip), guard, "reorient")
+            if before - after < NEGLIGIBLE * before or problem.budget.spent():
+                return
+            before = after
+
+    def _descend(self, walker: Walker, constraint: TipConstraint, guard: TipGuard, kind: str) -> float:
+        descent = descend(walker, constraint, guard, self.tolerance, self.most_steps)
+        for q, potential in zip(descent.path, descent.potentials[1:], strict=True):
+            walker.take(q, kind, f"{kind} to U = {potential:.4g}", potential)
+        return descent.potential

@@ -1,0 +1,168 @@
+"""Rounds of advance, slide and reorient towards a guide plane (service/docs/algorithm.md, "Crossing a guide plane").
+
+A round is made step by step, or several of them in one kernel where nobody has to be asked in between: Projected in
+one block, for robots whose capsules are their very shapes.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from guidefield.collision.swept import swept_world
+from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.guide import plane_rounds as kernel
+from guidefield.planner.guide.aim import Aim
+from guidefield.planner.guide.descent import settings_of
+from guidefield.planner.guide.guided_path import COMFORTABLE, WIDE_MARGINS, Walker
+from guidefield.planner.guide.minimizer import Minimizer
+from guidefield.planner.guide.projected import Blocks, Projected
+from guidefield.robot.group.mover import mover_of, planned_values
+
+FIRST_STEP = 0.1
+"""Length of an advance, delta_0 [m]: a third of a link, a third of a mouth."""
+SMALLEST_STEP = FIRST_STEP / 50
+"""Below this an advance is given up, delta_min [m]."""
+GUARD = 0.5
+"""Share of an advance's gain that slide and reorient have to keep, 1 - beta."""
+ON_PLANE = 1e-4
+"""How near the plane counts as on it [m]."""
+SHORT = FIRST_STEP / 4
+"""An advance of this length is not made again with shorter ones [m]."""
+AT_ONCE = 4
+"""Rounds between two looks at the budget, in one kernel."""
+
+_MARGINS = frozen(np.array(WIDE_MARGINS))
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One way of trying a plane.
+
+    Attributes:
+        minimizer: Who lowers the potential.
+        step: Length of an advance [m].
+        careful: Whether a round that comes nearer to obstacles than its ends do is made again with shorter advances.
+    """
+
+    minimizer: Minimizer
+    step: float
+    careful: bool = False
+
+
+class Round(enum.Enum):
+    """How a round of advance, slide and reorient ended."""
+
+    ARRIVED = "arrived"
+    NEARER = "nearer"
+    BLOCKED = "blocked"
+
+
+@dataclass(frozen=True)
+class Made:
+    """A round: how it ended, and the tip's distance to the inset polygon before and after it [m]."""
+
+    ended: Round
+    before: float
+    after: float
+
+
+def rounds(walker: Walker, aim: Aim, attempt: Attempt) -> Iterator[Made]:
+    """One round towards a guide plane, or some; the walker takes the steps of each as it is asked for."""
+    minimizer = attempt.minimizer
+    at_once = isinstance(minimizer, Projected) and minimizer.blocks is Blocks.ONE
+    if at_once and swept_world(walker.problem.world).exact:
+        assert isinstance(minimizer, Projected)
+        yield from _in_kernel(walker, aim, minimizer, attempt.step)
+        return
+    before = aim.distance(walker.tip)
+    yield Made(approach(walker, aim, attempt), before, aim.distance(walker.tip))
+
+
+def approach(walker: Walker, aim: Aim, attempt: Attempt) -> Round:
+    """One round towards a guide plane: advance, slide and reorient; the walker takes every step."""
+    distance = aim.distance(walker.tip)
+    if distance <= ON_PLANE:
+        return Round.ARRIVED
+    direction = (aim.closest_point(walker.tip) - walker.tip) / distance
+    since = len(walker.path) - 1
+    step, smallest = min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance)
+    moved = walker.advance(direction, step, smallest, attempt.minimizer.reach)
+    if moved.q is None:
+        return Round.BLOCKED
+    arrived = moved.step >= distance - ON_PLANE
+    if arrived:  # minimise in the guide plane itself, inside its polygon
+        plane = aim.plane
+        attempt.minimizer.settle(walker, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
+    else:
+        gained = distance - aim.distance(walker.tip)
+        attempt.minimizer.settle(walker, walker.tip, direction, aim.within(distance - GUARD * gained))
+    walker.straighten(since)
+    if attempt.careful and step > SHORT and walker.dips(since):
+        walker.undo(since)
+        return approach(walker, aim, replace(attempt, step=0.5 * step))
+    return Round.ARRIVED if arrived else Round.NEARER
+
+
+_ENDED = {kernel.NEARER: Round.NEARER, kernel.ARRIVED: Round.ARRIVED, kernel.BLOCKED: Round.BLOCKED}
+
+
+def _in_kernel(walker: Walker, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
+    """Up to `AT_ONCE` rounds of `approach` in one kernel."""
+    problem, group = walker.problem, walker.problem.group
+    field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(walker.q)
+    rows = AT_ONCE * (minimizer.most_steps + 1)
+    record = kernel.Record(
+        steps=np.empty((rows, len(q))), values=np.empty(rows), kinds=np.empty(rows, np.int64),
+        kept=np.empty(rows, np.int64), rounds=np.empty((AT_ONCE, 2)), ends=np.empty(AT_ONCE, np.int64),
+        refused=np.empty((2, len(q))), counts=np.zeros(5, np.int64),
+    )  # fmt: skip
+    ended = kernel.approach(
+        mover_of(group), field.charged, field.tables, swept.robot, swept.tables, aim.table,
+        settings_of(walker, minimizer.tolerance), _going(aim, step), minimizer.most_steps, q, record,
+    )  # fmt: skip
+    made, evaluations, judged, steps, refused = record.counts.tolist()
+    field.evaluations += evaluations
+    problem.counters.collision_checks += judged
+    problem.counters.iterations += steps
+    planned = planned_values(group)
+    walker.refused_between(*(q[planned] for q in record.refused[:refused]))
+    past = record.ends[:made].tolist()
+    for k, (before, after) in enumerate(record.rounds[:made].tolist()):
+        _take(walker, record, planned, past[k - 1] if k else 0, past[k])
+        arrived = k == made - 1 and ended == kernel.ARRIVED
+        yield Made(Round.ARRIVED if arrived else Round.NEARER, before, after)
+    if ended == kernel.BLOCKED or not made:
+        distance = aim.distance(walker.tip)
+        yield Made(_ENDED[ended], distance, distance)
+
+
+def _take(walker: Walker, record: kernel.Record, planned: np.ndarray, first: int, past: int) -> None:
+    """Have the walker take the steps of a round."""
+    rows = slice(first, past)
+    steps = record.steps[rows].take(planned, axis=1)
+    for q, value, kind, kept in zip(
+        steps, record.values[rows].tolist(), record.kinds[rows].tolist(), record.kept[rows].tolist(), strict=True
+    ):
+        if kind == kernel.ADVANCED:
+            walker.take(q, "advance", f"tip {1000 * value:.0f} mm towards the plane", kept=bool(kept))
+        else:
+            walker.take(q, "descend", f"descend to U = {value:.4g}", value, kept=bool(kept))
+
+
+def _going(aim: Aim, step: float) -> kernel.Rounds:
+    """How rounds go, for the kernel."""
+    return kernel.Rounds(
+        step=step,
+        smallest=SMALLEST_STEP,
+        guard=GUARD,
+        on_plane=ON_PLANE,
+        depth=aim.inside(0.5 * aim.inset).depth,
+        comfortable=COMFORTABLE,
+        middle=frozen(aim.plane.centroid),
+        normal=frozen(aim.plane.normal),
+        margins=_MARGINS,
+    )

@@ -1,0 +1,83 @@
+"""What a robot can reach with its tip at all: the tip's size, the arm's reach, planes that are out of reach."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from guidefield.collision.ball import obstacle_touched
+from guidefield.collision.swept import swept_world
+from guidefield.kernels.distance.distance import distance_at_points
+from guidefield.kernels.field.field_tables import frozen
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.bodies.charges import robot_charges
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.tip_chain import chain_to_tip
+from guidefield.scene.guide_plane import GuidePlane
+
+INSET = 1.6
+"""The tip heads for the polygon inset by this many radii of its own."""
+
+
+def inset_of(problem: Problem, plane: GuidePlane) -> float:
+    """How far inside a plane's edges the tip stays [m]."""
+    return min(INSET * tip_radius(problem), 0.8 * plane.inradius)
+
+
+def tip_radius(problem: Problem) -> float:
+    """Radius of the body nearest to the tip, of those that move with it [m]: how far the tip stays inside an edge."""
+    return _tip_radius(problem.group)
+
+
+@kept_with_alike
+def _tip_radius(group: PlanningGroup) -> float:
+    charges = robot_charges(group.robot)
+    tip = group.model.frames[group.tip_id]
+    nearest, radius = np.inf, 0.0
+    for charged, shape in zip(charges.shapes, group.geometry.geometryObjects, strict=True):
+        if shape.parentJoint == tip.parentJoint:
+            distance = float(charged.capsule.distance(shape.placement.actInv(tip.placement).translation[None])[0])
+            if distance < nearest:
+                nearest, radius = distance, charged.capsule.radius
+    return radius
+
+
+def unreachable_at_once(problem: Problem, plane: GuidePlane) -> tuple[str, dict[str, Any]] | None:
+    """Why no configuration can have its tip on a plane, where that is known without looking; else None."""
+    radius = tip_radius(problem)
+    if plane.inradius < radius:
+        return (
+            f"its inscribed radius is {1000 * plane.inradius:.1f} mm, the tip's body needs {1000 * radius:.1f} mm",
+            {"inradius": plane.inradius, "tip_radius": radius},
+        )
+    base, reach = arm_reach(problem)
+    nearest = float(np.linalg.norm(plane.closest_point(base) - base))
+    if nearest > reach:
+        return (
+            f"its nearest point is {nearest:.3f} m from the robot's first joint, the arm reaches {reach:.3f} m",
+            {"distance": nearest - reach, "reach": reach},
+        )
+    corners = plane.inset_vertices(inset_of(problem, plane))
+    places = np.vstack([plane.centroid, *(plane.centroid + t * (corners - plane.centroid) for t in (0.5, 1.0))])
+    if distance_at_points(swept_world(problem.world).tables, places, 2.0 * radius)[0].max() > radius:
+        return None
+    blocking = None
+    for place in places:
+        touched = obstacle_touched(problem.scene, place, radius)
+        if touched is None:
+            return None
+        blocking = blocking or touched
+    return "every place on it where the tip's body would fit is inside an obstacle", {"obstacle": blocking}
+
+
+def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
+    """Origin of the first planned joint, shape (3,) [m, world], and the sum of lengths to the tip [m]."""
+    return _arm_reach(problem.group)
+
+
+@kept_with_alike
+def _arm_reach(group: PlanningGroup) -> tuple[np.ndarray, float]:
+    chain = chain_to_tip(group)
+    return frozen(chain.table.first[3::4].copy()), chain.reach

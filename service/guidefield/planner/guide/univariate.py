@@ -1,0 +1,127 @@
+"""Univariate: the thesis' own minimizer, one axis at a time, for chains of ball or universal joints.
+
+service/docs/algorithm.md, "Univariate", has the algorithm. A search follows the sign of a projected force or torque:
+steps of one size as long as it stays, reversed and halved where it changes, halved where a trial isn't free. The tip of
+a fixed chain slides with its last link; every other link turns about its far end, the links before it are closed on its
+near end. A chain that nothing holds slides as a whole; its links turn about their joints, those behind are carried
+along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
+from guidefield.kernels.guide.coordinate_descent import Searching, sweep
+from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.kernels.kinematics.chain_angles import chain_configuration
+from guidefield.kernels.kinematics.link_chain import close_chain
+from guidefield.planner.guide.guided_path import Walker, reach_point
+from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.link_chain import Chain
+from guidefield.robot.group.mover import mover_of
+
+FIRST_TURN, LAST_TURN = np.deg2rad(5.0), np.deg2rad(0.5)
+"""A search for an angle begins with the one and ends below the other [rad]."""
+FIRST_SLIDE, LAST_SLIDE = 0.025, 0.1 / 64
+"""The same for a slide [m]: a quarter and a 64th of an advance."""
+MOST_STEPS = 4000
+"""Steps of one round."""
+
+
+@dataclass(frozen=True, eq=False)
+class Univariate:
+    """The seed's minimizer for one chain.
+
+    Attributes:
+        chain: The chain.
+        negligible: It ends where a round brings less than this share of U.
+        most_rounds: It ends after so many rounds.
+    """
+
+    chain: Chain
+    negligible: float = NEGLIGIBLE
+    most_rounds: int = MOST_ROUNDS
+
+    @property
+    def name(self) -> str:
+        """Its name, for reports."""
+        return "univariate"
+
+    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterator[np.ndarray]:
+        """A floating chain as a whole; a fixed one with its last link's rotation held, then by the least change.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+
+        Yields:
+            Shape (nq,).
+        """
+        joints, rotations = self.chain.places(q)
+        n = self.chain.n
+        if self.chain.leads:
+            shifted = self._configuration(q, rotations, joints + (point - joints[0]))
+        else:
+            near_end = joints[n - 1] + (point - joints[n])
+            moved = joints.copy()
+            moved[n] = point
+            shifted = self._configuration(q, rotations, moved) if close_chain(moved, n - 1, near_end) else None
+        if shifted is not None:
+            yield shifted
+        if not self.chain.leads and (reached := reach_point(problem, q, point)) is not None:
+            yield reached
+
+    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
+        """Slide and reorient on a plane until U falls by next to nothing, or rounds are over.
+
+        Every step is parallel to the plane: its point is not needed. See `Minimizer`, with the same shapes.
+        """
+        problem, field = walker.problem, walker.problem.robot_field
+        before = field.potential(walker.q)
+        for _ in range(self.most_rounds):
+            taken = self._swept(walker, normal, guard)
+            if not len(taken):
+                return
+            after = field.potential(taken[-1])
+            if after >= before:  # U is the referee: the round is undone
+                return
+            if len(taken) > 1 and walker.free(walker.q, taken[-1]):
+                taken = taken[-1:]
+            for q in taken:
+                walker.take(q, "sweep", f"sweep to U = {after:.4g}", after)
+            fallen, before = before - after, after
+            if fallen < self.negligible * (before + fallen) or problem.budget.spent():
+                return
+
+    def _swept(self, walker: Walker, normal: np.ndarray, guard: TipGuard) -> np.ndarray:
+        """One round: configurations (n, nq) after every step that was taken."""
+        problem, chain, mover = walker.problem, self.chain, mover_of(self.chain.group)
+        swept = swept_world(problem.world)
+        searching = Searching(FIRST_TURN, LAST_TURN, FIRST_SLIDE, LAST_SLIDE, walker.margin, SELF_MARGIN, FLOOR)
+        path, counts = np.empty((MOST_STEPS, len(walker.q))), np.zeros(2, np.int64)
+        taken = sweep(
+            chain.table, chain.joints, chain.carriers, int(chain.leads), problem.robot_field.charged,
+            problem.robot_field.tables, swept.robot, swept.tables, guard, searching, mover.values, mover.lower,
+            mover.upper, normal, walker.q, path, counts,
+        )  # fmt: skip
+        problem.robot_field.evaluations += int(counts[0])
+        problem.counters.collision_checks += int(counts[1])
+        return path[:taken]
+
+    def _configuration(self, q: np.ndarray, rotations: np.ndarray, joints: np.ndarray) -> np.ndarray | None:
+        """Configuration (nq,) near q within the limits whose joints stand at places; None if there is none."""
+        found, turned = np.empty_like(q), np.empty_like(rotations)
+        if not chain_configuration(self.chain.table, joints, q, rotations, found, turned):
+            return None
+        group = self.chain.group
+        if group.limited:
+            z = group.chart(found)
+            if np.any((z < group.lower) | (z > group.upper)):
+                return None
+        return found

@@ -1,0 +1,1 @@
+"""Curves through waypoints, and their timing."""

@@ -1,0 +1,161 @@
+"""Timing with jerk limits: the time-optimal way along a curve, its accelerations made to change gradually.
+
+The curve's parameter as a function of time, which is optimal under velocity and acceleration limits, is averaged over a
+window of time. That turns its steps of acceleration into ramps and leaves the curve as it is. The motion is *defined*
+as the spline in time through its samples that is twice continuously differentiable and begins and ends at rest, without
+acceleration; within a piece its jerk is constant, so that its extrema are known exactly, and the time scale is the
+shortest that exceeds no limit. Several windows and accelerations are tried. It is no optimal solution of third order.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+
+from guidefield.kernels.timing import hermite
+from guidefield.planner.motion.spline import CubicSpline
+from guidefield.planner.motion.timing import fastest, parameterize
+from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.motion.within_limits import leaving, smoothly_within
+
+WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6)
+"""Windows that are tried, as shares of the optimal duration."""
+
+ACCELERATIONS = (1.0, 0.5, 0.25)
+"""Shares of the acceleration limits that are tried: what changes slowly doesn't become large."""
+
+SAMPLES, MOST_SAMPLES = 6, 320
+"""Pieces of the motion in a window; most in all."""
+
+_FINE = 8
+"""Samples by which the average over a window is taken, for each piece."""
+
+
+def parameterize_gently(
+    spline: CubicSpline, velocity_limits: np.ndarray, acceleration_limits: np.ndarray, jerk_limits: np.ndarray
+) -> Trajectory:
+    """A fast motion along a spline, from rest to rest, that exceeds no limit at any time.
+
+    Its accelerations are continuous, and zero at both ends.
+
+    Args:
+        spline: The curve, in chart coordinates [rad or m].
+        velocity_limits: Shape (nv,), finite and positive [rad/s or m/s].
+        acceleration_limits: Shape (nv,), finite and positive [rad/s² or m/s²].
+        jerk_limits: Shape (nv,), positive, infinite where there is none [rad/s³ or m/s³].
+
+    Returns:
+        The motion; a single knot if the spline is a point.
+
+    Raises:
+        ValueError: if there isn't one positive limit for each coordinate.
+    """
+    jerk_limits = np.asarray(jerk_limits, float)
+    if jerk_limits.shape != velocity_limits.shape or not (jerk_limits > 0.0).all():
+        raise ValueError(f"expected {len(velocity_limits)} positive jerk limits, got {jerk_limits}")
+    if spline.is_point:
+        return parameterize(spline, velocity_limits, acceleration_limits)
+    best = None
+    ways = [fastest(spline, velocity_limits, share * acceleration_limits) for share in ACCELERATIONS]
+    for (s, times, rates), window in product(ways, WINDOWS):
+        motion = _averaged(spline, s, times, rates, window * times[-1])
+        load = _load(*motion, velocity_limits, acceleration_limits, jerk_limits)
+        if best is None or load * motion[0][-1] < best[0]:
+            best = load * motion[0][-1], load, motion
+    assert best is not None, "something was tried"
+    _, load, (times, positions, velocities) = best
+    load *= 1.0 + 1e-9  # rounding
+    return Trajectory(times * load, positions, velocities / load + 0.0, load)
+
+
+def _averaged(
+    spline: CubicSpline, s: np.ndarray, times: np.ndarray, rates: np.ndarray, window: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Knots of the motion whose parameter is the average of s over a window: times, positions, velocities."""
+    duration = float(times[-1]) + window
+    count = int(np.clip(math.ceil(SAMPLES * duration / window), 8, MOST_SAMPLES))
+    fine = np.linspace(0.0, duration, _FINE * count + 1)
+    before, now = (_integral(s, times, rates, moment) for moment in (fine - window, fine))
+    share = (now - before)[::_FINE] / window
+    knots = fine[::_FINE].copy()
+    positions = spline.evaluate(np.clip(share, 0.0, spline.knots[-1]))[0]
+    positions[0], positions[-1] = spline.waypoints[0], spline.waypoints[-1]
+    positions, velocities = _smooth(knots, positions)
+    changed = leaving(knots, positions, velocities, spline.lower, spline.upper)
+    if changed.any():
+        limits = spline.lower[changed], spline.upper[changed]
+        kept = smoothly_within(knots, positions[:, changed], velocities[:, changed], *limits)
+        positions[:, changed], velocities[:, changed] = kept
+    return knots, positions, velocities
+
+
+def _integral(s: np.ndarray, times: np.ndarray, rates: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Integral from 0 to given times of s, which is cubic between its knots, and constant before and after them."""
+    h = np.diff(times)
+    a, b, da, db = s[:-1], s[1:], rates[:-1], rates[1:]
+    whole = np.r_[0.0, np.cumsum(h * (a + b) / 2.0 + h**2 * (da - db) / 12.0)]
+    inside = np.clip(at, 0.0, times[-1])
+    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(h) - 1)
+    x, width = inside - times[piece], h[piece]
+    slope = (b - a)[piece] / width
+    second = (3.0 * slope - 2.0 * da[piece] - db[piece]) / width
+    third = (da[piece] + db[piece] - 2.0 * slope) / width**2
+    within = x * (a[piece] + x * (da[piece] / 2.0 + x * (second / 3.0 + x * third / 4.0)))
+    integral: np.ndarray = whole[piece] + within + np.maximum(at - times[-1], 0.0) * s[-1]
+    return integral
+
+
+def _smooth(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (n, nv) of the C² cubic through points at even times, at rest at both ends.
+
+    No acceleration at an end takes away the freedom of the point next to it, which moves a little. With step h and
+    v = 0 at both ends the velocities solve v_{i-1} + 4 v_i + v_{i+1} = 3 (q_{i+1} - q_{i-1}) / h; q_1 = q_0 + h v_1 / 3
+    makes the acceleration at the start vanish, and the same holds at the end.
+    """
+    n, h = len(times), float(times[1] - times[0])
+    right = 3.0 * (positions[2:] - positions[:-2]) / h
+    lower, upper = np.ones(n - 2), np.ones(n - 2)
+    lower[1], right[1] = 2.0, 3.0 * (positions[3] - positions[0]) / h
+    upper[-2], right[-2] = 2.0, 3.0 * (positions[-1] - positions[-4]) / h
+    velocities = np.zeros_like(positions)
+    velocities[1:-1] = _tridiagonal(lower, 4.0, upper, right)
+    moved = positions.copy()
+    moved[1] = positions[0] + h * velocities[1] / 3.0
+    moved[-2] = positions[-1] - h * velocities[-2] / 3.0
+    return moved, velocities
+
+
+def _tridiagonal(lower: np.ndarray, diagonal: float, upper: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve a diagonally dominant tridiagonal system for several right-hand sides (n, c), by Thomas' algorithm."""
+    n = len(right)
+    pivots, solution = np.full(n, diagonal), right.copy()
+    for i in range(1, n):
+        ratio = lower[i] / pivots[i - 1]
+        pivots[i] -= ratio * upper[i - 1]
+        solution[i] -= ratio * solution[i - 1]
+    solution[-1] /= pivots[-1]
+    for i in range(n - 2, -1, -1):
+        solution[i] = (solution[i] - upper[i] * solution[i + 1]) / pivots[i]
+    return solution
+
+
+def _load(
+    times: np.ndarray,
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    velocity_limits: np.ndarray,
+    acceleration_limits: np.ndarray,
+    jerk_limits: np.ndarray,
+) -> float:
+    """The factor by which time has to be stretched to exceed no limit, and to reach one."""
+    speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
+    hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
+    at_start, at_end = piece_accelerations(times, positions, velocities)
+    jerks = np.abs(at_end - at_start) / np.diff(times)[:, None]
+    return max(
+        float((speeds / velocity_limits).max()),
+        math.sqrt(float((accelerations / acceleration_limits).max())),
+        math.cbrt(float((jerks / jerk_limits).max())),
+    )

@@ -1,0 +1,149 @@
+"""A motion in time: the cubic Hermite curve through knots of time, position and velocity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from guidefield.planner.motion.within_limits import bezier
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """States of a motion at given times: for reporting and drawing.
+
+    A curve laid through samples is another curve than the one they were taken from; certificates and limits speak about
+    the `Trajectory`.
+
+    Attributes:
+        times: Shape (k,) [s].
+        positions: Chart coordinates, shape (k, nv) [rad or m].
+        velocities: Shape (k, nv) [rad/s or m/s].
+        accelerations: Shape (k, nv) [rad/s² or m/s²].
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    accelerations: np.ndarray
+
+    def __post_init__(self) -> None:
+        for array in (self.times, self.positions, self.velocities, self.accelerations):
+            array.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The executed motion, defined as the cubic Hermite curve in time through its knots.
+
+    Between two knots the velocity is quadratic and the acceleration linear in time, so their extrema are known exactly.
+    Position and velocity are continuous; the acceleration steps at knots. A motion that goes nowhere has a single knot.
+
+    Attributes:
+        times: Times of the knots, shape (n,), strictly increasing from 0 [s].
+        positions: Chart coordinates at the knots, shape (n, nv) [rad or m].
+        velocities: Shape (n, nv) [rad/s or m/s].
+        stretch: Factor, at least 1, by which the times were stretched in the end to keep every limit everywhere.
+        accelerations: Shape (n, nv): at each knot those of the piece that starts there, at the last knot those of the
+            piece that ends there [rad/s² or m/s²].
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    stretch: float = 1.0
+    accelerations: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
+        last = at_end[-1:] if len(at_end) else np.zeros_like(self.velocities)
+        object.__setattr__(self, "accelerations", np.concatenate([at_start, last]))
+        for array in (self.times, self.positions, self.velocities, self.accelerations):
+            array.setflags(write=False)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first knot to the last [s]."""
+        return float(self.times[-1] - self.times[0])
+
+    @property
+    def peak_jerk(self) -> float:
+        """Largest |da/dt| of any joint inside a piece [rad/s³ or m/s³]; the steps at knots are not counted."""
+        at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
+        jerks = (at_end - at_start) / np.diff(self.times)[:, None]
+        return float(np.abs(jerks).max(initial=0.0))
+
+    def bezier(self) -> np.ndarray:
+        """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].
+
+        Piece i runs from ``times[i]`` to ``times[i + 1]``. A motion that goes nowhere is one piece of four equal
+        points, so that whoever judges the pieces judges its only configuration.
+        """
+        if len(self.times) == 1:
+            return np.repeat(self.positions[None], 4, axis=1)
+        return bezier(self.times, self.positions, self.velocities)
+
+    def piece_times(self) -> np.ndarray:
+        """When the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""
+        return np.repeat(self.times, 2) if len(self.times) == 1 else self.times.copy()
+
+    def evaluate(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity and acceleration at given times; before the start and after the end it is at rest.
+
+        Args:
+            times: Shape (k,) [s].
+
+        Returns:
+            Three arrays of shape (k, nv) [rad or m, and per s, and per s²].
+        """
+        times = np.asarray(times, dtype=float)
+        inside = np.clip(times, self.times[0], self.times[-1])
+        piece = np.searchsorted(self.times[1:-1], inside, side="right")
+        at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
+        if len(at_start) == 0:
+            still = np.zeros((len(times), self.positions.shape[1]))
+            return still + self.positions[0], still, still.copy()
+        v, a = self.velocities[piece], at_start[piece]
+        jerk = (at_end - at_start)[piece] / np.diff(self.times)[piece, None]
+        t = (inside - self.times[piece])[:, None]
+        q = self.positions[piece] + t * (v + t * (a / 2.0 + t * jerk / 6.0))
+        q[inside == self.times[-1]] = self.positions[-1]
+        outside = (times < self.times[0]) | (times > self.times[-1])
+        velocities, accelerations = v + t * (a + t * jerk / 2.0), a + t * jerk
+        velocities[outside] = 0.0
+        accelerations[outside] = 0.0
+        return q, velocities, accelerations
+
+    def resampled(self, rate: float) -> Samples:
+        """States at a uniform rate, and at the very end.
+
+        Args:
+            rate: Samples a second [Hz].
+
+        Raises:
+            ValueError: if the rate is not finite and positive.
+        """
+        if not (math.isfinite(rate) and rate > 0.0):
+            raise ValueError(f"a sample rate has to be finite and positive, got {rate}")
+        ticks = np.arange(math.ceil(self.duration * rate)) / rate
+        # a tick that rounding put at the end, or beyond it, gives way to the end
+        times = np.append(ticks[ticks < self.duration * (1.0 - 1e-12)], self.duration) + self.times[0]
+        return Samples(times, *self.evaluate(times))
+
+
+def piece_accelerations(
+    times: np.ndarray, positions: np.ndarray, velocities: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations at the two ends of every Hermite piece, each of shape (n - 1, nv) [rad/s^2 or m/s^2].
+
+    Args:
+        times: Shape (n,) [s].
+        positions: Chart points, shape (n, nv) [rad or m].
+        velocities: Shape (n, nv) [rad/s or m/s].
+    """
+    dt = np.diff(times)[:, None]
+    mean = np.diff(positions, axis=0) / dt
+    start, end = velocities[:-1], velocities[1:]
+    return (6.0 * mean - 4.0 * start - 2.0 * end) / dt, (2.0 * start + 4.0 * end - 6.0 * mean) / dt

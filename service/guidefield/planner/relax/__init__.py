@@ -1,0 +1,1 @@
+"""Paths taken to the middle of the free space."""

@@ -1,0 +1,164 @@
+"""The robot of a problem as the relaxation's kernels read it: points against obstacles, points against other links."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.relax.sampled_robot import SampledRobot
+from guidefield.kernels.relax.self_barrier import pair_distances
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.bodies.link_bodies import link_bodies
+from guidefield.robot.bodies.surface_samples import surface_samples
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.joint_tables import joints_of
+
+WEIGHT = 100.0
+"""Sum of the weights of all points."""
+
+SELF_RANGE = 0.03
+"""Range of the barrier between links [m]."""
+
+LEAST_SELF_RANGE = 0.004
+"""The same between links that are that close at an end of the path."""
+
+COARSER = 3
+"""One in so many of a link's points stands for all against other links: the first ones, which are spread as evenly."""
+
+
+def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) -> SampledRobot:
+    """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
+
+    Bodies that stand still don't count, nor do pairs that the world doesn't test. Links that are within range of each
+    other at an end of the path are let in that far all along it.
+
+    Args:
+        problem: Robot, world and field.
+        tables: Obstacles.
+        ends: Chart points at which links may be as close as they are, shape (m, nv).
+    """
+    moving, pairs = _moving(problem.group), _pairs(problem)
+    robot = _of_group(problem.group)._replace(
+        origin=problem.group.expand(problem.group.q_origin),
+        ignored=_ignored(problem, moving),
+        pairs=pairs,
+        pair_ranges=np.full(len(pairs), SELF_RANGE),
+    )
+    _freeze(robot)
+    closest = np.full(len(pairs), np.inf)
+    for z in ends:
+        distances = np.empty(len(pairs))
+        pair_distances(robot, tables, np.ascontiguousarray(z), distances)
+        closest = np.minimum(closest, distances)
+    robot = robot._replace(pair_ranges=np.clip(closest, LEAST_SELF_RANGE, SELF_RANGE))
+    _freeze(robot)
+    return robot
+
+
+@kept_with_alike
+def _of_group(group: PlanningGroup) -> SampledRobot:
+    """The robot without where it starts, obstacles that it ignores, and pairs."""
+    moving = _moving(group)
+    points = _points(group, moving)
+    counts = np.array([len(some) for some in points], np.int64)
+    last = np.cumsum(counts)
+    joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
+    links = _links(group)
+    robot = SampledRobot(
+        joints=joints_of(group),
+        drivers=np.abs(group.expand_velocity).argmax(axis=1),
+        multipliers=group.expand_velocity.sum(axis=1),
+        offsets=group.expand_offset,
+        origin=np.empty(0),
+        points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
+        weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
+        groups=np.column_stack(
+            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // COARSER)]
+        ),
+        balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
+        ignored=np.empty((len(moving), 0), bool),
+        links=links,
+        link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
+        link_balls=_balls(links),
+        pairs=np.empty((0, 2), np.int64),
+        pair_ranges=np.empty(0),
+    )
+    _freeze(robot)
+    return robot
+
+
+@kept_with_alike
+def _moving(group: PlanningGroup) -> tuple[int, ...]:
+    """The group's bodies that move."""
+    return tuple(body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0)
+
+
+def _indices(group: PlanningGroup) -> list[int]:
+    """Index in the whole robot's geometry of every body of the group's."""
+    indices = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
+    return [indices[shape.name] for shape in group.geometry.geometryObjects]
+
+
+def _points(group: PlanningGroup, moving: tuple[int, ...]) -> list[np.ndarray]:
+    """Points of every moving body, each (n, 3) in the frame of its joint [m]."""
+    samples, indices = surface_samples(group.robot), _indices(group)
+    placements = [group.geometry.geometryObjects[body].placement for body in moving]
+    return [
+        samples[indices[body]] @ placement.rotation.T + placement.translation
+        for body, placement in zip(moving, placements, strict=True)
+    ]
+
+
+def _balls(links: DistanceTables) -> np.ndarray:
+    """Balls about bodies, in the frames of their joints, shape (b, 4)."""
+    low, high = links.bounds[:, :3], links.bounds[:, 3:]
+    centres = np.einsum("bij,bj->bi", links.placements[:, :, :3], 0.5 * (low + high)) + links.placements[:, :, 3]
+    return np.column_stack([centres, 0.5 * np.linalg.norm(high - low, axis=1)])
+
+
+def _ball(points: np.ndarray) -> np.ndarray:
+    """Centre and radius of a ball about points."""
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    ball: np.ndarray = np.r_[centre, np.linalg.norm(points - centre, axis=1).max()]
+    return ball
+
+
+def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
+    """Which obstacles don't count for which moving bodies: those that the world doesn't test against them."""
+    bodies, obstacles = problem.group.geometry.ngeoms, len(problem.scene.obstacles)
+    ignored = np.ones((bodies, obstacles), bool)
+    tested = problem.world.pairs[problem.world.is_obstacle_pair]
+    ignored[tested[:, 0], tested[:, 1] - bodies] = False
+    return np.ascontiguousarray(ignored[list(moving)])
+
+
+def _pairs(problem: Problem) -> np.ndarray:
+    """Moving body (its place among them) and other body of the robot's own pairs, both ways, shape (k, 2)."""
+    place = {body: index for index, body in enumerate(_moving(problem.group))}
+    pairs = [
+        (place[points], other)
+        for first, second in problem.world.pairs[: problem.world.n_self].tolist()
+        for points, other in ((first, second), (second, first))
+        if points in place
+    ]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def _links(group: PlanningGroup) -> DistanceTables:
+    """The group's bodies in the frames of their joints."""
+    shapes, indices = link_bodies(group.robot), _indices(group)
+    placements = [shape.placement.homogeneous[:3] for shape in group.geometry.geometryObjects]
+    of_group = {
+        name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "boxes", "spans")
+    }
+    links = shapes._replace(**of_group, placements=np.array(placements).reshape(-1, 3, 4))
+    for array in links[:-2]:
+        array.setflags(write=False)
+    return links
+
+
+def _freeze(robot: SampledRobot) -> None:
+    for name, array in robot._asdict().items():
+        if name not in ("joints", "links"):
+            array.setflags(write=False)

@@ -1,0 +1,1 @@
+"""What is to be planned, what the planner tells meanwhile, and why a plan is refused."""

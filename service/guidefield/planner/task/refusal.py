@@ -1,0 +1,58 @@
+"""Why a motion is not certified, in the words and with the code of a reply."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from guidefield.collision.certify.certificate import Verdict
+from guidefield.errors import Status
+from guidefield.planner.task.problem import Problem
+
+SLACK = 1e-3
+"""A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
+
+
+def stopped_before(status: Status, plane: str, distance: float) -> str:
+    """What is told of a plan that was stopped on its way to a guide plane.
+
+    Args:
+        status: TIMED_OUT or PREEMPTED.
+        plane: Name of the plane.
+        distance: Of the tip to it [m].
+    """
+    where = f"{1000 * distance:.0f} mm before guide plane {plane!r}"
+    if status is Status.PREEMPTED:
+        return f"the run was cancelled {where}"
+    return f"time was up {where}; a longer `allowed_planning_time` lets it go on"
+
+
+def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, Any]]:
+    """Why a motion is not certified: status, message, and the place."""
+    status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
+    pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
+    between = f" between {pair}" if verdict.pair else ""
+    message = f"the certificate refused the motion: {verdict.reason}{between}"
+    details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+    if verdict.configuration is None:
+        return status, message, details
+    group = problem.group
+    details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
+    if verdict.reason == "stopped":
+        why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
+        return status, f"{why} before the motion was certified", details
+    if (fault := verdict.beyond) is not None:
+        message = (
+            f"the certificate refused the motion: joint {fault.joint} reaches {fault.value:.6g},"
+            f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
+        )
+        limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
+        return status, message, details | limits | {"excess": fault.excess}
+    distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
+    if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
+        status = Status.CLEARANCE_BELOW_MINIMUM
+        message = (
+            f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
+            f" within {1000 * distance:.1f} mm between {pair}"
+        )
+        details |= {"clearance": distance, "min_clearance": problem.min_clearance}
+    return status, message, details

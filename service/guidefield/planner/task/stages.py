@@ -1,0 +1,66 @@
+"""The stages of a plan as they run: their time, how they ended, and the way out when one fails."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from guidefield.errors import Status
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.trace import StageEntered, StageLeft
+
+
+class StageFailed(Exception):
+    """A stage ended without success.
+
+    Attributes:
+        status: The outcome's code.
+        message: One sentence that a person can act on.
+        details: The values that the message speaks about.
+    """
+
+    def __init__(self, status: Status, message: str, **details: Any) -> None:
+        super().__init__(message)
+        self.status, self.message, self.details = status, message, details
+
+
+@dataclass
+class Stage:
+    """A stage under way; whoever runs it says how it ended."""
+
+    outcome: str = ""
+
+
+class Stages:
+    """Keeps the time of every stage of a problem and tells its observer."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self.left: list[StageLeft] = []
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def entered(self, name: str, message: str, plane: int | None = None) -> Iterator[Stage]:
+        """Run a stage: its time is counted under its name, and its end is reported however it ends.
+
+        Args:
+            name: guide, connect, relax, parameterize or certify.
+            message: One sentence for a person.
+            plane: Index of the guide plane that it is about.
+        """
+        self._problem.tell(StageEntered(name, message))
+        stage, begin = Stage(), time.perf_counter()
+        try:
+            yield stage
+        except StageFailed as failure:
+            stage.outcome = stage.outcome or failure.message
+            raise
+        finally:
+            seconds = time.perf_counter() - begin
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+            left = StageLeft(name, stage.outcome, seconds, plane)
+            self.left.append(left)
+            self._problem.tell(left)

@@ -1,0 +1,102 @@
+"""What the planner tells an observer while it works, and what the observer may ask of it; silent by default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class StageEntered:
+    """A stage of the plan begins.
+
+    Attributes:
+        name: guide, connect, relax, parameterize or certify.
+        message: One sentence for a person.
+    """
+
+    name: str
+    message: str
+
+
+@dataclass(frozen=True)
+class StageLeft:
+    """A stage of the plan has ended; `plane` is the index of the guide plane it was about, if any."""
+
+    name: str
+    outcome: str
+    seconds: float
+    plane: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted change of configuration.
+
+    Attributes:
+        kind: What was done: start, advance, descend, slide, reorient, tree.
+        q: Configuration after it, shape (nq,), of the planning group.
+        message: One sentence for a person.
+        potential: Potential of the robot there, if it was evaluated [m].
+        plane: Index of the guide plane that is being approached, if any.
+    """
+
+    kind: str
+    q: np.ndarray
+    message: str
+    potential: float | None = None
+    plane: int | None = None
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something worth telling a person; `warning` is True where something went wrong."""
+
+    text: str
+    warning: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class TreeGrown:
+    """The trees of a search when it ended, met or not.
+
+    Attributes:
+        trees: Gives, for each tree, its nodes in the order in which it grew, chart points, shape (n, nv), and the index
+            of each one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks
+            while it is told, as the next search begins in the same memory.
+    """
+
+    trees: Callable[[], tuple[tuple[np.ndarray, np.ndarray], ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class PathRelaxed:
+    """One accepted step of the relaxation.
+
+    Attributes:
+        path: The whole path after it, chart points, shape (n, nv).
+        objective: J, what is descended (planner/relax/relaxation.py), dimensionless.
+    """
+
+    path: np.ndarray
+    objective: float
+
+
+Event = StageEntered | StageLeft | Step | Note | TreeGrown | PathRelaxed
+
+
+class Observer(Protocol):
+    """Somebody who watches a plan being made."""
+
+    def observe(self, event: Event) -> None:
+        """Be told of an event; must not fail and must not be slow."""
+
+
+class Silent:
+    """Watches nothing."""
+
+    def observe(self, event: Event) -> None:
+        """Forget the event."""

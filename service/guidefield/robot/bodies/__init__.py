@@ -1,0 +1,1 @@
+"""The links as bodies: charges, balls, convex parts, points on their surfaces."""

@@ -1,0 +1,160 @@
+"""The charged points of a robot's links, and the capsules by which links repel each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.capsule_fit import Capsule, fit_capsule
+from guidefield.geometry.charges import SurfacePoints, surface_points
+from guidefield.geometry.convex import convex_hull
+from guidefield.kept import kept_with
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.shapes import triangulation
+
+POINTS = 200
+"""About how many points a robot gets at most."""
+
+POINTS_PER_SHAPE = 33
+"""About how many a robot of few shapes gets for each: the thesis' links need eight rings of four."""
+
+SPREAD = 0.76
+"""Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
+
+ALWAYS_CLOSE = 2.0
+"""Links whose gap at rest is below this many radii of their capsules don't repel each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChargedShape:
+    """Points and capsule of one collision shape, in the shape's own frame.
+
+    Attributes:
+        points: (n, 3) [m].
+        weights: (n,) area that each stands for [m^2].
+        capsule: A capsule that contains the shape.
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    capsule: Capsule
+
+
+@dataclass(frozen=True, eq=False)
+class RobotCharges:
+    """Charges of every collision shape, in the geometry's order, and the shapes that repel each other.
+
+    Attributes:
+        shapes: One for each collision shape, in the shape's own frame.
+        repelling: Pairs of shapes (i, j): points of i in the field of j's capsule, and the other way round.
+    """
+
+    shapes: tuple[ChargedShape, ...]
+    repelling: tuple[tuple[int, int], ...]
+
+
+@kept_with
+def robot_charges(robot: RobotModel) -> RobotCharges:
+    """Charged points, capsules and repelling pairs of a robot; computed once for each."""
+    meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
+    areas = [_area(vertices, triangles) for vertices, triangles in meshes]
+    spacing = SPREAD * float(np.sqrt(sum(areas) / min(POINTS, POINTS_PER_SHAPE * max(len(areas), 1))))
+    shapes = tuple(_charged(vertices, triangles, spacing) for vertices, triangles in meshes)
+    return RobotCharges(shapes, _repelling(robot, shapes))
+
+
+def surface(shape: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulation of a collision shape.
+
+    Args:
+        shape: A Coal shape.
+
+    Returns:
+        Vertices in the shape's own frame, shape (v, 3) [m], and triangles, shape (t, 3).
+
+    Raises:
+        TypeError: if it is of a kind that no robot's shape has.
+    """
+    for kind, triangulate in _SURFACES.items():
+        if isinstance(shape, kind):
+            return triangulate(shape)
+    raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
+
+
+_SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
+    coal.Box: lambda s: surfaces.box(2.0 * np.asarray(s.halfSide)),
+    coal.Sphere: lambda s: surfaces.sphere(s.radius),
+    coal.Cylinder: lambda s: surfaces.cylinder(s.radius, 2.0 * s.halfLength),
+    coal.Capsule: lambda s: surfaces.capsule(s.radius, 2.0 * s.halfLength),
+    coal.BVHModelBase: triangulation,
+    coal.Convex: triangulation,
+}
+
+
+def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> ChargedShape:
+    inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array(spacing)}
+    found = remembered("charges", inputs, lambda: _found(vertices, triangles, spacing))
+    (radius,) = found["radius"].tolist()
+    p0, p1 = found["axis"]
+    return ChargedShape(found["points"], found["weights"], Capsule(p0, p1, radius))
+
+
+def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Arrays:
+    capsule = fit_capsule(_hull_vertices(vertices))
+    # a thin edge must not slip between the points of a thin link
+    points: SurfacePoints = surface_points(vertices, triangles, min(spacing, 2.0 * capsule.radius))
+    return {
+        "points": points.points,
+        "weights": points.weights,
+        "axis": np.array([capsule.p0, capsule.p1]),
+        "radius": np.array([capsule.radius]),
+    }
+
+
+def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
+    """The vertices that decide what contains a shape; all of them where it has no hull."""
+    try:
+        return convex_hull(vertices).vertices
+    except ValueError:  # it is flat, or too fine for Coal
+        return vertices
+
+
+def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    corners = vertices[triangles]
+    return float(
+        0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    )
+
+
+def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tuple[int, int], ...]:
+    """Collision pairs that aren't always close: their gap at rest is at least `ALWAYS_CLOSE` radii."""
+    data, geometry_data = robot.model.createData(), scratch_space(robot.geometry)
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, robot.rest)
+    kept = []
+    for pair in robot.geometry.collisionPairs:
+        i, j = int(pair.first), int(pair.second)
+        radius = max(shapes[i].capsule.radius, shapes[j].capsule.radius)
+        gaps = [
+            _gap(geometry_data.oMg[a], shapes[a].points, geometry_data.oMg[b], shapes[b].capsule)
+            for a, b in ((i, j), (j, i))
+        ]
+        if min(gaps) >= ALWAYS_CLOSE * radius:
+            kept.append((i, j))
+    return tuple(kept)
+
+
+def _gap(T_points: Any, points: np.ndarray, T_capsule: Any, capsule: Capsule) -> float:
+    """Smallest distance from points to a capsule's surface [m]."""
+    local = (T_capsule.actInv(T_points).homogeneous @ np.c_[points, np.ones(len(points))].T).T[:, :3]
+    axis = capsule.p1 - capsule.p0
+    along = np.clip((local - capsule.p0) @ axis / max(float(axis @ axis), 1e-30), 0.0, 1.0)
+    nearest = capsule.p0 + along[:, None] * axis
+    return float(np.linalg.norm(local - nearest, axis=1).min() - capsule.radius)

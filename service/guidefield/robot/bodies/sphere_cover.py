@@ -1,0 +1,195 @@
+"""The balls of a robot's links: those that contain each collision shape, and those inside of it."""
+
+from __future__ import annotations
+
+import logging
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+
+from guidefield.geometry.cache import Arrays, recalled, remembered
+from guidefield.geometry.cover import Cover, cover
+from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.nested import filled
+from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
+from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
+from guidefield.geometry.solid import solid
+from guidefield.geometry.surfaces import Floats
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
+
+DELTA = 0.015
+"""By how much covers may leave the shapes, unless told otherwise [m]."""
+
+LARGE = 20_000.0
+"""A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many."""
+
+Progress = Callable[[int, int, str], None]
+"""Told before each shape that isn't known yet: how many are done, how many there are, its link."""
+
+
+_log = logging.getLogger(__name__)
+
+
+def logged(done: int, of: int, link: str) -> None:
+    """Say in the log how far it is."""
+    _log.info("covering link %s: %d of %d shapes done", link, done, of)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeCoverage:
+    """Balls of one collision shape, in the shape's own frame, as it is judged: primitive, hull or mesh.
+
+    Attributes:
+        cover: Balls that contain it, with the levels above them.
+        inner: Balls inside of it, shape (n, 4) [m]; none in an open mesh.
+    """
+
+    cover: Cover
+    inner: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Balls of every collision shape of a robot.
+
+    Attributes:
+        shapes: In the geometry's order.
+        delta: By how much the covers may leave the shapes [m]; those of `LARGE` ones may leave them further.
+    """
+
+    shapes: tuple[ShapeCoverage, ...]
+    delta: float
+
+    @property
+    def spheres(self) -> int:
+        """How many spheres contain the robot."""
+        return sum(len(shape.cover.spheres) for shape in self.shapes)
+
+    @property
+    def inner(self) -> int:
+        """How many balls are inside of it."""
+        return sum(len(shape.inner) for shape in self.shapes)
+
+    @property
+    def overhang(self) -> float:
+        """Largest overhang of a sphere [m], at most `delta` unless a shape is `LARGE`."""
+        return max(shape.cover.overhang for shape in self.shapes)
+
+
+def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logged) -> Coverage:
+    """Covers and inner balls of a robot's collision shapes; computed once, and kept on disk.
+
+    Args:
+        robot: The robot.
+        delta: By how much the covers may leave the shapes [m].
+        progress: Told before each shape that isn't known yet; what it raises comes through.
+
+    Raises:
+        ValueError: if `delta` is not positive.
+    """
+    if not (delta > 0.0 and np.isfinite(delta)):
+        raise ValueError(f"`delta` must be positive, got {delta} m")
+    known = _known.setdefault(robot, {})
+    if delta not in known:
+        shapes = []
+        geometry = robot.geometry.geometryObjects
+        for done, shape in enumerate(geometry):
+            question = _question(shape.geometry, delta)
+            arrays = recalled(*question)
+            if arrays is None:
+                progress(done, len(geometry), str(robot.model.frames[shape.parentFrame].name))
+                arrays = remembered(*question)
+            shapes.append(_restored(arrays))
+        known[delta] = Coverage(tuple(shapes), delta)
+    return known[delta]
+
+
+def known_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
+    """What of `coverage` is known without computing anything, by shape; None where it isn't."""
+    if delta in _known.get(robot, {}):
+        return _known[robot][delta].shapes
+    kept = (recalled(*_question(shape.geometry, delta)) for shape in robot.geometry.geometryObjects)
+    return tuple(None if arrays is None else _restored(arrays) for arrays in kept)
+
+
+_known: weakref.WeakKeyDictionary[RobotModel, dict[float, Coverage]] = weakref.WeakKeyDictionary()
+
+
+def _question(shape: Any, delta: float) -> tuple[str, Arrays, Callable[[], Arrays]]:
+    """What the balls of a shape are kept under: a name, what they depend on, and how they are found."""
+    kind = next((kind for kind in _KINDS if isinstance(shape, kind)), None)
+    if kind is None:
+        raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
+    inputs, build = _KINDS[kind]
+    arrays = inputs(shape)
+    return (
+        f"coverage-{kind.__name__.lower()}",
+        {**arrays, "delta": np.array(delta)},
+        lambda: _stored(build(arrays, delta)),
+    )
+
+
+def _allowed(area: float, delta: float) -> float:
+    """By how much the cover of a surface of that area [m^2] may leave it [m]: so that it is found in some seconds."""
+    return max(delta, float(np.sqrt(area / LARGE)))
+
+
+def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
+    body = solid(arrays["vertices"], arrays["triangles"], WIDEST_GAP)
+    return ShapeCoverage(cover(filled(body), _allowed(body.area, delta)), inner_balls(body).reshape(-1, 4))
+
+
+def _mesh_arrays(shape: Any) -> Arrays:
+    vertices, triangles = triangulation(shape)
+    return {"vertices": vertices, "triangles": triangles}
+
+
+def _box(arrays: Arrays, delta: float) -> ShapeCoverage:
+    x, y, z = arrays["size"].tolist()
+    allowed = _allowed(2.0 * (x * y + y * z + z * x), delta)
+    return ShapeCoverage(cover_box(arrays["size"], allowed), inner_box(arrays["size"]))
+
+
+def _sphere(arrays: Arrays, delta: float) -> ShapeCoverage:  # noqa: ARG001 - as the others
+    radius = float(arrays["radius"])
+    return ShapeCoverage(cover_sphere(radius), inner_sphere(radius))
+
+
+def _cylinder(arrays: Arrays, delta: float) -> ShapeCoverage:
+    radius, length = arrays["size"].tolist()
+    allowed = _allowed(2.0 * np.pi * radius * (radius + length), delta)
+    return ShapeCoverage(cover_cylinder(radius, length, allowed), inner_cylinder(radius, length))
+
+
+def _capsule(arrays: Arrays, delta: float) -> ShapeCoverage:
+    radius, length = arrays["size"].tolist()
+    allowed = _allowed(2.0 * np.pi * radius * (2.0 * radius + length), delta)
+    return ShapeCoverage(cover_capsule(radius, length, allowed), inner_capsule(radius, length))
+
+
+_KINDS: dict[type, tuple[Callable[[Any], Arrays], Callable[[Arrays, float], ShapeCoverage]]] = {
+    coal.Box: (lambda s: {"size": 2.0 * np.asarray(s.halfSide)}, _box),
+    coal.Sphere: (lambda s: {"radius": np.array(s.radius)}, _sphere),
+    coal.Cylinder: (lambda s: {"size": np.array([s.radius, 2.0 * s.halfLength])}, _cylinder),
+    coal.Capsule: (lambda s: {"size": np.array([s.radius, 2.0 * s.halfLength])}, _capsule),
+    coal.BVHModelBase: (_mesh_arrays, _mesh),
+    coal.Convex: (_mesh_arrays, _mesh),
+}
+"""What the balls of each kind of shape depend on, and how they are found."""
+
+_FIELDS = ("spheres", "overhangs", "groups", "first", "bound", "triangles", "first_triangle")
+
+
+def _stored(found: ShapeCoverage) -> Arrays:
+    arrays = {name: getattr(found.cover, name) for name in _FIELDS}
+    return {**arrays, "inner": found.inner, "solid": np.array([found.cover.solid])}
+
+
+def _restored(arrays: Arrays) -> ShapeCoverage:
+    fields = {name: arrays[name] for name in _FIELDS}
+    return ShapeCoverage(Cover(**fields, solid=bool(arrays["solid"][0])), arrays["inner"].reshape(-1, 4))

@@ -1,0 +1,145 @@
+"""Name to robot: the cards in `robots/`, every URDF of example-robot-data, any URDF file or text."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from guidefield.errors import RobotInvalid
+from guidefield.messages.faults import nearest
+from guidefield.messages.replies import RobotSummary
+from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
+from guidefield.robot.catalog.library import entries
+from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.catalog.summary import summarize, summarize_sent
+from guidefield.robot.model import card as cards
+from guidefield.robot.model.loading import load
+from guidefield.robot.model.model import RobotModel, RobotSource
+from guidefield.robot.model.yourdfpy_crosscheck import read_again
+from guidefield.robot.urdf.meshes import MeshResolver
+
+MAX_CACHED = 32
+"""Robots kept loaded."""
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """A robot, and what its files were when it was loaded."""
+
+    robot: RobotModel
+    stamps: dict[Path, tuple[int, int] | None]
+
+
+class Catalog:
+    """Loads robots and keeps those it has loaded.
+
+    Args:
+        package_dirs: Further folders from which robots sent as text may take meshes.
+    """
+
+    def __init__(self, package_dirs: Iterable[Path] = ()) -> None:
+        self._package_dirs = tuple(package_dirs)
+        self._loaded: dict[str, _Loaded] = {}
+
+    def names(self) -> list[str]:
+        """Names that `load` knows."""
+        return list(entries())
+
+    def summaries(self, sent: Iterable[SentRobot] = ()) -> list[RobotSummary]:
+        """A line about each name, in their order, then about robots that clients sent; those with a problem say it."""
+        found = [summarize(entry) for entry in entries().values()]
+        return [*found, *(summarize_sent(robot, self._package_dirs) for robot in sent)]
+
+    def load(self, reference: RobotReference | SentRobot) -> RobotModel:
+        """The robot that a request means.
+
+        Raises:
+            RobotInvalid: if the name is unknown, or the description cannot be used.
+        """
+        key = _key(reference)
+        loaded = self._loaded.get(key)
+        if loaded is None or loaded.stamps != {file: _stamp(file) for file in loaded.stamps}:
+            self._loaded.pop(key, None)
+            while len(self._loaded) >= MAX_CACHED:
+                del self._loaded[next(iter(self._loaded))]
+            robot = self._build(reference)
+            loaded = self._loaded[key] = _Loaded(robot, {file: _stamp(file) for file in _files(reference, robot)})
+        return loaded.robot
+
+    def _build(self, reference: RobotReference | SentRobot) -> RobotModel:
+        if isinstance(reference, str):
+            return self._from_catalog(reference)
+        if isinstance(reference, SentRobot):
+            source = RobotSource(reference.urdf, None, reference.root_joint)
+            resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
+            return read_again(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
+        if isinstance(reference, UrdfText):
+            source = RobotSource(reference.text, None, reference.root_joint)
+            resolver = MeshResolver.for_wire(self._package_dirs)
+            return read_again(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
+        return _from_file(reference)
+
+    def _from_catalog(self, name: str) -> RobotModel:
+        entry = entries().get(name)
+        if entry is None:
+            variants = [e.name for e in entries().values() if e.family == name]
+            hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
+            if name.endswith(".urdf"):
+                hint = f'a file is named by {{"type": "urdf_file", "path": "{name[:64]}"}}'
+            elif not variants and (near := nearest(name, self.names())):
+                hint = f"did you mean {' or '.join(near)}? {hint}"
+            raise RobotInvalid(
+                f"there is no robot {name[:64]!r}; {hint}",
+                robot=name[:64],
+                available=variants or self.names(),
+            )
+        path = entry.folder / entry.card.urdf
+        srdf = (entry.folder / entry.card.srdf).read_text() if entry.card.srdf else None
+        source = RobotSource(path.read_text(), path, entry.card.root_joint)
+        return load(name, source, srdf, entry.card, MeshResolver.for_file(path))
+
+
+def _from_file(reference: UrdfFile) -> RobotModel:
+    path = Path(reference.path).expanduser().resolve()
+    if not path.is_file():
+        raise RobotInvalid(f"there is no URDF file {reference.path!r}", path=reference.path)
+    srdf_path = Path(reference.srdf_path).expanduser() if reference.srdf_path else None
+    if srdf_path is not None and not srdf_path.is_file():
+        raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
+    resolver = MeshResolver.for_file(path, [Path(folder).expanduser().resolve() for folder in reference.package_dirs])
+    source = RobotSource(path.read_text(), path, reference.root_joint)
+    return read_again(load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver))
+
+
+def _key(reference: RobotReference | SentRobot) -> str:
+    if isinstance(reference, str):
+        return f"catalog:{reference}"
+    if isinstance(reference, SentRobot):
+        return f"sent:{reference.name}:{reference.content}"
+    if isinstance(reference, UrdfText):
+        content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
+        return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
+    path = Path(reference.path).expanduser().resolve()
+    return f"file:{path}:{reference.srdf_path}:{reference.package_dirs}:{reference.root_joint}"
+
+
+def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[Path]:
+    """Files whose change makes another robot: those of one that is named by its file, with its meshes."""
+    if not isinstance(reference, UrdfFile):
+        return []
+    meshes = etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")
+    named = [reference.path, reference.srdf_path, *(mesh.get("filename") for mesh in meshes)]
+    return [Path(name).expanduser().resolve() for name in named if name]
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    """What changes with a file: when it was written and its size; None where there is none."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size

@@ -1,0 +1,93 @@
+"""The robots that come with guidefield, by name: every URDF of example-robot-data, and our own `robots/`."""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from guidefield.robot.model import card as cards
+from guidefield.robot.model.card import RobotCard
+from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
+
+OURS = "guidefield"
+_PACKAGE = "guidefield.robots"
+_CARD = ".card.json"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One name of the catalog.
+
+    Attributes:
+        name: The name.
+        card: Its files and defaults.
+        folder: Folder of the card's paths.
+        source: The package that it comes from.
+        family: Short name of the folder that its URDF is in; several URDFs of one are variants of a robot.
+    """
+
+    name: str
+    card: RobotCard
+    folder: Path
+    source: str
+    family: str
+
+
+@functools.cache
+def entries() -> dict[str, Entry]:
+    """Every name, in alphabetical order: found URDFs, a card of ours over them where there is one."""
+    return dict(sorted({**_found(), **_ours()}.items()))
+
+
+def _robots() -> Path:
+    return catalog_share() / CATALOG_PACKAGE / "robots"
+
+
+def _found() -> dict[str, Entry]:
+    """The URDFs of example-robot-data by the names of their files, or of their packages where files share a name."""
+    robots = _robots()
+    urdfs = sorted(robots.glob("*/*/*.urdf"))
+    stems = [path.stem for path in urdfs]
+    found: dict[str, Entry] = {}
+    for path in urdfs:
+        family = _family(path.relative_to(robots))
+        name = path.stem.removesuffix("_robot").lower()
+        if stems.count(path.stem) > 1:
+            name = family
+        elif name in found:
+            name = path.stem.lower()
+        srdf = _srdf_of(path, sorted((robots / path.parts[-3] / "srdf").glob("*.srdf")))
+        card = RobotCard(str(path.relative_to(robots)), str(srdf.relative_to(robots)) if srdf else None)
+        found[name] = Entry(name, card, robots, CATALOG_PACKAGE, family)
+    return found
+
+
+def _ours() -> dict[str, Entry]:
+    """The cards in `robots/`, for URDFs beside them or in example-robot-data."""
+    robots, ours = _robots(), importlib.resources.files(_PACKAGE)
+    found = {}
+    for resource in ours.iterdir():
+        if resource.name.endswith(_CARD):
+            name, card = resource.name.removesuffix(_CARD), cards.decode(resource.read_bytes())
+            if (robots / card.urdf).is_file():
+                found[name] = Entry(name, card, robots, CATALOG_PACKAGE, _family(Path(card.urdf)))
+            else:
+                found[name] = Entry(name, card, Path(str(ours)), OURS, name)
+    return found
+
+
+def _family(urdf: Path) -> str:
+    return urdf.parts[0].removesuffix("_description").removesuffix("_data").lower()
+
+
+def _srdf_of(urdf: Path, srdfs: Iterable[Path]) -> Path | None:
+    """The SRDF of a URDF's package that is named like it: `arm` and `arm_manipulation` describe `arm_with_hand` too.
+
+    What is named most like it is taken.
+    """
+    names = {srdf: srdf.stem.removesuffix("_manipulation") for srdf in srdfs}
+    fitting = [srdf for srdf, name in names.items() if f"{urdf.stem}_".startswith(f"{name}_")]
+    return max(fitting, key=lambda srdf: (len(names[srdf]), -len(srdf.stem)), default=None)

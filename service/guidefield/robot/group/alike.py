@@ -1,0 +1,30 @@
+"""What is found once for all groups of a robot that are alike: every request makes a group of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar
+
+from guidefield.kept import kept_by
+
+if TYPE_CHECKING:
+    from guidefield.robot.group.group import PlanningGroup
+
+Rest = ParamSpec("Rest")
+Found = TypeVar("Found")
+
+
+class Alike:
+    """Stands for groups of a robot that differ in where they start and in the limits of their rates, and in no more."""
+
+
+def kept_with_alike(
+    find: Callable[Concatenate[PlanningGroup, Rest], Found],
+) -> Callable[Concatenate[PlanningGroup, Rest], Found]:
+    """Call a function once for groups that are alike and the same further arguments; see `kept_with`.
+
+    Args:
+        find: Takes a group, of which it looks at nothing in which those that are alike differ: q_reference, q_origin,
+            limits of velocities and accelerations. What it finds must not hold the group.
+    """
+    return kept_by(lambda group: group.alike, find)

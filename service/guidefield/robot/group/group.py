@@ -1,0 +1,295 @@
+"""The joints that a request plans for: a robot reduced to them, in the world where the request puts it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.robot.group.alike import Alike
+from guidefield.robot.model import chart
+from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
+
+ROAM = 2.0
+"""How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
+WIND = 2.0 * np.pi
+"""The same for an angle without limits whose whole turns count [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningGroup:
+    """A robot whose joints outside the group stand still.
+
+    Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
+    planned one move with it. In the *chart* ``z`` (nv,), joint by joint as robot/model/chart.py has it, straight lines and
+    splines are drawn.
+
+    Attributes:
+        robot: The whole robot.
+        model: Pinocchio model of the planned joints and their followers; the placement in the world is folded in.
+        geometry: Collision geometry on that model, with the pairs that count.
+        space: Pinocchio model of the planned joints alone, for integrate and difference.
+        joints: Planned joints; their indices are those of this group's q and v.
+        tip: Name of the frame that goals are about.
+        tip_id: Its index in `model`.
+        q_reference: Configuration of the whole robot, shape (robot.model.nq,), from which the others are taken.
+        q_origin: The planned joints' part of it, shape (nq,): where the chart's rotation vectors start.
+        lower, upper: Chart limits, shape (nv,) [rad or m]; infinite where there are none.
+        velocity_limits, acceleration_limits: Shape (nv,).
+        expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
+        expand_offset: Shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset.
+        alike: What groups share that differ in q_reference, q_origin and the limits of their rates only.
+    """
+
+    robot: RobotModel
+    model: Any
+    geometry: Any
+    space: Any
+    joints: tuple[Joint, ...]
+    tip: str
+    tip_id: int
+    q_reference: np.ndarray
+    q_origin: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity_limits: np.ndarray
+    acceleration_limits: np.ndarray
+    expand_velocity: np.ndarray
+    expand_offset: np.ndarray
+    alike: Alike
+
+    @property
+    def nq(self) -> int:
+        """Length of a configuration."""
+        return int(self.space.nq)
+
+    @property
+    def nv(self) -> int:
+        """Length of a tangent, and of the chart."""
+        return int(self.space.nv)
+
+    @property
+    def position_names(self) -> list[str]:
+        """Names of the position columns of a reply, as `wire_positions` orders them."""
+        return [j.name + suffix for j in self.joints for suffix in chart.POSITION_SUFFIXES.get(j.kind, ("",))]
+
+    @property
+    def velocity_names(self) -> list[str]:
+        """Names of the tangent's columns."""
+        return [j.name + suffix for j in self.joints for suffix in chart.VELOCITY_SUFFIXES.get(j.kind, ("",))]
+
+    @cached_property
+    def is_euclidean(self) -> bool:
+        """Whether chart velocities are the tangent's velocities: no planar, spherical or floating joint."""
+        return all(joint.nv == 1 for joint in self.joints)
+
+    @cached_property
+    def limited(self) -> bool:
+        """Whether any coordinate of the chart has a limit."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @cached_property
+    def winds(self) -> np.ndarray:
+        """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
+        turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in self.joints])
+        winds: np.ndarray = turns & ~np.isfinite(self.upper - self.lower)
+        winds.setflags(write=False)
+        return winds
+
+    def part_of(self, q_whole: np.ndarray) -> np.ndarray:
+        """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
+        part: np.ndarray = q_whole[self._places]
+        return part
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Where the planned joints' values stand in a configuration of the whole robot, shape (nq,)."""
+        return reference_of(self.space, self.robot, np.arange(self.robot.model.nq)).astype(int)
+
+    def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
+        reached: np.ndarray = pin.integrate(self.space, q, v)
+        return reached
+
+    def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+        """Tangent, shape (nv,), that leads from q0 to q1, each of shape (nq,), the short way."""
+        tangent: np.ndarray = pin.difference(self.space, q0, q1)
+        return tangent
+
+    def interpolate(self, q0: np.ndarray, q1: np.ndarray, t: float) -> np.ndarray:
+        """Configuration, shape (nq,), at the fraction t of the way from q0 to q1, each of shape (nq,)."""
+        between: np.ndarray = pin.interpolate(self.space, q0, q1, t)
+        return between
+
+    def expand(self, q: np.ndarray) -> np.ndarray:
+        """Configuration of `model`, shape (model.nq,), followers included, of one of the group, shape (nq,)."""
+        if self.space is self.model:
+            return q
+        z = self.expand_velocity @ self.chart(q) + self.expand_offset
+        expanded = np.empty(self.model.nq)
+        for index in range(1, self.model.njoints):
+            joint, name = self.model.joints[index], self.model.names[index]
+            at = slice(joint.idx_q, joint.idx_q + joint.nq)
+            if self.space.existJointName(name):
+                planned = self.space.joints[self.space.getJointId(name)]
+                expanded[at] = q[planned.idx_q : planned.idx_q + planned.nq]
+            elif joint.nq == 1:
+                expanded[at] = z[joint.idx_v]
+            else:
+                expanded[at] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
+        return expanded
+
+    def chart(self, q: np.ndarray) -> np.ndarray:
+        """Chart coordinates, shape (nv,), of a configuration, shape (nq,).
+
+        Angles are in (-pi, pi], rotation vectors at most pi long.
+        """
+        if self.nq == self.nv:
+            return q.copy()
+        parts = [chart.to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
+        return np.concatenate(parts)
+
+    def from_chart(self, z: np.ndarray) -> np.ndarray:
+        """Configuration, shape (nq,), of chart coordinates, shape (nv,)."""
+        if self.nq == self.nv:
+            return np.array(z, float)
+        return np.concatenate([chart.from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
+
+    def clamped(self, q: np.ndarray) -> np.ndarray:
+        """A configuration, shape (nq,), with every value brought within its limits; a copy."""
+        clamped = q.copy()
+        if not self.limited:
+            return clamped
+        for joint in self.joints:
+            if joint.nq == 1:
+                clamped[joint.idx_q] = min(max(q[joint.idx_q], joint.lower[0]), joint.upper[0])
+        return clamped
+
+    def chart_path(self, qs: Sequence[np.ndarray], start: np.ndarray | None = None) -> np.ndarray:
+        """Chart coordinates, shape (n, nv), along configurations, each next to the one before: angles unwrapped.
+
+        Args:
+            qs: Configurations in order, each of shape (nq,).
+            start: Chart coordinates near which the first is to be, shape (nv,); None: its own.
+        """
+        zs = [self.chart(qs[0]) if start is None else self.unwrapped(self.chart(qs[0]), start)]
+        for q in qs[1:]:
+            zs.append(self.unwrapped(self.chart(q), zs[-1]))
+        return np.array(zs)
+
+    def unwrapped(self, z: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Chart coordinates of the same configuration as z nearest to others, both (nv,): whole turns added."""
+        if self.nq == self.nv:
+            return z.copy()
+        return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
+
+    def turned_otherwise(self, z: np.ndarray) -> np.ndarray:
+        """Chart coordinates of the same configuration as z (nv,) with one floating joint turned the other way round.
+
+        Returns:
+            One row for each floating joint, shape (k, nv): a body that flies free may have to turn the long way.
+        """
+        ways = []
+        for joint in self.joints:
+            if joint.kind is JointKind.FLOATING:
+                ways.append(z.copy())
+                ways[-1][_at_v(joint)] = chart.turned_otherwise(joint, z[_at_v(joint)])
+        return np.array(ways).reshape(-1, self.nv)
+
+    def tangent_map(self, z: np.ndarray) -> np.ndarray:
+        """Matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
+        matrix = np.zeros((self.nv, self.nv))
+        for joint in self.joints:
+            at = _at_v(joint)
+            matrix[at, at] = chart.tangent_map(joint, z[at], self.q_origin[_at_q(joint)])
+        return matrix
+
+    def wire_positions(self, z: np.ndarray) -> list[float]:
+        """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
+        row: list[float] = z.tolist()
+        if self.is_euclidean:
+            return row
+        row = []
+        for joint in self.joints:
+            if joint.kind in chart.ROTATION:
+                row += chart.from_chart(joint, z[_at_v(joint)], self.q_origin[_at_q(joint)]).tolist()
+            else:
+                row += z[_at_v(joint)].tolist()
+        return row
+
+    def random(self, rng: np.random.Generator) -> np.ndarray:
+        """A configuration, shape (nq,), drawn evenly within the limits.
+
+        Angles without limits are drawn from one turn, or where whole turns count within `WIND` of the origin's;
+        rotations from all, positions within `ROAM` of the origin's.
+        """
+        origin = self.chart(self.q_origin)
+        middle, reach = np.where(self.winds, origin, 0.0), np.where(self.winds, WIND, np.pi)
+        for joint in self.joints:
+            lengths = np.arange(self.nv)[_at_v(joint)][chart.TRANSLATION.get(joint.kind, slice(0, 0))]
+            middle[lengths], reach[lengths] = origin[lengths], ROAM
+        endless = ~np.isfinite(self.lower)
+        z = rng.uniform(np.where(endless, middle - reach, self.lower), np.where(endless, middle + reach, self.upper))
+        for joint in self.joints:
+            if joint.kind in chart.ROTATION:
+                z[_at_v(joint)][chart.ROTATION[joint.kind]] = chart.random_rotation(rng)
+        return self.from_chart(z)
+
+    def with_limits(
+        self,
+        velocity: Mapping[str, float],
+        acceleration: Mapping[str, float],
+        velocity_scaling: float,
+        acceleration_scaling: float,
+    ) -> PlanningGroup:
+        """The same group with other limits by joint name, then scaled."""
+        joints = tuple(
+            dataclasses.replace(
+                joint,
+                velocity=np.full(joint.nv, velocity[joint.name]) if joint.name in velocity else joint.velocity,
+                velocity_source=LimitSource.REQUEST if joint.name in velocity else joint.velocity_source,
+                acceleration=np.full(joint.nv, acceleration[joint.name])
+                if joint.name in acceleration
+                else joint.acceleration,
+                acceleration_source=LimitSource.REQUEST if joint.name in acceleration else joint.acceleration_source,
+            )
+            for joint in self.joints
+        )
+        return dataclasses.replace(
+            self,
+            joints=joints,
+            velocity_limits=velocity_scaling * np.concatenate([joint.velocity for joint in joints]),
+            acceleration_limits=acceleration_scaling * np.concatenate([joint.acceleration for joint in joints]),
+        )
+
+
+def _at_q(joint: Joint) -> slice:
+    return slice(joint.idx_q, joint.idx_q + joint.nq)
+
+
+def _at_v(joint: Joint) -> slice:
+    return slice(joint.idx_v, joint.idx_v + joint.nv)
+
+
+def reference_of(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:
+    """The part of a whole configuration that a reduced model has.
+
+    Args:
+        model: Pinocchio model of some of the robot's joints.
+        robot: The robot.
+        q_reference: Configuration of the whole robot, shape (robot.model.nq,).
+
+    Returns:
+        Shape (model.nq,).
+    """
+    q: np.ndarray = pin.neutral(model)
+    for index in range(1, model.njoints):
+        joint, whole = model.joints[index], robot.joint(model.names[index])
+        assert whole is not None, "a reduced model has the robot's joints"
+        q[joint.idx_q : joint.idx_q + joint.nq] = q_reference[whole.idx_q : whole.idx_q + whole.nq]
+    return q

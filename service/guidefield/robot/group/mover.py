@@ -1,0 +1,63 @@
+"""How a planning group's joints move its model, as tables for the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.kernels.field.field_tables import frozen
+from guidefield.kernels.kinematics.integrate import Mover
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.chart import TRANSLATION
+from guidefield.robot.model.joint_tables import joints_of
+
+LARGEST_TURN = np.deg2rad(15.0)
+"""No joint turns more than this in one step of a descent [rad]."""
+LARGEST_SLIDE = 0.1
+"""None slides more than this in one step [m]."""
+
+
+@kept_with_alike
+def mover_of(group: PlanningGroup) -> Mover:
+    """Tables of a group; computed once for each."""
+    E, model = group.expand_velocity, group.model
+    leaders = np.argmax(E != 0.0, axis=1)
+    factors = E[np.arange(model.nv), leaders]
+    largest, stops = np.full(group.nv, LARGEST_TURN), np.zeros(group.nv, np.int64)
+    values = np.full(group.nv, -1)
+    for joint in group.joints:
+        slides = TRANSLATION.get(joint.kind, slice(0, 0))
+        largest[joint.idx_v : joint.idx_v + joint.nv][slides] = LARGEST_SLIDE
+        first = model.joints[model.getJointId(joint.name)].idx_q
+        for k in range(1 if joint.nq == 1 else slides.stop):
+            at = joint.idx_v + k
+            if np.isfinite(group.lower[at]) or np.isfinite(group.upper[at]):
+                values[at], stops[at] = first + k, joint.nq == 1
+    tip = model.frames[group.tip_id]
+    supports = np.zeros(model.njoints, np.int64)
+    supports[[index for index in model.supports[tip.parentJoint] if index]] = 1
+    placement = np.c_[tip.placement.rotation, tip.placement.translation]
+    return Mover(
+        joints=joints_of(group),
+        leaders=frozen(leaders),
+        factors=frozen(factors),
+        norms=frozen((E**2).sum(axis=0)),
+        largest=frozen(largest),
+        values=frozen(values),
+        lower=frozen(group.lower),
+        upper=frozen(group.upper),
+        stops=frozen(stops),
+        supports=frozen(supports),
+        tip_joint=int(tip.parentJoint),
+        tip=frozen(placement),
+    )
+
+
+@kept_with_alike
+def planned_values(group: PlanningGroup) -> np.ndarray:
+    """Where a group's configuration stands in its model's, shape (nq,) of indices."""
+    at = []
+    for joint in group.joints:
+        first = group.model.joints[group.model.getJointId(joint.name)].idx_q
+        at += list(range(first, first + joint.nq))
+    return np.array(at)

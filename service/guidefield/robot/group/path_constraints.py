@@ -1,0 +1,176 @@
+"""What a frame has to keep all along a motion: an axis within a cone, its origin near a plane or a line.
+
+Each is one number that must not exceed a limit, with its gradient, and a bound of how much it changes while the frame
+turns and moves by no more than so much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.frames import frame_index
+
+
+class PathConstraint(Protocol):
+    """A number about a frame that must not exceed a limit."""
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame."""
+        ...
+
+    @property
+    def limit(self) -> float:
+        """What the number must not exceed [rad or m]."""
+        ...
+
+    def value(self, placement: Any) -> float:
+        """The number where the frame is placed in the world (pinocchio.SE3), at least 0 [rad or m]."""
+        ...
+
+    def row(self, placement: Any) -> np.ndarray:
+        """Its derivative by the frame's velocity at its origin in the world's axes, linear then angular, shape (6,)."""
+        ...
+
+    def change(self, shift: float, turn: float) -> float:
+        """The most that it changes while the origin moves by `shift` [m] and the frame turns by `turn` [rad]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """An axis of a frame stays within a cone about a direction of the world.
+
+    Attributes:
+        frame: Name of the frame.
+        axis: Unit vector in the frame, shape (3,).
+        target: Unit vector in the world, shape (3,).
+        limit: Largest angle between them [rad].
+    """
+
+    frame: str
+    axis: np.ndarray
+    target: np.ndarray
+    limit: float
+
+    def value(self, placement: Any) -> float:
+        """Angle between the two [rad]."""
+        axis = placement.rotation @ self.axis
+        return float(np.arctan2(np.linalg.norm(np.cross(axis, self.target)), axis @ self.target))
+
+    def row(self, placement: Any) -> np.ndarray:
+        """As in `PathConstraint`, shape (6,).
+
+        Turning about the common normal from target to axis widens the angle; anywhere, where they are parallel.
+        """
+        normal = np.cross(self.target, placement.rotation @ self.axis)
+        length = float(np.linalg.norm(normal))
+        return np.concatenate([np.zeros(3), normal / length if length > 0.0 else np.zeros(3)])
+
+    def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - an orientation stays where the origin moves
+        """As much as the frame turns."""
+        return turn
+
+
+@dataclass(frozen=True, eq=False)
+class Near:
+    """A frame's origin stays near a plane, or a line, through a point.
+
+    Attributes:
+        frame: Name of the frame.
+        point: On the plane or line, shape (3,) [m, world].
+        across: Directions in which distance counts, orthonormal rows, shape (1, 3) for a plane, (2, 3) for a line.
+        limit: The largest distance [m].
+    """
+
+    frame: str
+    point: np.ndarray
+    across: np.ndarray
+    limit: float
+
+    def value(self, placement: Any) -> float:
+        """Distance of the origin from the plane or line [m]."""
+        return float(np.linalg.norm(self.across @ (placement.translation - self.point)))
+
+    def row(self, placement: Any) -> np.ndarray:
+        """As in `PathConstraint`, shape (6,): straight away from it; nothing, where the origin is on it."""
+        away = self.across.T @ (self.across @ (placement.translation - self.point))
+        length = float(np.linalg.norm(away))
+        return np.concatenate([away / length if length > 0.0 else np.zeros(3), np.zeros(3)])
+
+    def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - a place stays where the frame turns
+        """As much as the origin moves."""
+        return shift
+
+
+def plane(frame: str, point: np.ndarray, normal: np.ndarray, tolerance: float) -> Near:
+    """The origin of a frame stays near a plane.
+
+    Args:
+        frame: Name of the frame.
+        point: On the plane, shape (3,) [m, world].
+        normal: Of the plane, shape (3,), of any length.
+        tolerance: Largest distance [m].
+    """
+    return Near(frame, point, (normal / np.linalg.norm(normal))[None], tolerance)
+
+
+def line(frame: str, point: np.ndarray, direction: np.ndarray, tolerance: float) -> Near:
+    """The origin of a frame stays near a line.
+
+    Args:
+        frame: Name of the frame.
+        point: On the line, shape (3,) [m, world].
+        direction: Of the line, shape (3,), of any length.
+        tolerance: Largest distance [m].
+    """
+    return Near(frame, point, np.linalg.svd(direction[None])[2][1:], tolerance)
+
+
+class ConstrainedFrames:
+    """The constraints of a motion of a group, evaluated at chart points; owns scratch data (one per thread)."""
+
+    def __init__(self, group: PlanningGroup, constraints: tuple[PathConstraint, ...]) -> None:
+        self.group = group
+        self.constraints = constraints
+        self.limits = np.array([constraint.limit for constraint in constraints])
+        self._frames = [_frame_id(group.model, constraint.frame) for constraint in constraints]
+        self._data = group.model.createData()
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """The constraints' numbers [rad or m] at a chart point, shape (nv,): shape (k,)."""
+        return np.array([c.value(placed) for c, placed in zip(self.constraints, self._placed(z), strict=True)])
+
+    def values_and_rows(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers at a chart point, shape (nv,): shape (k,), and their derivatives by the chart, shape (k, nv)."""
+        placed, jacobians = self._placed(z), self.jacobians(z)
+        map_to_tangent = self.group.expand_velocity @ self.group.tangent_map(z)
+        values = np.array([c.value(T) for c, T in zip(self.constraints, placed, strict=True)])
+        rows = [c.row(T) @ J @ map_to_tangent for c, T, J in zip(self.constraints, placed, jacobians, strict=True)]
+        return values, np.array(rows)
+
+    def jacobians(self, z: np.ndarray) -> list[np.ndarray]:
+        """Jacobian, shape (6, model.nv), of each constraint's frame at a chart point, shape (nv,).
+
+        At the frame's origin in the world's axes, linear rows first.
+        """
+        model, q = self.group.model, self.group.expand(self.group.from_chart(z))
+        return [
+            pin.computeFrameJacobian(model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+            for frame in self._frames
+        ]
+
+    def _placed(self, z: np.ndarray) -> list[Any]:
+        pin.forwardKinematics(self.group.model, self._data, self.group.expand(self.group.from_chart(z)))
+        return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self._frames]
+
+
+def _frame_id(model: Any, name: str) -> int:
+    index = frame_index(model, name)
+    assert index is not None, "the request's frames are checked"
+    return index

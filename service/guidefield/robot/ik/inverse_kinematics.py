@@ -1,0 +1,186 @@
+"""Inverse kinematics: distinct configurations of a planning group that bring its tip to a pose, far from each other."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from guidefield.kernels.kinematics.solution_choice import distinct, farthest_apart
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.ik.pose_search import PoseSearch
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.unreachable import out_of_reach, why_unreached
+
+ROUND = 64
+"""Random starts of a round; of the first rounds, where one solution is asked for, `FIRST_ROUND`."""
+FIRST_ROUND = 16
+CHOICE = 2
+"""Accepted solutions for each that is asked for, from which those farthest apart are chosen."""
+MOST_UNREACHED, MOST_REJECTED, MOST_PER_SOLUTION = 256, 1024, 64
+"""Random starts after which a pose counts as unreachable; as reachable only by what isn't accepted; and, for each
+solution asked for, where there are some."""
+LARGE_ROUND = 512
+"""Random starts of a round where nothing was accepted for so many."""
+MOST_KEPT = 256
+"""Distinct solutions that are kept of those not accepted: they tell what stands in the way."""
+
+Accept = Callable[[np.ndarray], np.ndarray]
+"""Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
+
+
+@dataclass(frozen=True, eq=False)
+class IkResult:
+    """What was found.
+
+    Attributes:
+        solutions: Distinct configurations of the group, each shape (nq,), within the limits and accepted; first those
+            reached from the given starts, in their order, then each as far as can be from those before.
+        reason: Why there are none or not as many as asked; empty if there are.
+        details: The values that the reason speaks about.
+        rejected: Those found that were not accepted.
+    """
+
+    solutions: tuple[np.ndarray, ...]
+    reason: str
+    details: dict[str, Any] = field(default_factory=dict)
+    rejected: tuple[np.ndarray, ...] = ()
+
+
+def solve(
+    group: PlanningGroup,
+    target: PoseTarget,
+    starts: Sequence[np.ndarray],
+    count: int,
+    *,
+    rng: np.random.Generator,
+    accept: Accept | None = None,
+    fault: str = "in collision",
+    most: int = MOST_REJECTED,
+    stopped: Callable[[], bool] = lambda: False,
+) -> IkResult:
+    """Distinct configurations of a group that bring its tip to a pose.
+
+    Descents from the given starts and then from random ones, several at once, until there are enough to choose those
+    that lie far from each other (`kernels.pose_search`). Configurations that differ by whole turns alone count as one
+    until there are no others. Joints that don't move the tip are as in the first start. Nothing is proved where
+    nothing is found, except what is out of reach.
+
+    Args:
+        group: The joints that may move; its `tip` is brought to the target.
+        target: Where to.
+        starts: Configurations of the group to start from, each shape (nq,).
+        count: How many solutions to look for.
+        rng: Where random starts come from; the same state gives the same solutions.
+        accept: Which configurations may be a solution; None: all may.
+        fault: What is wrong with those that may not, for the reason.
+        most: Random starts after which a pose counts as reachable only by what isn't accepted.
+        stopped: Whether to look no further; asked between rounds.
+
+    Returns:
+        The solutions, and a reason where there are fewer than `count`.
+    """
+    given = np.array([group.chart(q) for q in starts]).reshape(-1, group.nv)
+    base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
+    search = PoseSearch(group, target, base)
+    if (short := out_of_reach(search.chain, target)) is not None:
+        return IkResult((), *short)
+    found = _Found(search, accept)
+    found.add(search.descend(given))
+    from_starts = len(found.accepted)
+    drawn = 0
+    while not (_enough(found, count, drawn, most) or stopped()):
+        size = FIRST_ROUND if count == 1 and drawn < ROUND else LARGE_ROUND if drawn >= LARGE_ROUND else ROUND
+        found.add(search.near_base(search.descend(search.drawn(size, rng))))
+        drawn += size
+    tried = f"{len(starts) + drawn} starts"
+    rejected = tuple(group.from_chart(z) for z in found.rejected)
+    if not len(found.accepted) and not rejected:
+        return IkResult((), *why_unreached(group, target, search, tried, rng))
+    if not len(found.accepted):
+        details = {"cause": fault, "solutions": len(rejected)}
+        more = "at least " if len(rejected) == MOST_KEPT else ""
+        return IkResult((), f"{more}{_solutions(len(rejected))} from {tried}, all {fault}", details, rejected)
+    chosen = _chosen(search, found.accepted, from_starts, len(starts) > 0, count)
+    solutions = tuple(group.from_chart(z) for z in chosen)
+    if len(solutions) == count:
+        return IkResult(solutions, "", rejected=rejected)
+    others = f", {len(rejected)} more {'is' if len(rejected) == 1 else 'are'} {fault}" if rejected else ""
+    return IkResult(solutions, f"{_solutions(len(solutions))} from {tried}{others}", rejected=rejected)
+
+
+class _Found:
+    """Distinct solutions as they are found.
+
+    Attributes:
+        accepted: Chart points of those that may be solutions, in order, shape (n, nv).
+        rejected: Of those that may not, shape (m, nv), m at most `MOST_KEPT`.
+        fresh: How many the last descents added.
+    """
+
+    def __init__(self, search: PoseSearch, accept: Accept | None) -> None:
+        self._measure, self._accept = search.chain.measure, accept
+        self.accepted = self.rejected = np.empty((0, len(search.base)))
+        self.fresh = 0
+
+    def add(self, ends: np.ndarray) -> None:
+        """Take those ends of descents, shape (k, nv), that are like none before."""
+        before = len(self.accepted) + len(self.rejected)
+        free = np.ones(len(ends), bool)
+        if self._accept is not None and len(ends):
+            free = self._accept(ends)
+        self.accepted = self._with(self.accepted, ends[free])
+        if len(self.rejected) < MOST_KEPT:
+            self.rejected = self._with(self.rejected, ends[~free])[:MOST_KEPT]
+        self.fresh = len(self.accepted) + len(self.rejected) - before
+
+    def _with(self, known: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Distinct points (n, nv) with those of others (k, nv) that are like none before."""
+        points = np.concatenate([known, others])
+        kept = np.empty(len(points), np.int64)
+        distinct_ones: np.ndarray = points[kept[: distinct(self._measure, points, len(known), kept)]]
+        return distinct_ones
+
+
+def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
+    """Whether to stop drawing starts."""
+    accepted, rejected = len(found.accepted), len(found.rejected)
+    if not accepted and not rejected:
+        return drawn >= MOST_UNREACHED
+    if not accepted:
+        return drawn >= most or (drawn >= MOST_UNREACHED and not found.fresh and rejected < MOST_KEPT)
+    if count == 1 or accepted >= CHOICE * count or drawn >= MOST_PER_SOLUTION * count:
+        return True
+    return drawn >= ROUND and not found.fresh
+
+
+def _chosen(search: PoseSearch, points: np.ndarray, from_starts: int, nearest: bool, count: int) -> list[np.ndarray]:
+    """As many of some chart points (n, nv) as are asked for, far from each other; then the same by whole turns.
+
+    Args:
+        search: The search.
+        points: Solutions.
+        from_starts: How many of them, the first, are chosen anyway.
+        nearest: Whether else the nearest to the base is the first.
+        count: How many are asked for.
+    """
+    if nearest and from_starts == 0:
+        first = int(np.argmin(np.linalg.norm(points - search.base, axis=1)))
+        points = np.concatenate([points[first : first + 1], np.delete(points, first, axis=0)])
+    order = np.empty(min(count, len(points)), np.int64)
+    farthest_apart(search.chain.measure, points, max(from_starts, 1), order)
+    chosen = list(points[order])
+    for z in chosen.copy():
+        if len(chosen) == count:
+            break
+        same = (np.array(values) for values in itertools.product(*search.turned(z)))
+        others = (other for other in same if np.abs(other - z).max() > 1.0)
+        chosen += itertools.islice(others, count - len(chosen))
+    return chosen
+
+
+def _solutions(count: int) -> str:
+    return f"{count} distinct solution{'' if count == 1 else 's'}"

@@ -1,0 +1,1 @@
+"""The robot as a value: joints, limits, shapes, pairs, rest."""

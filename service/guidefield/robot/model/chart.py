@@ -1,0 +1,141 @@
+"""The chart of a joint: as many plain numbers as it has freedoms, in which straight lines and splines are drawn.
+
+Revolute and prismatic joints: their value. Continuous: the unwrapped angle. Planar: x, y and the unwrapped angle.
+Spherical: the rotation vector from a reference orientation; floating: the position and that vector. These vectors are
+kept shorter than a full turn, where the chart is smooth; two of them, the long and the short way round, mean the same
+orientation. As the exponential map never stretches, a body turns at most by the distance between two vectors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.robot.model.model import Joint, JointKind
+
+POSITION_SUFFIXES = {
+    JointKind.PLANAR: (".x", ".y", ".theta"),
+    JointKind.SPHERICAL: (".qx", ".qy", ".qz", ".qw"),
+    JointKind.FLOATING: (".x", ".y", ".z", ".qx", ".qy", ".qz", ".qw"),
+}
+"""Names of a joint's position columns on the wire, after its own; joints with one value have just their name."""
+
+VELOCITY_SUFFIXES = {
+    JointKind.PLANAR: (".vx", ".vy", ".wz"),
+    JointKind.SPHERICAL: (".wx", ".wy", ".wz"),
+    JointKind.FLOATING: (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
+}
+"""The same for velocities: tangents in the moved frame."""
+
+ROTATION = {JointKind.SPHERICAL: slice(0, 3), JointKind.FLOATING: slice(3, 6)}
+"""Which of a joint's chart coordinates are a rotation vector."""
+
+ANGLE = {JointKind.CONTINUOUS: 0, JointKind.PLANAR: 2}
+"""Which of a joint's chart coordinates is an angle that wraps."""
+
+TRANSLATION = {JointKind.PRISMATIC: slice(0, 1), JointKind.PLANAR: slice(0, 2), JointKind.FLOATING: slice(0, 3)}
+"""Which of a joint's chart coordinates are lengths [m]."""
+
+
+def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Chart coordinates, shape (nv,), of a joint's configuration values.
+
+    Args:
+        joint: The joint.
+        values: Its part of a configuration, shape (nq,).
+        reference: Its part of the configuration that rotation vectors start from, shape (nq,).
+    """
+    if joint.kind is JointKind.CONTINUOUS:
+        return np.array([np.arctan2(values[1], values[0])])
+    if joint.kind is JointKind.PLANAR:
+        return np.array([values[0], values[1], np.arctan2(values[3], values[2])])
+    if joint.kind not in ROTATION:
+        return np.array(values)
+    turned = pin.log3(_matrix(reference[-4:]).T @ _matrix(values[-4:]))
+    return np.concatenate([values[:-4], turned])
+
+
+def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Configuration values, shape (nq,), of a joint's chart coordinates; the inverse of `to_chart`.
+
+    Args:
+        joint: The joint.
+        z: Its chart coordinates, shape (nv,) [rad or m].
+        reference: As in `to_chart`, shape (nq,).
+    """
+    if joint.kind is JointKind.CONTINUOUS:
+        return np.array([np.cos(z[0]), np.sin(z[0])])
+    if joint.kind is JointKind.PLANAR:
+        return np.array([z[0], z[1], np.cos(z[2]), np.sin(z[2])])
+    if joint.kind not in ROTATION:
+        return np.array(z)
+    quaternion = pin.Quaternion(_matrix(reference[-4:]) @ pin.exp3(np.ascontiguousarray(z[-3:])))
+    return np.concatenate([z[:-3], quaternion.coeffs()])
+
+
+def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """The same configuration's chart coordinates nearest to others, shape (nv,): whole turns are added.
+
+    Args:
+        joint: The joint.
+        z: Its chart coordinates, shape (nv,) [rad or m].
+        near: Those others, shape (nv,).
+    """
+    turned = z.copy()
+    if joint.kind in ANGLE:
+        i = ANGLE[joint.kind]
+        turned[i] += 2.0 * np.pi * np.round((near[i] - z[i]) / (2.0 * np.pi))
+    if joint.kind in ROTATION:
+        other = turned_otherwise(joint, z)
+        if np.linalg.norm(other - near) < np.linalg.norm(z - near):
+            turned = other
+    return turned
+
+
+def turned_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
+    """Chart coordinates, shape (nv,), of the same configuration of a joint, its rotation vector the other way round.
+
+    Args:
+        joint: A spherical or floating joint.
+        z: Its chart coordinates, shape (nv,) [rad or m]; a rotation vector of no length stays as it is.
+    """
+    other, at = z.copy(), ROTATION[joint.kind]
+    angle = float(np.linalg.norm(z[at]))
+    if angle > 0.0:
+        other[at] *= 1.0 - 2.0 * np.pi / angle
+    return other
+
+
+def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Matrix, shape (nv, nv), from chart velocities to the joint's tangent velocities, in the moved frame.
+
+    The rotation vector's part is the right Jacobian of the exponential map; positions are turned into the moved frame.
+
+    Args:
+        joint: The joint.
+        z: Its chart coordinates, shape (nv,) [rad or m].
+        reference: As in `to_chart`, shape (nq,).
+    """
+    matrix = np.eye(joint.nv)
+    if joint.kind is JointKind.PLANAR:
+        c, s = np.cos(z[2]), np.sin(z[2])
+        matrix[:2, :2] = [[c, s], [-s, c]]
+    if joint.kind in ROTATION:
+        at = ROTATION[joint.kind]
+        vector = np.ascontiguousarray(z[at])
+        matrix[at, at] = pin.Jexp3(vector)
+        if joint.kind is JointKind.FLOATING:
+            matrix[:3, :3] = (_matrix(reference[-4:]) @ pin.exp3(vector)).T
+    return matrix
+
+
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    """Rotation vector, shape (3,), of an evenly drawn rotation: a normal quaternion, normalised (Muller 1959)."""
+    quaternion = rng.normal(size=4)
+    vector: np.ndarray = pin.log3(_matrix(quaternion / np.linalg.norm(quaternion)))
+    return vector
+
+
+def _matrix(quaternion_xyzw: np.ndarray) -> np.ndarray:
+    matrix: np.ndarray = pin.Quaternion(np.asarray(quaternion_xyzw, float)).normalized().matrix()
+    return matrix

@@ -1,0 +1,146 @@
+"""Configurations between the wire (joint names to values) and Pinocchio (one vector)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.errors import GuidefieldError, InvalidConfiguration
+from guidefield.messages.requests import JointValue, Positions
+from guidefield.messages.values import QUATERNION_TOLERANCE
+from guidefield.robot.model import chart
+from guidefield.robot.model.followers import follow
+from guidefield.robot.model.model import Joint, JointKind, RobotModel
+
+LIMIT_TOLERANCE = 1e-5
+"""A value beyond its limit by at most this [rad or m] is clamped, with a warning."""
+
+FURTHEST = 1e4
+"""Largest value of a joint [rad or m]: a motion further than that could not be judged in any time."""
+
+LENGTHS = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}
+"""How many numbers the wire has for a joint, where it isn't one."""
+
+
+@dataclass(frozen=True)
+class LimitFault:
+    """A joint value that lies beyond a limit."""
+
+    joint: str
+    value: float
+    lower: float
+    upper: float
+
+    @property
+    def excess(self) -> float:
+        """By how much [rad or m]."""
+        return max(self.lower - self.value, self.value - self.upper)
+
+
+def configuration_from_wire(
+    robot: RobotModel,
+    positions: Positions,
+    base: np.ndarray | None = None,
+    error: type[GuidefieldError] = InvalidConfiguration,
+) -> np.ndarray:
+    """Configuration of the whole robot, shape (nq,), from joint names and values.
+
+    Args:
+        robot: The robot.
+        positions: Values by joint name [rad or m]; joints left out keep the base's value.
+        base: Configuration to start from, shape (nq,); None for the robot's rest configuration.
+        error: What to raise.
+
+    Raises:
+        InvalidConfiguration: (or `error`) for an unknown joint, a joint that follows another, a value of the wrong
+            length or beyond `FURTHEST`, or a quaternion whose norm isn't 1 within 1e-6.
+    """
+    q = np.array(robot.rest if base is None else base, float)
+    for name, value in positions.items():
+        joint = robot.joint(name)
+        if joint is None:
+            available = [j.name for j in robot.joints if j.mimic is None]
+            raise error(
+                f"robot {robot.name!r} has no joint {name!r}; its joints are {', '.join(available)}",
+                joint=name,
+                available=available,
+            )
+        if joint.mimic is not None:
+            raise error(f"joint {name!r} follows {joint.mimic.driver!r} and can't be given", joint=name)
+        if max(map(abs, value if isinstance(value, list) else (value,)), default=0.0) > FURTHEST:
+            raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name)
+        q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
+    follow(robot.joints, q)
+    return q
+
+
+def scalar(joint: Joint, q: np.ndarray) -> float:
+    """Value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
+    values = q[joint.idx_q : joint.idx_q + joint.nq]
+    return float(chart.to_chart(joint, values, values)[0])
+
+
+def configuration_to_wire(joints: Sequence[Joint], q: np.ndarray) -> Positions:
+    """Joint names and values of a configuration, shape (nq,); joints that follow others are left out."""
+    return {joint.name: _to_wire(joint, q) for joint in joints if joint.mimic is None}
+
+
+def limit_faults(joints: Sequence[Joint], q: np.ndarray) -> list[LimitFault]:
+    """Values of a configuration, shape (nq,), beyond their limits, in the joints' order."""
+    faults = []
+    for joint in joints:
+        if joint.kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+            continue
+        value, lower, upper = float(q[joint.idx_q]), float(joint.lower[0]), float(joint.upper[0])
+        if not lower <= value <= upper:
+            faults.append(LimitFault(joint.name, value, lower, upper))
+    return faults
+
+
+def clamp(joints: Sequence[Joint], q: np.ndarray) -> np.ndarray:
+    """A configuration, shape (nq,), with every value of these joints brought within its limits; a copy."""
+    clamped = q.copy()
+    for joint in joints:
+        if joint.kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+            clamped[joint.idx_q] = np.clip(q[joint.idx_q], joint.lower[0], joint.upper[0])
+    return clamped
+
+
+def values_from_wire(joint: Joint, value: JointValue, error: type[GuidefieldError]) -> np.ndarray:
+    """A joint's part of a configuration, shape (nq,), from its value on the wire.
+
+    Raises:
+        GuidefieldError: `error` for a value of the wrong length, or a quaternion whose norm isn't 1 within 1e-6.
+    """
+    expected = LENGTHS.get(joint.kind)
+    if expected is None:
+        if isinstance(value, list):
+            raise error(
+                f"joint {joint.name!r} is {joint.kind.value}: its value is one number, not {len(value)}",
+                joint=joint.name,
+            )
+        return np.array([np.cos(value), np.sin(value)] if joint.kind is JointKind.CONTINUOUS else [value])
+    if not isinstance(value, list) or len(value) != expected:
+        got = len(value) if isinstance(value, list) else 1
+        raise error(
+            f"joint {joint.name!r} is {joint.kind.value}: its value has {expected} numbers, not {got}", joint=joint.name
+        )
+    if joint.kind is JointKind.PLANAR:
+        return np.array([value[0], value[1], np.cos(value[2]), np.sin(value[2])])
+    numbers = np.array(value)
+    norm = float(np.linalg.norm(numbers[-4:]))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise error(f"joint {joint.name!r}: its quaternion must have norm 1, it has {norm:.9g}", joint=joint.name)
+    numbers[-4:] /= norm
+    return numbers
+
+
+def _to_wire(joint: Joint, q: np.ndarray) -> JointValue:
+    values = q[joint.idx_q : joint.idx_q + joint.nq]
+    if joint.nv == 1:
+        return scalar(joint, q)
+    if joint.kind is JointKind.PLANAR:
+        return [float(values[0]), float(values[1]), float(np.arctan2(values[3], values[2]))]
+    return [float(value) for value in values]

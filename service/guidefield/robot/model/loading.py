@@ -1,0 +1,183 @@
+"""From a URDF's text to a `RobotModel`: check, let Pinocchio parse, settle shapes, pairs, limits, tip and rest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import RobotInvalid
+from guidefield.robot.model import followers, pairs, rest, shapes
+from guidefield.robot.model.ball_joints import with_ball_joints
+from guidefield.robot.model.card import RobotCard
+from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.groups import resolve_groups
+from guidefield.robot.model.mimic_limits import narrowed
+from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
+from guidefield.robot.urdf import srdf
+from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.native_stderr import captured_stderr
+from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
+
+DEFAULT_ROTATION_SPEED = 1.0
+"""Velocity limit of a rotation for which nobody names one [rad/s]."""
+DEFAULT_TRANSLATION_SPEED = 0.5
+"""Velocity limit of a translation for which nobody names one [m/s]."""
+TIME_TO_SPEED = 0.5
+"""Acceleration limits that nobody names let a joint reach its velocity limit in this time [s]."""
+FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
+"""No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
+millions of turns could not be judged."""
+
+ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
+
+KINDS = {
+    **{f"JointModelR{axis}": JointKind.REVOLUTE for axis in ("X", "Y", "Z", "evoluteUnaligned")},
+    **{f"JointModelR{axis}": JointKind.CONTINUOUS for axis in ("UBX", "UBY", "UBZ", "evoluteUnboundedUnaligned")},
+    **{f"JointModelP{axis}": JointKind.PRISMATIC for axis in ("X", "Y", "Z", "rismaticUnaligned")},
+    "JointModelPlanar": JointKind.PLANAR,
+    "JointModelSpherical": JointKind.SPHERICAL,
+    "JointModelFreeFlyer": JointKind.FLOATING,
+}
+"""Kind of joint by Pinocchio's name of it."""
+
+
+def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard, resolver: MeshResolver) -> RobotModel:
+    """Build a robot.
+
+    Args:
+        name: What to call it.
+        source: Its text, folders and root joint; the model keeps the checked text, its meshes as absolute paths.
+        srdf_text: SRDF, if there is one.
+        card: Defaults that the URDF doesn't settle.
+        resolver: Where meshes may come from.
+
+    Raises:
+        RobotInvalid: if the URDF, its meshes or the SRDF cannot be used, with the element at fault.
+    """
+    facts = check_urdf(source.urdf_text, resolver)
+    described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
+    source = dataclasses.replace(source, urdf_text=facts.text)
+    model, geometry = _parse(name, source, facts.meshes)
+    check_geometry_complete(facts, geometry, model)
+    model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
+    if not geometry.ngeoms:
+        raise RobotInvalid(
+            f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
+        )
+    warnings = [*facts.warnings, *srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])]
+    choices = shapes.settle(model, geometry, facts.meshes, warnings)
+    laws = followers.laws(facts)
+    joints = tuple(_joint(model, index, laws, card, warnings) for index in range(1, model.njoints))
+    for driver, follower in followers.unwrapped(facts).items():
+        warnings.append(
+            f"joint {driver!r} is continuous, but {follower!r}, which follows it, is elsewhere after a turn of it: "
+            f"{driver!r} is a revolute joint therefore, whose whole turns count"
+        )
+    joints = narrowed(joints, warnings)
+    groups = resolve_groups(model, described, joints)
+    stated = rest.stated(model, joints, described, card)
+    links = [choice.link for choice in choices]
+    settled = pairs.settle(model, geometry, joints, links, described.disabled, stated)
+    warnings += settled.warnings
+    q_rest = rest.settle(model, geometry, joints, links, stated, warnings)
+    return RobotModel(
+        name=name,
+        model=model,
+        geometry=geometry,
+        joints=joints,
+        links=tuple(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY),
+        tip=default_tip(model, described, card),
+        groups=groups if card.group is None else {"default": tuple(card.group), **groups},
+        rest=q_rest,
+        geometry_choices=choices,
+        pairs_left_out=settled.left_out,
+        warnings=tuple(warnings),
+        source=source,
+    )
+
+
+def _parse(name: str, source: RobotSource, meshes: Mapping[str, str]) -> tuple[Any, Any]:
+    """Pinocchio's model and collision geometry; its stated reason becomes ours, mesh files named as in the URDF."""
+    root = ROOT_JOINTS[source.root_joint]
+    with captured_stderr() as stderr:
+        try:
+            text = source.urdf_text
+            model = pin.buildModelFromXML(text, root()) if root else pin.buildModelFromXML(text)
+            geometry = pin.GeometryModel()
+            pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+        except (ValueError, RuntimeError) as error:
+            reason = stderr.reason() or " ".join(str(error).partition("message: ")[2].split()) or str(error)
+            for path, uri in meshes.items():
+                reason = reason.replace(path, repr(uri))
+            raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
+    return model, geometry
+
+
+def _joint(model: Any, index: int, laws: Mapping[str, Mimic], card: RobotCard, warnings: list[str]) -> Joint:
+    pinocchio_joint = model.joints[index]
+    name, short = model.names[index], pinocchio_joint.shortname()
+    if short not in KINDS:
+        raise RobotInvalid(f"joint {name!r} is a {short}, which cannot be planned for", joint=name, kind=short)
+    kind = KINDS[short]
+    at_q = slice(pinocchio_joint.idx_q, pinocchio_joint.idx_q + pinocchio_joint.nq)
+    at_v = slice(pinocchio_joint.idx_v, pinocchio_joint.idx_v + pinocchio_joint.nv)
+    lower, upper = np.full(pinocchio_joint.nv, -np.inf), np.full(pinocchio_joint.nv, np.inf)
+    if kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+        lower, upper = model.lowerPositionLimit[at_q].copy(), model.upperPositionLimit[at_q].copy()
+        furthest = FURTHEST[kind]
+        if np.isfinite(upper[0]) and max(-lower[0], upper[0]) > furthest:  # infinite where there are none
+            warnings.append(f"joint {name!r}: its limits {lower[0]:g} and {upper[0]:g} are taken for {furthest:g}")
+            lower, upper = np.clip(lower, -furthest, furthest), np.clip(upper, -furthest, furthest)
+    velocity, velocity_source = _velocity_limit(kind, model.velocityLimit[at_v], card.velocity.get(name))
+    acceleration = velocity / TIME_TO_SPEED
+    acceleration_source = LimitSource.DEFAULT
+    if name in card.acceleration:
+        acceleration, acceleration_source = np.full(pinocchio_joint.nv, card.acceleration[name]), LimitSource.CARD
+    for array in (lower, upper, velocity, acceleration):
+        array.setflags(write=False)
+    return Joint(
+        name=name,
+        kind=kind,
+        index=index,
+        idx_q=pinocchio_joint.idx_q,
+        nq=pinocchio_joint.nq,
+        idx_v=pinocchio_joint.idx_v,
+        nv=pinocchio_joint.nv,
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        acceleration=acceleration,
+        velocity_source=velocity_source,
+        acceleration_source=acceleration_source,
+        mimic=laws.get(name),
+    )
+
+
+def _velocity_limit(kind: JointKind, urdf: np.ndarray, card: float | None) -> tuple[np.ndarray, LimitSource]:
+    if card is not None:
+        return np.full(len(urdf), card), LimitSource.CARD
+    if np.all(urdf > 0.0) and np.all(urdf < 1e6):
+        return urdf.copy(), LimitSource.URDF
+    rotation, translation = DEFAULT_ROTATION_SPEED, DEFAULT_TRANSLATION_SPEED
+    by_kind = {
+        JointKind.PRISMATIC: [translation],
+        JointKind.PLANAR: [translation, translation, rotation],
+        JointKind.FLOATING: [translation] * 3 + [rotation] * 3,
+    }
+    return np.array(by_kind.get(kind, [rotation] * len(urdf))), LimitSource.DEFAULT
+
+
+def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:
+    """Frame that goals are about: the card's, else the SRDF's end effector, else the one that most joints move."""
+    if card.tip is not None:
+        return card.tip
+    for parent_link, _ in described.end_effectors:
+        if frame_index(model, parent_link) is not None:
+            return parent_link
+    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    depth = [len(model.supports[frame.parentJoint]) for frame in bodies]
+    return str(bodies[max(range(len(bodies)), key=lambda i: (depth[i], i))].name)

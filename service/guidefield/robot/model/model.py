@@ -1,0 +1,170 @@
+"""The robot as a value: Pinocchio's model, the collision geometry that is judged, limits and where they come from."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from guidefield.errors import UnknownFrame
+from guidefield.robot.model.frames import frame_index
+
+
+class JointKind(enum.StrEnum):
+    """What a joint can do; URDF's words, and `spherical` for a ball joint."""
+
+    REVOLUTE = "revolute"
+    CONTINUOUS = "continuous"
+    PRISMATIC = "prismatic"
+    PLANAR = "planar"
+    SPHERICAL = "spherical"
+    FLOATING = "floating"
+
+
+class LimitSource(enum.StrEnum):
+    """Who said so."""
+
+    REQUEST = "request"
+    CARD = "card"
+    URDF = "urdf"
+    DEFAULT = "default"
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: value = multiplier * driver's unwrapped value + offset.
+
+    The driver follows none itself: chains are followed to their end (robot/model/followers.py).
+    """
+
+    driver: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """One movable joint.
+
+    Attributes:
+        name: Its name in the URDF.
+        kind: What it can do.
+        index: Pinocchio's joint index.
+        idx_q, nq: Where its values stand in a configuration, and how many they are.
+        idx_v, nv: The same in the tangent space.
+        lower, upper: Limits, shape (nv,) [rad or m]; infinite where there are none. A revolute joint without limits is
+            one that turns on and on, but isn't the same after a whole turn, for others follow it.
+        velocity, acceleration: Largest magnitudes, shape (nv,) [rad or m, per s and s^2].
+        velocity_source, acceleration_source: Where those come from.
+        mimic: The joint that it follows, if it does; then it can't be planned for.
+    """
+
+    name: str
+    kind: JointKind
+    index: int
+    idx_q: int
+    nq: int
+    idx_v: int
+    nv: int
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    velocity_source: LimitSource
+    acceleration_source: LimitSource
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True)
+class PairLeftOut:
+    """Two links that are never tested against each other, and why."""
+
+    links: tuple[str, str]
+    reason: str
+
+
+@dataclass(frozen=True)
+class GeometryChoice:
+    """As what a collision shape is judged.
+
+    Attributes:
+        name: Name of the shape, `<link>_<number>`.
+        link: The link it belongs to.
+        shape: What the URDF has: box, cylinder, sphere, mesh.
+        judged_as: primitive, convex hull or triangle mesh.
+        stand_off: How far the hull stands off the mesh [m]; 0 for a primitive.
+    """
+
+    name: str
+    link: str
+    shape: str
+    judged_as: str
+    stand_off: float = 0.0
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """Where a robot came from: its text (once loaded, with meshes as absolute paths) and its file, if it had one."""
+
+    urdf_text: str
+    urdf_path: Path | None
+    root_joint: str = "fixed"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A robot, frozen after loading.
+
+    Attributes:
+        name: Its name in the catalog, or the URDF's own.
+        model: Pinocchio model of every joint (mimic joints are joints of their own here).
+        geometry: Collision geometry with the pairs of links that count.
+        joints: Movable joints in Pinocchio's order.
+        links: Link names in Pinocchio's order.
+        tip: Frame that goals and guide planes are about, unless a request says otherwise.
+        groups: Named sets of joints, from the SRDF.
+        rest: Configuration, shape (model.nq,), of joints that a request leaves out.
+        geometry_choices: As what each shape is judged, in the geometry's order.
+        pairs_left_out: Pairs of links that are not tested, with reasons.
+        warnings: What was odd but harmless.
+        source: Where it came from.
+    """
+
+    name: str
+    model: Any
+    geometry: Any
+    joints: tuple[Joint, ...]
+    links: tuple[str, ...]
+    tip: str
+    groups: Mapping[str, tuple[str, ...]]
+    rest: np.ndarray
+    geometry_choices: tuple[GeometryChoice, ...]
+    pairs_left_out: tuple[PairLeftOut, ...]
+    warnings: tuple[str, ...]
+    source: RobotSource
+
+    def joint(self, name: str) -> Joint | None:
+        """The movable joint of that name, or None."""
+        return next((joint for joint in self.joints if joint.name == name), None)
+
+    def link_of_geometry(self, index: int) -> str:
+        """Name of the link that a collision shape belongs to."""
+        return self.geometry_choices[index].link
+
+    def frame_id(self, name: str) -> int:
+        """Pinocchio's index of a frame.
+
+        Raises:
+            UnknownFrame: if there is none of that name; lists those there are.
+        """
+        index = frame_index(self.model, name)
+        if index is None:
+            frames = [frame.name for frame in self.model.frames][1:]
+            raise UnknownFrame(
+                f"robot {self.name!r} has no frame {name!r}; it has {', '.join(frames)}", frame=name, available=frames
+            )
+        return index

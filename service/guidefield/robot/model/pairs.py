@@ -1,0 +1,139 @@
+"""Which pairs of links are tested against each other, and why the others are not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.robot.group.group import WIND
+from guidefield.robot.model.followers import follow
+from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
+from guidefield.robot.model.scratch_space import scratch_space
+
+SAMPLES = 200
+"""Random configurations that tell whether two links always touch."""
+ROAM = 1.0
+"""How far sliding joints are drawn from their zero at most [m]."""
+TOUCH = 1e-4
+"""Links this close count as touching [m]: faces that slide on each other, which no motion could be certified for."""
+
+ALWAYS, OFTEN = 0.95, 0.05
+"""Shares of those configurations: links that touch in more always touch; an SRDF that disables more hides something."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The pairs of links that are left out, and what was odd about the SRDF."""
+
+    left_out: tuple[PairLeftOut, ...]
+    warnings: tuple[str, ...]
+
+
+def settle(
+    model: Any,
+    geometry: Any,
+    joints: Sequence[Joint],
+    links: Sequence[str],
+    disabled: Mapping[frozenset[str], str],
+    rest: np.ndarray,
+) -> Settled:
+    """Choose the collision pairs of a geometry model in place.
+
+    Pairs that the SRDF disables are left out; without any, those that are adjacent (joined by one joint); and always
+    those that touch in nearly every one of `SAMPLES` random configurations, for a plan would be impossible otherwise.
+    Pairs that no sample found touching stay in: samples prove nothing, and a test costs a microsecond.
+
+    Args:
+        model: Pinocchio model.
+        geometry: Collision geometry; its pairs are replaced.
+        joints: The model's joints.
+        links: Link of each shape of `geometry`.
+        disabled: Pairs of links that the SRDF disables, with its reasons.
+        rest: Configuration, shape (nq,), that is looked at besides the random ones.
+    """
+    geometry.removeAllCollisionPairs()
+    geometry.addAllCollisionPairs()  # leaves out shapes on the same joint
+    tested = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    adjacent = _adjacent(model, geometry, links)
+    reasons = {pair: f"SRDF: {reason}" for pair, reason in disabled.items()} or dict.fromkeys(adjacent, "adjacent")
+    for first, second in tested:  # of neighbours that are left out nobody asks how often they touch
+        if (names := frozenset((links[first], links[second]))) in adjacent and names in reasons:
+            geometry.removeCollisionPair(pin.CollisionPair(first, second))
+    touching = _shares_touching(model, geometry, joints, links, rest)
+    warnings = [
+        f"the SRDF disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
+        for pair in sorted(disabled, key=sorted)
+        if pair not in adjacent and OFTEN < touching.get(pair, 0.0) <= ALWAYS
+    ]
+    for pair in sorted(touching, key=sorted):
+        if touching[pair] > ALWAYS and pair not in reasons:
+            reasons[pair] = f"touching in {_percent(touching[pair])}"
+            if disabled:
+                warnings.append(f"{' and '.join(sorted(pair))} always touch, though the SRDF has them tested; left out")
+    geometry.removeAllCollisionPairs()
+    for first, second in tested:
+        if frozenset((links[first], links[second])) not in reasons:
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+    present = {frozenset((links[first], links[second])) for first, second in tested}
+    gone = sorted((pair for pair in reasons if pair in present), key=sorted)
+    return Settled(tuple(PairLeftOut(_named(pair), reasons[pair]) for pair in gone), tuple(warnings))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} % of random configurations"
+
+
+def _named(pair: frozenset[str]) -> tuple[str, str]:
+    first, *others = sorted(pair)
+    return first, others[0] if others else first
+
+
+def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> set[frozenset[str]]:
+    """Pairs of links whose joints are parent and child."""
+    joints = [shape.parentJoint for shape in geometry.geometryObjects]
+    return {
+        frozenset((links[pair.first], links[pair.second]))
+        for pair in geometry.collisionPairs
+        if model.parents[joints[pair.first]] == joints[pair.second]
+        or model.parents[joints[pair.second]] == joints[pair.first]
+    }
+
+
+def _shares_touching(
+    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: np.ndarray
+) -> dict[frozenset[str], float]:
+    """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
+    data, geometry_data = model.createData(), scratch_space(geometry)
+    rng = np.random.default_rng(0)
+    names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
+    for request in geometry_data.collisionRequests:
+        request.security_margin = TOUCH
+    counts = dict.fromkeys(names, 0)
+    for q in [rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]:
+        pin.computeCollisions(model, data, geometry, geometry_data, q, False)
+        hits = zip(names, geometry_data.collisionResults, strict=True)
+        for pair in {pair for pair, result in hits if result.isCollision()}:
+            counts[pair] += 1
+    return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
+
+
+def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> np.ndarray:
+    """A configuration within the limits, followers where they belong; lengths within `ROAM`, angles within one turn.
+
+    Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
+    """
+    q: np.ndarray = pin.integrate(model, pin.neutral(model), rng.uniform(-np.pi, np.pi, model.nv))
+    followed = {joint.mimic.driver for joint in joints if joint.mimic is not None}
+    for joint in joints:
+        if joint.nq == 1:
+            most = ROAM if joint.kind is JointKind.PRISMATIC else np.pi
+            if joint.kind is JointKind.REVOLUTE and joint.name in followed:
+                most = WIND if np.isinf(joint.upper[0]) else np.inf
+            lower, upper = max(float(joint.lower[0]), -most), min(float(joint.upper[0]), most)
+            q[joint.idx_q] = rng.uniform(lower, max(lower, upper))
+    follow(joints, q)
+    return q

@@ -1,0 +1,162 @@
+"""As what each collision shape is judged: primitives as they are, meshes by their hull where it is as tight."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+
+from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.closed import volume
+from guidefield.geometry.convex import convex, convex_hull
+from guidefield.geometry.nested import nested
+from guidefield.geometry.solid import Solid, solid
+from guidefield.geometry.stand_off import stand_off
+from guidefield.geometry.surfaces import Surface, surface
+from guidefield.robot.model.model import GeometryChoice
+
+HULL_STAND_OFF = 0.005
+"""A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m].
+
+The hull contains the mesh, so it is safe at any distance; where it would stand off further, free space would be lost
+(a gripper's hollow, a bent link) and the mesh itself is judged.
+"""
+
+ROUGHLY = 5e-4
+"""How much too large a stand-off may be given at first [m], for each metre of a mesh and for one at least: where faces
+of hull and mesh coincide it takes the square of what is saved."""
+
+LEAST_FILLED = 0.01
+"""An opening's hollow is worth telling if the hull gains more than this share of its volume by it."""
+
+WIDEST_GAP = 0.02
+"""Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
+
+
+def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[str]) -> tuple[GeometryChoice, ...]:
+    """Replace each mesh of a geometry model by its hull where that is as tight; say what was chosen.
+
+    Args:
+        model: Pinocchio model that the geometry belongs to.
+        geometry: Pinocchio geometry model; its meshes are replaced in place.
+        uris: What the URDF calls a mesh, by the path of its file.
+        warnings: Gets a sentence for each link whose hull fills more than a tight one does.
+    """
+    choices = []
+    settled: dict[tuple[str, bytes], _Settled] = {}
+    for shape in geometry.geometryObjects:
+        link = model.frames[shape.parentFrame].name
+        if not isinstance(shape.geometry, coal.BVHModelBase):
+            choices.append(GeometryChoice(shape.name, link, type(shape.geometry).__name__.lower(), "primitive"))
+            continue
+        key = (shape.meshPath, np.asarray(shape.meshScale).tobytes())
+        if key not in settled:
+            settled[key] = _settled(shape.geometry)
+        one = settled[key]
+        shape.geometry = one.shape
+        choices.append(GeometryChoice(shape.name, link, "mesh", one.judged_as, one.stand_off))
+        if one.filled > 0.0:
+            mesh = uris.get(shape.meshPath, shape.name)
+            warnings.append(
+                f"link {link!r}: mesh {mesh!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
+            )
+    return tuple(choices)
+
+
+class _Settled(NamedTuple):
+    """As what a mesh is judged, how far that stands off [m], and what it fills beyond that [m^3]."""
+
+    shape: Any
+    judged_as: str
+    stand_off: float
+    filled: float
+
+
+def _told_volume(volume: float) -> str:
+    return f"{1e6 * volume:.3g} cm^3" if volume < 1e-3 else f"{1e3 * volume:.3g} l"
+
+
+def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull, read-only.
+
+    Coal hands out one triangle at a time, a microsecond each; the last `MOST_KNOWN` meshes with the same vertices, as
+    many triangles, and the same first, middle and last one are not read again.
+    """
+    if isinstance(shape, coal.BVHModelBase):
+        vertices, face, count = np.array(shape.vertices()), shape.tri_indices, shape.num_tris
+    else:
+        vertices, face, count = np.array(shape.points()), shape.polygons, shape.num_polygons
+    some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
+    key = (type(shape), hashlib.sha256(vertices.tobytes()).digest(), count, some)
+    triangles = _KNOWN.pop(key, None)
+    if triangles is None:
+        triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
+    _KNOWN[key] = triangles
+    while len(_KNOWN) > MOST_KNOWN:
+        del _KNOWN[next(iter(_KNOWN))]
+    for array in (vertices, triangles):
+        array.setflags(write=False)
+    return vertices, triangles
+
+
+MOST_KNOWN = 256
+
+_KNOWN: dict[tuple[Any, ...], np.ndarray] = {}
+
+
+def hull(mesh: Any) -> Any | None:
+    """The convex hull of a Coal mesh, computed once; None if the mesh is flat, or too fine for Coal."""
+    found = _remembered_hull(mesh)
+    return convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None
+
+
+def _settled(mesh: Any) -> _Settled:
+    found = _remembered_hull(mesh)
+    (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
+    if distance > HULL_STAND_OFF:
+        return _Settled(mesh, "triangle mesh", 0.0, 0.0)
+    return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled)
+
+
+def _remembered_hull(mesh: Any) -> Arrays:
+    vertices, triangles = triangulation(mesh)
+    return remembered("hull", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles))
+
+
+def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
+    """Hull of a mesh, how far it stands off, and what of hollows it fills.
+
+    Beyond `HULL_STAND_OFF` it is only said that it stands off further; where there is no hull, infinitely far.
+    """
+    try:
+        around = convex_hull(vertices)
+        body, filled = solid(vertices, triangles), 0.0
+        distance = stand_off(around, body, HULL_STAND_OFF, ROUGHLY)
+        if distance > HULL_STAND_OFF:
+            distance = stand_off(around, body, HULL_STAND_OFF)
+        if distance <= HULL_STAND_OFF:
+            filled = _filled(around, distance, solid(vertices, triangles, WIDEST_GAP))
+    except ValueError:  # the mesh is flat, or too fine for Coal
+        around, distance, filled = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf, 0.0
+    return {
+        "vertices": around.vertices,
+        "triangles": around.triangles,
+        "stand_off": np.array([distance]),
+        "filled": np.array([filled]),
+    }
+
+
+def _filled(around: Surface, distance: float, body: Solid) -> float:
+    """What a hull about a mesh fills [m^3]: sealed hollows, and more of others than its stand-off all over explains.
+
+    An open mesh has no inside that could be filled.
+    """
+    if not body.closed:
+        return 0.0
+    vertices, triangles = body.surface.vertices, body.surface.triangles
+    more = volume(around.vertices, around.triangles) - volume(vertices, triangles) - distance * around.area
+    sealed = nested(vertices, triangles).volume
+    return max(sealed, more if more > LEAST_FILLED * volume(around.vertices, around.triangles) else 0.0)

@@ -1,0 +1,179 @@
+"""The joints of a URDF: types, limits, axes, and which joint follows which."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+
+from guidefield.robot.urdf.facts import JOINT_DOF, SCALAR_JOINTS, JointFacts
+from guidefield.robot.urdf.xml import Element, check_origins, fault, name_of, number, numbers, warning
+
+MINIMAL_AXIS = 1e-9
+"""A shorter axis has no direction."""
+
+_OPTIONAL_NUMBERS = {
+    "dynamics": ("damping", "friction"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position"),
+    "calibration": ("rising", "falling"),
+}
+"""Numbers of elements that planning doesn't use; not being numbers, they would make the parser refuse the joint."""
+
+_UNUSED_AXIS = ("fixed", "floating", "planar")
+_RANGED = ("revolute", "prismatic")
+
+
+def check_joint(joint: Element, links: Collection[str], version: tuple[int, int], warnings: list[str]) -> JointFacts:
+    """Check one joint by itself.
+
+    The axis of a fixed, floating or planar joint is not looked at: Pinocchio ignores it (a planar joint moves in the xy
+    plane of its own frame). Nor is the range of a continuous joint.
+
+    Args:
+        joint: The `<joint>`.
+        links: Names of all links.
+        version: Of the URDF.
+        warnings: Gets what is odd but harmless.
+
+    Raises:
+        RobotInvalid: at the first fault, with its line.
+    """
+    name, kind = name_of(joint), joint.get("type")
+    if kind not in JOINT_DOF:
+        hint = "; a URDF has no ball joints" if kind in ("spherical", "ball", "universal") else ""
+        raise fault(
+            joint,
+            f"unknown type {kind!r}; a joint is one of {', '.join(JOINT_DOF)}{hint}",
+            type=kind,
+            available=[*JOINT_DOF],
+        )
+    parent, child = _end(joint, "parent", links), _end(joint, "child", links)
+    check_origins(joint, version)
+    if kind not in _UNUSED_AXIS:
+        for axis in joint.findall("axis"):
+            _check_axis(axis)
+    _check_unused_numbers(joint)
+    limits = joint.findall("limit")
+    if not limits and kind in _RANGED:
+        raise fault(joint, f"a {kind} joint must have <limit> with 'effort' and 'velocity'")
+    for repeated in (*limits[1:], *joint.findall("axis")[1:]):
+        warnings.append(warning(repeated, f"a second <{repeated.tag}> is left out"))
+    figures = [_check_limit(limit, kind, warnings) for limit in limits]
+    lower, upper, velocity, effort = figures[0] if figures else (None, None, None, None)
+    if kind not in _RANGED:
+        lower = upper = None
+    return JointFacts(name, kind, parent, child, joint.sourceline, lower, upper, velocity, effort)
+
+
+def check_mimics(
+    elements: Mapping[str, Element], joints: Mapping[str, JointFacts], warnings: list[str]
+) -> dict[str, tuple[str, float, float]]:
+    """Check who follows whom.
+
+    A name that is wrong only in that it lacks the prefix of the follower (`left_finger2` follows `finger1`, and there
+    is a `left_finger1`) is taken for the one with the prefix, with a warning: files made by macros have this fault.
+
+    Args:
+        elements: Every `<joint>` by name.
+        joints: What is known of each.
+        warnings: Gets what is odd but harmless.
+
+    Returns:
+        Followers that move: name to (name of the joint followed, multiplier, offset).
+
+    Raises:
+        RobotInvalid: if a joint mimics itself, nothing, or a joint without one value; or if mimics form a cycle.
+    """
+    mimics = {}
+    for follower, element in elements.items():
+        for mimic in element.findall("mimic")[:1]:
+            driver = _driver(mimic, joints[follower], joints, warnings)
+            multiplier, offset = number(mimic, "multiplier", 1.0), number(mimic, "offset", 0.0)
+            if driver is not None:
+                mimics[follower] = (driver, multiplier, offset)
+    for follower in mimics:
+        chain = [follower]
+        while chain[-1] in mimics:
+            chain.append(mimics[chain[-1]][0])
+            if chain[-1] == follower:
+                raise fault(
+                    elements[follower].find("mimic"), f"mimics form a cycle: {' mimics '.join(chain)}", cycle=chain
+                )
+            if chain[-1] in chain[:-1]:
+                break  # a cycle that doesn't come back here is found from one of its members
+    return mimics
+
+
+def _driver(mimic: Element, follower: JointFacts, joints: Mapping[str, JointFacts], warnings: list[str]) -> str | None:
+    """The joint that is followed; None where the follower doesn't move anyway."""
+    driver = mimic.get("joint", "")
+    if follower.kind == "fixed":
+        warnings.append(warning(mimic, f"a fixed joint can't mimic {driver!r}; it stays fixed"))
+        return None
+    if follower.kind not in SCALAR_JOINTS:
+        raise fault(mimic, f"a {follower.kind} joint can't mimic another")
+    if driver == follower.name:
+        raise fault(mimic, "a joint can't mimic itself")
+    if driver not in joints:
+        unknown = f"mimics {driver!r}, but there is no such joint"
+        meant = _prefixed(driver, follower.name, joints)
+        if len(meant) != 1:
+            raise fault(mimic, f"{unknown}; there are {', '.join(joints)}", mimics=driver)
+        driver = meant[0]
+        warnings.append(warning(mimic, f"{unknown}; taken for {driver!r}"))
+    if (kind := joints[driver].kind) not in SCALAR_JOINTS:
+        valid = ", ".join(SCALAR_JOINTS)
+        raise fault(
+            mimic, f"mimics {driver!r}, which is {kind}; only {valid} joints have one value to follow", mimics=driver
+        )
+    return str(driver)
+
+
+def _prefixed(driver: str, follower: str, joints: Iterable[str]) -> list[str]:
+    """Other joints whose name is that of the driver after a prefix that the follower has too."""
+    prefixes = {name: name[: -len(driver)] for name in joints if driver and name.endswith(driver) and name != follower}
+    return [name for name, prefix in prefixes.items() if follower.startswith(prefix)]
+
+
+def _end(joint: Element, tag: str, links: Collection[str]) -> str:
+    """The link that a joint names as its parent or child."""
+    ends = joint.findall(tag)
+    if len(ends) != 1 or not ends[0].get("link"):
+        raise fault(joint, f'a joint must have one <{tag} link="…"/>')
+    link: str = ends[0].get("link")
+    if link not in links:
+        raise fault(ends[0], f"{tag} link {link!r} does not exist; there are {', '.join(links)}", link=link)
+    return link
+
+
+def _check_axis(axis: Element) -> None:
+    direction = numbers(axis, "xyz", 3)
+    if direction is None:  # Pinocchio would take it for zero; a joint without <axis> has its default, x
+        raise fault(axis, "<axis> must have 'xyz'", attribute="xyz")
+    if math.hypot(*direction) < MINIMAL_AXIS:
+        raise fault(axis, f"<axis> must not be zero, got {axis.get('xyz')!r}", attribute="xyz")
+
+
+def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float, float, float, float]:
+    """Lower, upper, velocity, effort."""
+    lower, upper = number(limit, "lower", 0.0), number(limit, "upper", 0.0)
+    velocity, effort = number(limit, "velocity"), number(limit, "effort")
+    if kind in _RANGED and lower > upper:
+        raise fault(limit, f"'lower' must not exceed 'upper', got {lower:g} > {upper:g}", lower=lower, upper=upper)
+    for attribute, value in (("velocity", velocity), ("effort", effort)):
+        if value < 0.0:
+            raise fault(limit, f"{attribute!r} of <limit> must not be negative, got {value:g}", attribute=attribute)
+    if kind in _RANGED and lower == upper:
+        warnings.append(warning(limit, f"the joint can't move: 'lower' and 'upper' are both {lower:g}"))
+    return lower, upper, velocity, effort
+
+
+def _check_unused_numbers(joint: Element) -> None:
+    for tag, attributes in _OPTIONAL_NUMBERS.items():
+        for element in joint.findall(tag):
+            for attribute in attributes:
+                number(element, attribute, 0.0)
+    for safety in joint.findall("safety_controller"):
+        number(safety, "k_velocity")
+    for dynamics in joint.findall("dynamics"):
+        if dynamics.get("damping") is None and dynamics.get("friction") is None:
+            raise fault(dynamics, "<dynamics> must have 'damping' or 'friction'")

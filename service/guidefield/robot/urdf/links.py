@@ -1,0 +1,135 @@
+"""The links of a URDF: inertia, visual and collision geometry, all of which can make Pinocchio lose the collision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from guidefield.errors import RobotInvalid
+from guidefield.robot.urdf.facts import CollisionFacts
+from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.xml import LARGEST_LENGTH, Element, check_origins, fault, name_of, number, numbers, warning
+
+SHAPES = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"filename": 0},
+}
+"""What a `<geometry>` can be, and how many numbers each of its required attributes has (0: it is a name)."""
+
+CAPSULE_SINCE = (1, 1)
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+_Complaint = Callable[[Element, str], None]
+
+
+def check_link(
+    link: Element, version: tuple[int, int], resolver: MeshResolver, warnings: list[str]
+) -> tuple[CollisionFacts, ...]:
+    """Check one link, and settle where its meshes are.
+
+    The parser behind Pinocchio reads inertia, visuals and collisions in this order, and at the first that it can't read
+    it leaves out all that follow, so that a malformed `<visual>` costs the link its collision geometry. Therefore
+    all are checked alike. What is odd about a visual but costs nothing is only a warning.
+
+    Args:
+        link: The `<link>`; its mesh names become absolute paths, and a visual whose mesh can't be read is taken out.
+        version: Of the URDF.
+        resolver: Where meshes may come from.
+        warnings: Gets what is odd but harmless.
+
+    Returns:
+        Its collision shapes.
+
+    Raises:
+        RobotInvalid: at the first fault, with its line.
+    """
+    for inertial in link.findall("inertial"):
+        _check_inertial(inertial, version)
+    for visual in link.findall("visual"):
+        _check_visual(visual, version, resolver, warnings)
+    return tuple(_check_collision(collision, version, resolver) for collision in link.findall("collision"))
+
+
+def _check_collision(collision: Element, version: tuple[int, int], resolver: MeshResolver) -> CollisionFacts:
+    check_origins(collision, version)
+    shape = _check_geometry(collision, version, _refuse)
+    mesh = _settle_mesh(shape, resolver) if shape.tag == "mesh" else None
+    return CollisionFacts(link=name_of(collision.getparent()), shape=shape.tag, mesh=mesh, line=collision.sourceline)
+
+
+def _check_visual(visual: Element, version: tuple[int, int], resolver: MeshResolver, warnings: list[str]) -> None:
+    check_origins(visual, version)
+    shape = _check_geometry(visual, version, partial(_warn, warnings))
+    for material in visual.findall("material"):
+        if material.get("name") is None:
+            raise fault(material, "<material> must have a name")
+    if shape.tag == "mesh":
+        try:
+            _settle_mesh(shape, resolver)
+        except RobotInvalid:
+            warnings.append(
+                warning(shape, f"mesh {shape.get('filename')!r} can't be read; this <visual> will not be drawn")
+            )
+            visual.getparent().remove(visual)
+
+
+def _check_geometry(owner: Element, version: tuple[int, int], complain: _Complaint) -> Element:
+    """The one shape of a `<visual>` or `<collision>`; `complain` is told of faults that only matter for collisions."""
+    shapes = [shape for geometry in owner.findall("geometry") for shape in geometry]
+    if not shapes:
+        raise fault(owner, f"<{owner.tag}> must have a <geometry> with a shape ({_shape_names(version)})")
+    if len(shapes) > 1:
+        complain(
+            shapes[1], f"a second shape in one <{owner.tag}> would be left out; it needs a <{owner.tag}> of its own"
+        )
+    shape = shapes[0]
+    if shape.tag == "capsule" and version < CAPSULE_SINCE:
+        raise fault(shape, 'a <capsule> needs <robot version="1.1">; in this version it would be left out')
+    if shape.tag not in SHAPES:
+        raise fault(shape, f"unknown shape <{shape.tag}>; a <geometry> is one of {_shape_names(version)}")
+    for attribute, count in SHAPES[shape.tag].items():
+        if not shape.get(attribute, "").strip():
+            raise fault(shape, f"<{shape.tag}> must have {attribute!r}", attribute=attribute)
+        sizes = numbers(shape, attribute, count, LARGEST_LENGTH) if count else None
+        if sizes and min(sizes) <= 0.0:
+            complain(shape, f"{attribute!r} of <{shape.tag}> must be positive, got {shape.get(attribute)!r}")
+    scale = numbers(shape, "scale", 3, LARGEST_LENGTH) if shape.tag == "mesh" else None
+    if scale and 0.0 in scale:
+        complain(shape, f"'scale' of <mesh> must not be zero, got {shape.get('scale')!r}")
+    return shape
+
+
+def _settle_mesh(mesh: Element, resolver: MeshResolver) -> Path:
+    """Put the real path into a `<mesh>`."""
+    try:
+        path = resolver.resolve(mesh.get("filename").strip())
+    except RobotInvalid as error:
+        raise fault(mesh, error.message, **error.details) from None
+    mesh.set("filename", str(path))
+    return path
+
+
+def _check_inertial(inertial: Element, version: tuple[int, int]) -> None:
+    check_origins(inertial, version)
+    for tag, attributes in (("mass", ("value",)), ("inertia", INERTIA)):
+        element = inertial.find(tag)
+        if element is None:
+            raise fault(inertial, f"<inertial> must have <{tag}>")
+        for attribute in attributes:
+            number(element, attribute)
+
+
+def _shape_names(version: tuple[int, int]) -> str:
+    return ", ".join(shape for shape in SHAPES if shape != "capsule" or version >= CAPSULE_SINCE)
+
+
+def _refuse(element: Element, message: str) -> None:
+    raise fault(element, message)
+
+
+def _warn(warnings: list[str], element: Element, message: str) -> None:
+    warnings.append(warning(element, message))

@@ -1,0 +1,152 @@
+"""The strict door for URDFs: catches what Pinocchio refuses without a reason, or accepts wrongly in silence."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import pinocchio as pin
+from lxml import etree
+
+from guidefield.errors import RobotInvalid
+from guidefield.robot.urdf.facts import JOINT_DOF, JointFacts, UrdfFacts
+from guidefield.robot.urdf.joints import check_joint, check_mimics
+from guidefield.robot.urdf.links import check_link
+from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.xml import Element, fault, name_of, parse
+
+MAX_LINKS = 2_000
+MAX_DOF = 300
+"""Most degrees of freedom: Pinocchio's working memory grows with their cube (200: 0.1 GB; 1000: no memory left)."""
+
+OLDEST_VERSION, NEWEST_VERSION = (1, 0), (1, 2)
+
+
+def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
+    """Check a URDF before Pinocchio sees it.
+
+    Args:
+        text: The URDF.
+        resolver: Where its meshes may come from.
+
+    Returns:
+        What was found out; its `text` is what Pinocchio should read.
+
+    Raises:
+        RobotInvalid: at the first fault; `details` hold its line and element, and the joint or link it is in.
+    """
+    root = parse(text)
+    name, version = name_of(root), _version(root)
+    links, joint_elements = _by_name(root, "link"), _by_name(root, "joint")
+    _by_name(root, "material")
+    if not links:
+        raise fault(root, "a robot must have at least one <link>")
+    if len(links) > MAX_LINKS:
+        raise fault(root, f"the robot has {len(links)} links, at most {MAX_LINKS} are read", limit=MAX_LINKS)
+    warnings: list[str] = []
+    joints = {key: check_joint(element, links, version, warnings) for key, element in joint_elements.items()}
+    mimics = check_mimics(joint_elements, joints, warnings)
+    root_link = _check_tree(root, links, joints, joint_elements)
+    written = [(mesh, mesh.get("filename", "")) for mesh in root.iter("mesh")]
+    collisions = {key: check_link(element, version, resolver, warnings) for key, element in links.items()}
+    return UrdfFacts(
+        name=name,
+        root=root_link,
+        links=tuple(links),
+        joints=joints,
+        collisions={key: shapes for key, shapes in collisions.items() if shapes},
+        mimics=mimics,
+        warnings=tuple(warnings),
+        meshes={mesh.get("filename"): uri for mesh, uri in written},
+        text=etree.tostring(root, encoding="unicode"),
+    )
+
+
+def check_geometry_complete(facts: UrdfFacts, geometry_model: Any, model: Any) -> None:
+    """Check that Pinocchio has read every collision shape.
+
+    Args:
+        facts: What the URDF says.
+        geometry_model: What Pinocchio made of it, as read: before shapes are replaced or split.
+        model: The Pinocchio model that it belongs to.
+
+    Raises:
+        RobotInvalid: if a `<collision>` got lost; names the link.
+    """
+    read = dict.fromkeys(facts.links, 0)
+    for shape in geometry_model.geometryObjects:
+        frame = model.frames[shape.parentFrame]
+        assert frame.type == pin.FrameType.BODY, "collision shapes of a URDF hang on links"
+        read[frame.name] += 1
+    for link, count in read.items():
+        written = facts.collisions.get(link, ())
+        if count != len(written):
+            line = written[0].line if written else None
+            raise RobotInvalid(
+                f"link {link!r} has {len(written)} <collision> shapes, but {count} were read",
+                link=link,
+                line=line,
+                element="collision",
+            )
+
+
+def _version(root: Element) -> tuple[int, int]:
+    """The URDF's version, 1.0 where it says none."""
+    written = root.get("version", "1.0").strip()
+    match = re.fullmatch(r"([0-9]{1,4})\.([0-9]{1,4})", written)
+    version = (int(match.group(1)), int(match.group(2))) if match else (0, 0)
+    if not OLDEST_VERSION <= version <= NEWEST_VERSION:
+        raise fault(root, f"'version' of <robot> must be 1.0, 1.1 or 1.2, got {written!r}", attribute="version")
+    return version
+
+
+def _by_name(root: Element, tag: str) -> dict[str, Element]:
+    """Children of one kind by name; they must have one, and different ones."""
+    named: dict[str, Element] = {}
+    for element in root.findall(tag):
+        name = name_of(element)
+        if name in named:
+            first = named[name].sourceline
+            raise fault(element, f"the name is already that of the <{tag}> in line {first}", first=first)
+        named[name] = element
+    return named
+
+
+def _check_tree(
+    root: Element, links: Collection[str], joints: Mapping[str, JointFacts], elements: Mapping[str, Element]
+) -> str:
+    """The root link of a URDF whose joints make one tree of all links."""
+    above: dict[str, JointFacts] = {}
+    for joint in joints.values():
+        if joint.child in above:
+            both = [above[joint.child].name, joint.name]
+            message = f"link {joint.child!r} is already the child of joint {both[0]!r}: a link has one parent"
+            raise fault(elements[joint.name], message, link=joint.child, joints=both)
+        above[joint.child] = joint
+    if loop := _loop(links, above):
+        names = [joint.parent for joint in loop]
+        raise fault(elements[loop[0].name], f"the joints form a loop through {', '.join(names)}", links=names)
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        raise fault(root, f"a robot must have one root link, but {', '.join(roots)} have no parent", links=roots)
+    dof = sum(JOINT_DOF[joint.kind] for joint in joints.values())
+    if dof > MAX_DOF:
+        raise fault(root, f"the robot has {dof} degrees of freedom, at most {MAX_DOF} are read", limit=MAX_DOF)
+    return roots[0]
+
+
+def _loop(links: Collection[str], above: Mapping[str, JointFacts]) -> list[JointFacts]:
+    """Joints of a loop, each below the next; empty if every link leads up to a root."""
+    rooted: set[str] = set()
+    for start in links:
+        climbed: dict[str, JointFacts] = {}
+        link = start
+        while link in above and link not in rooted:
+            if link in climbed:
+                joints = list(climbed.values())
+                return joints[joints.index(climbed[link]) :]
+            climbed[link] = above[link]
+            link = above[link].parent
+        rooted.update(climbed)
+    return []

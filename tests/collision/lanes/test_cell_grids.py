@@ -1,0 +1,145 @@
+"""Grids of cells: what they call apart or touching is so wherever in the cell; no answer depends on earlier ones."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.collision.lanes.cell_grids import MOST_LARGEST, ROOM
+from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.world import World
+from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, START, TOGETHER, TOUCHING, UNJUDGED, UNKNOWN
+from guidefield.kernels.collide.layout import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES, LaneBodies
+from guidefield.messages import scene as messages
+from guidefield.messages.requests import UrdfText
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.scene import build
+from tests.collision.lanes.test_lanes import draw
+from tests.robots import box_arm, group, grouped
+
+
+def alone(planned: PlanningGroup) -> tuple[World, Lanes]:
+    """A robot that only has itself, none of whose cells have been judged."""
+    world = World.build(planned, build(messages.Scene(name="nothing")))
+    lanes = Lanes.build(world)
+    unjudge(lanes)
+    return world, lanes
+
+
+def unjudge(lanes: Lanes, room: int | None = None) -> None:
+    """Forget all verdicts; leave room for so many cells that others are divided into, all there is unless told."""
+    cells, grids = lanes.tables.bodies.cells, lanes.tables.bodies.grids.reshape(-1, GRID_PLACES)
+    counts = [row[1:START:3] >> row[LEVELS] * row[DIVIDED] for row in grids]
+    ends = [
+        row[TOGETHER] + np.prod(-(-count // (1 << row[DIVIDED])))
+        for row, count in zip(grids, counts, strict=True)
+        if row[1] > 0
+    ]
+    cells[:] = UNJUDGED
+    lanes.tables.bodies.apart[:] = 0
+    cells[0] = max(ends, default=CHILDREN) if room is None else len(cells) - room
+
+
+def judged(bodies: LaneBodies) -> dict[tuple[int, ...], int]:
+    """What is known of each cell that was judged: of meeting, divisions so far, and its indices among such cells."""
+    found = {}
+
+    def look(meeting: int, row: np.ndarray, at: int, divisions: int, indices: tuple[int, ...]) -> None:
+        known = int(bodies.cells[at])
+        if known == UNJUDGED:
+            return
+        found[meeting, divisions, *indices] = min(known, TOUCHING + 1)
+        if known > TOUCHING:
+            for child in range(CHILDREN):
+                steps = [child // stride % (1 << row[DIVIDED]) if stride else 0 for stride in row[2:START:3].tolist()]
+                below = tuple((index << row[DIVIDED]) + step for index, step in zip(indices, steps, strict=True))
+                look(meeting, row, known + child, divisions + row[DIVIDED], below)
+
+    for meeting, row in enumerate(bodies.grids.reshape(-1, GRID_PLACES)):
+        if row[1] > 0:
+            counts = row[1:START:3] >> row[LEVELS] * row[DIVIDED]
+            for cell in np.flatnonzero(bodies.cells[row[START] : row[START] + counts.prod()]).tolist():
+                look(meeting, row, row[START] + cell, 0, np.unravel_index(cell, counts))
+    return found
+
+
+def arm(name: str) -> PlanningGroup:
+    return grouped(box_arm("x slide oblique continuous mimic y", 6)) if name == "boxes" else group(name)
+
+
+def distance(world: World, z: np.ndarray, first: int, second: int) -> float:
+    """Between two bodies, by Coal."""
+    shapes = world.group.geometry.geometryObjects
+    pin.forwardKinematics(world.model, world.data, world.group.expand(world.group.from_chart(z)))
+    placed = []
+    for index in (first, second):
+        placement = world.data.oMi[shapes[index].parentJoint] * shapes[index].placement
+        placed += [shapes[index].geometry, coal.Transform3s(placement.rotation, placement.translation)]
+    return float(coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult()))
+
+
+@pytest.mark.parametrize(("robot", "verdict"), [("panda", APART), ("boxes", APART), ("boxes", TOUCHING)])
+def test_verdicts_hold_at_the_corners_of_cells(robot: str, verdict: int) -> None:
+    world, lanes = alone(arm(robot))
+    lanes.touching(draw(world.group, 400, 1))
+    bodies, rng, seen = lanes.tables.bodies, np.random.default_rng(0), set()
+    grids, numbers = bodies.grids.reshape(-1, GRID_PLACES), bodies.grid_numbers.reshape(-1, GRID_NUMBERS)
+    pairs, meetings = bodies.pairs.reshape(-1, 3), bodies.meetings.reshape(-1, 4)
+    cells = [cell for cell, known in judged(bodies).items() if known == verdict]
+    for chosen in rng.permutation(len(cells))[:100].tolist():
+        meeting, divisions, *indices = cells[chosen]
+        places, row = grids[meeting], numbers[meeting].astype(float)
+        corner = np.array(indices) + rng.integers(0, 2, GRID_SIDES)
+        z = world.group.chart(world.group.random(rng))  # any corner of the cell, any value of other coordinates
+        for side in np.flatnonzero(row[1:-1:3] > 0.0):
+            length = (1 << places[LEVELS] * places[DIVIDED] - divisions) / row[3 * side + 1]
+            z[places[3 * side]] = row[3 * side] + corner[side] * length
+        first, last = meetings[meeting, 2:]
+        distances = [distance(world, z, a, b) for a, b, _ in pairs[first:last].tolist()]
+        assert min(distances) > 0.0 if verdict == APART else min(distances) <= 0.0
+        seen.add(divisions)
+    assert len(cells) > (80 if verdict == APART else 20)
+    assert len(seen) > 1 or robot == "panda", "cells of several sizes"
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur5", "boxes"])
+def test_answers_do_not_depend_on_what_was_asked_before(robot: str) -> None:
+    world, lanes = alone(arm(robot))
+    zs = draw(world.group, 200, 2)
+    first = lanes.touching(zs)
+    known = judged(lanes.tables.bodies)
+    np.testing.assert_array_equal(Lanes.build(world).touching(zs), first)
+    assert judged(lanes.tables.bodies) == known
+    unjudge(lanes)
+    np.testing.assert_array_equal(lanes.touching(zs[::-1]), first[::-1])
+    assert judged(lanes.tables.bodies) == known
+    assert APART in known.values()
+    assert UNKNOWN not in known.values() or robot != "panda"
+
+
+@pytest.mark.parametrize("room", [0, 10 * CHILDREN + 1])
+def test_without_room_for_more_cells_the_bodies_decide(room: int) -> None:
+    world, lanes = alone(arm("boxes"))
+    zs = draw(world.group, 400, 4)
+    touching = lanes.touching(zs)
+    unjudge(lanes, room)
+    np.testing.assert_array_equal(lanes.touching(zs), touching)
+    cells = lanes.tables.bodies.cells
+    assert len(cells) - CHILDREN < cells[0] <= len(cells), "no room is left"
+    assert UNKNOWN in judged(lanes.tables.bodies).values()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+@pytest.mark.parametrize("factor", ["0", "1e-12"])
+def test_a_follower_that_hardly_moves_has_an_end(kind: str, factor: str) -> None:
+    text = box_arm("continuous slide y", 3).text.replace(
+        '<joint name="j2" type="prismatic">',
+        f'<joint name="j2" type="{kind}"><mimic joint="j1" multiplier="{factor}"/>',
+    )
+    world, lanes = alone(grouped(UrdfText(text=text)))
+    assert len(lanes.tables.bodies.cells) <= MOST_LARGEST + ROOM
+    zs = draw(world.group, 200, 3)
+    np.testing.assert_array_equal(lanes.touching(zs), [world.in_collision(world.group.from_chart(z)) for z in zs])

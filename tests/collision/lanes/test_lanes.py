@@ -1,0 +1,233 @@
+"""Lanes against Coal: never free where it touches, and no further from it than the stated band; kinematics, motions."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.world import World
+from guidefield.geometry import surfaces
+from guidefield.kernels.collide.layout import BAND
+from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.messages import scene as messages
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.scene import library
+from guidefield.scene.scene import Scene, build
+from tests.kernels.collide.lane_callers import placements_of_configurations
+from tests.robots import box_arm, group, grouped
+
+COUNTS = {"panda": 1700, "ur5": 1700, "kinova": 150}
+"""Configurations for each scene; Coal is slow on the large meshes of the last."""
+
+ROBOTS = tuple(COUNTS)
+TURN = (0.1825742, 0.3651484, 0.5477226, 0.7302967)
+
+
+def torus(rings: int = 12, sides: int = 8) -> tuple[list, list]:
+    """A mesh that isn't convex."""
+    u, v = np.meshgrid(np.arange(rings) * 2 * np.pi / rings, np.arange(sides) * 2 * np.pi / sides, indexing="ij")
+    points = np.stack(
+        [(0.2 + 0.07 * np.cos(v)) * np.cos(u), (0.2 + 0.07 * np.cos(v)) * np.sin(u), 0.07 * np.sin(v)], -1
+    )
+    triangles = []
+    for i in range(rings):
+        for j in range(sides):
+            a, b, c, d = (x % rings * sides + y % sides for x, y in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)))
+            triangles += [(a, b, c), (a, c, d)]
+    return points.reshape(-1, 3).tolist(), triangles
+
+
+@functools.cache
+def zoo() -> Scene:
+    """Every kind of obstacle, oblique where it can be, around a robot's base."""
+    vertices, triangles = torus()
+    pointed = surfaces.box((0.15, 0.2, 0.1))
+    obstacles = [
+        messages.Box(name="box", size=(0.2, 0.3, 0.1), position=(0.5, 0.2, 0.5), quaternion_xyzw=TURN),
+        messages.Cylinder(name="can", radius=0.08, length=0.3, position=(-0.4, 0.3, 0.4), quaternion_xyzw=TURN),
+        messages.Sphere(name="ball", radius=0.12, position=(0.1, -0.5, 0.6)),
+        messages.Capsule(name="pill", radius=0.06, length=0.3, position=(-0.4, -0.4, 0.6), quaternion_xyzw=TURN),
+        messages.Mesh(name="ring", vertices=vertices, triangles=triangles, position=(0.1, 0.1, 1.1)),
+        messages.Mesh(
+            name="hull",
+            vertices=pointed[0].tolist(),
+            triangles=[tuple(row) for row in pointed[1].tolist()],
+            position=(0.5, -0.4, 0.3),
+            quaternion_xyzw=TURN,
+        ),
+        messages.Polygon(name="wall", vertices=[(0.7, -0.3, 0.2), (0.7, 0.3, 0.2), (0.6, 0.3, 0.9), (0.6, -0.3, 0.9)]),
+        messages.HalfSpace(name="floor", normal=(0.1, 0.0, 1.0), offset=-0.2),
+    ]
+    return build(messages.Scene(name="zoo", obstacles=obstacles))
+
+
+@functools.cache
+def world_of(robot: str, scene: str) -> tuple[World, Lanes]:
+    world = World.build(group(robot), zoo() if scene == "zoo" else build(library.read(scene)))
+    return world, Lanes.build(world)
+
+
+def draw(planned: PlanningGroup, count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.array([planned.chart(planned.random(rng)) for _ in range(count)])
+
+
+def narrowest(world: World, z: np.ndarray) -> float:
+    """Smallest signed distance of all pairs."""
+    clearance = world.clearance(world.group.from_chart(z))
+    return min(clearance.obstacle_distance, clearance.self_distance)
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur5", "kinova", "mimics"])
+def test_placements_are_pinocchios(robot: str) -> None:
+    planned = (
+        grouped(box_arm("x slide oblique continuous mimic y oblique-continuous", 7))
+        if robot == "mimics"
+        else group(robot)
+    )
+    world = World.build(planned, zoo())
+    lanes = Lanes.build(world)
+    zs = draw(planned, 16, 1)
+    coordinates = np.ascontiguousarray(zs.T, np.float32).ravel()
+    coordinates.setflags(write=False)
+    poses = np.zeros(planned.model.njoints * POSE, np.float32)
+    placements_of_configurations(lanes.tables.joints, coordinates, poses)
+    poses = poses.reshape(-1, 3, 4, 16)
+    turns: dict[int, np.ndarray] = {}
+    for lane, z in enumerate(zs):
+        pin.forwardKinematics(world.model, world.data, planned.expand(planned.from_chart(z)))
+        for joint in range(1, planned.model.njoints):
+            placement = world.data.oMi[joint]
+            np.testing.assert_allclose(poses[joint, :, 3, lane], placement.translation, atol=1e-5)
+            # frames are turned so that their axis is z: always by the same rotation
+            turn = placement.rotation.T @ poses[joint, :, :3, lane]
+            turns.setdefault(joint, turn)
+            np.testing.assert_allclose(turn, turns[joint], atol=1e-5)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("scene", ["zoo", "bookshelf", "wall_with_window"])
+def test_touching_is_what_coal_says(robot: str, scene: str) -> None:
+    """More than 10 000 configurations in all."""
+    world, lanes = world_of(robot, scene)
+    zs = draw(world.group, COUNTS[robot], 2)
+    mine = lanes.touching(zs)
+    coal = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
+    assert 0 < coal.sum() < len(zs)
+    for z in zs[mine != coal]:
+        assert abs(narrowest(world, z)) <= BAND
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_close_to_contact_too(robot: str) -> None:
+    """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
+    world, lanes = world_of(robot, "zoo")
+    zs = draw(world.group, COUNTS[robot] // 4, 3)
+    touching = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
+    for free, hit in zip(zs[~touching][:30], zs[touching][: COUNTS[robot] // 50], strict=False):
+        low, high = free, hit
+        for _ in range(22):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if world.in_collision(world.group.from_chart(middle)) else (middle, high)
+        for z in np.linspace(0.0, 1.0, 41)[:, None] * (high - free) + free, low + np.linspace(-1e-5, 1e-5, 9)[:, None]:
+            mine = lanes.touching(z)
+            coal = np.array([world.in_collision(world.group.from_chart(row)) for row in z])
+            for row in z[mine != coal]:
+                assert abs(narrowest(world, row)) <= BAND
+
+
+def test_a_clearance_is_kept_from_obstacles_but_not_from_itself() -> None:
+    world, lanes = world_of("panda", "zoo")
+    zs = draw(world.group, 600, 4)
+    mine = lanes.touching(zs, 0.05)
+    for z, touches in zip(zs, mine, strict=True):
+        clearance = world.clearance(world.group.from_chart(z))
+        if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
+            assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)
+
+
+def test_sixteen_samples_at_once_are_as_one_by_one() -> None:
+    world, lanes = world_of("panda", "zoo")
+    zs = draw(world.group, 300, 5)
+    for z0, far in itertools.pairwise(zs):
+        z1 = z0 + 0.1 * (far - z0)
+        blocks = max(1, int(np.ceil(np.linalg.norm(z1 - z0) * 32.0 / 16)))
+        samples = z0 + np.arange(1, 16 * blocks + 1)[:, None] / (16 * blocks) * (z1 - z0)
+        assert bool(lanes.free_until(np.array([z0, z1]), 32.0)) == (not lanes.touching(samples).any())
+
+
+def test_free_until_counts_motions() -> None:
+    world, lanes = world_of("panda", "zoo")
+    free = next(z for z in draw(world.group, 200, 6) if not world.in_collision(z))
+    hit = next(z for z in draw(world.group, 200, 7) if world.in_collision(z))
+    assert lanes.free_until(np.array([free, free, free, hit, free]), 32.0) == 2
+    assert lanes.free_until(np.array([free, free]), 32.0) == 1
+
+
+def test_a_shortened_path_is_free_where_it_was_and_no_longer() -> None:
+    world, lanes = world_of("panda", "zoo")
+    zs = draw(world.group, 400, 10)
+    zs = zs[~lanes.touching(zs)]
+    ways = [zs[0]]
+    for z in zs[1:]:  # a roundabout way of free motions
+        if lanes.free_until(np.array([ways[-1], z]), 32.0):
+            ways.append(z)
+    path = np.array(ways[:9])
+    assert len(path) == 9
+    short = lanes.shortened(path, 32.0)
+    np.testing.assert_array_equal(short[[0, -1]], path[[0, -1]])
+    assert lanes.free_until(short, 32.0) == len(short) - 1
+    before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (path, short))
+    assert after < 0.9 * before
+    np.testing.assert_array_equal(short, lanes.shortened(path, 32.0))
+
+
+def test_a_straight_path_loses_its_inner_points() -> None:
+    _, lanes = world_of("panda", "bookshelf")
+    free = draw(lanes.world.group, 200, 11)
+    z = free[~lanes.touching(free)][0]
+    line = z + np.linspace(0.0, 0.02, 7)[:, None]
+    np.testing.assert_array_equal(lanes.shortened(line, 32.0), line[[0, -1]])
+    # however it lies in memory, and where nothing can be left out
+    np.testing.assert_array_equal(lanes.shortened(np.asfortranarray(line), 32.0), line[[0, -1]])
+    for few in (line[:1], line[:2]):
+        np.testing.assert_array_equal(lanes.shortened(few, 32.0), few)
+
+
+def test_allowed_contacts_are_allowed() -> None:
+    planned = group("panda")
+    box = messages.Box(name="cage", size=(3.0, 3.0, 3.0))
+    names = [(link, "cage") for link in planned.robot.links]
+    world = World.build(planned, build(messages.Scene(name="test", obstacles=[box])), names)
+    zs = draw(planned, 50, 8)
+    np.testing.assert_array_equal(Lanes.build(world).touching(zs), [world.in_collision(z) for z in zs])
+    assert not Lanes.build(world).touching(zs).all()
+
+
+def test_an_empty_scene() -> None:
+    world = World.build(group("panda"), build(messages.Scene(name="test")))
+    zs = draw(world.group, 200, 9)
+    np.testing.assert_array_equal(Lanes.build(world).touching(zs), [world.in_collision(z) for z in zs])
+
+
+def test_groups_of_one_robot_share_their_tables_if_these_are_the_same() -> None:
+    robot, names = group("panda").robot, [joint.name for joint in group("panda").joints]
+    scene = build(messages.Scene(name="test"))
+
+    def tables(x: float, q: np.ndarray) -> Lanes:
+        placement = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+        return Lanes.build(World.build(select(robot, names, None, q, placement), scene))
+
+    bent = robot.rest.copy()
+    bent[group("panda").model.idx_qs[1]] += 0.3
+    first = tables(0.0, robot.rest)
+    assert tables(0.0, bent).tables.bodies is first.tables.bodies
+    moved = tables(0.1, robot.rest)
+    assert moved.tables.bodies is not first.tables.bodies
+    assert not np.array_equal(moved.tables.bodies.cover, first.tables.bodies.cover)  # what stands still went along

@@ -1,0 +1,232 @@
+"""The smallest distances along a motion: against 4000 samples by Coal, and attained where they are said to be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.minimum.closing import Closing
+from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.minimum.places import Surveyor
+from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
+from guidefield.collision.world import World
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.robot.group.group import PlanningGroup
+from tests.collision.scenery import scattered, world_of
+from tests.collision.test_motion_bound import ARMS, corners, placed, world
+from tests.planner.problems import library_scene, scene_of
+from tests.planner.test_moving_kinds import KINDS, bare_shape, moving, placed as frame_at, transform
+from tests.robots import group
+
+COAL_ACCURACY = 1e-6
+SAMPLES = 4000
+
+
+def motion(planned: PlanningGroup, seed: int, reach: float = 0.8) -> Trajectory:
+    """A random cubic motion through a few knots, not at rest in any but the ends; the third waits."""
+    rng = np.random.default_rng(seed)
+    low = np.where(np.isfinite(planned.lower), planned.lower, -2.0)
+    high = np.where(np.isfinite(planned.upper), planned.upper, 2.0)
+    middle = rng.uniform(low, high)
+    points = np.clip(middle + rng.uniform(-reach, reach, (5, planned.nv)), low, high)
+    points[3] = points[2]
+    velocities = rng.uniform(-0.5, 0.5, points.shape)
+    velocities[[0, 2, 3, -1]] = 0.0
+    return Trajectory(np.array([0.0, 0.7, 1.1, 1.5, 2.4]), points, velocities)
+
+
+def surveyor_of(place: World, trajectory: Trajectory) -> Surveyor:
+    resting = World.build(place.group, place.scene.resting)
+    return Surveyor(TimedWorld.of(resting, place), Curve(trajectory.bezier(), trajectory.piece_times()))
+
+
+def found_along(place: World, trajectory: Trajectory, span: tuple[float, float] | None = None) -> list[Smallest]:
+    """The smallest distance to obstacles, the same in a span of time, and that of the robot to itself."""
+    surveyor, (start, end) = surveyor_of(place, trajectory), (0.0, trajectory.duration)
+    span = span or (0.3, end - 0.4)
+    times = np.unique(np.r_[np.linspace(start, end, 12), span, surveyor.breaks.clip(start, end)])
+    mixed = place.is_obstacle_pair
+    questions = [Question(mixed, start, end), Question(mixed, *span), Question(~mixed, start, end)]
+    return smallest(surveyor, surveyor.places(times), questions)
+
+
+def at(planned: PlanningGroup, trajectory: Trajectory, time: float) -> np.ndarray:
+    return planned.from_chart(trajectory.evaluate(np.array([time]))[0][0])
+
+
+def plain_distance(place: World, trajectory: Trajectory, answer: Smallest) -> float:
+    """The distance of an answer's pair at its time, by Pinocchio and Coal alone."""
+    planned, geometry = place.group, place.group.geometry
+    data, scratch = planned.model.createData(), geometry.createData()
+    q = planned.expand(at(planned, trajectory, answer.time))
+    pin.updateGeometryPlacements(planned.model, data, geometry, scratch, q)
+    sides = []
+    for body in place.pairs[answer.pair].tolist():
+        if body < geometry.ngeoms:
+            sides.append((geometry.geometryObjects[body].geometry, transform(scratch.oMg[body])))
+            continue
+        obstacle = place.scene.obstacles[body - geometry.ngeoms]
+        if obstacle.motion is None:
+            sides.append((obstacle.shape, transform(obstacle.placement)))
+        else:
+            message = place.scene.message.obstacles[body - geometry.ngeoms]
+            sides.append((bare_shape(message), transform(frame_at(message.trajectory, answer.time))))
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    (first, here), (second, there) = sides
+    distance = coal.distance(first, here, second, there, request, result)
+    return max(distance, 0.0) if not place.signed[answer.pair] else distance
+
+
+def check(place: World, trajectory: Trajectory, answers: list[Smallest], span: tuple[float, float], count: int) -> None:
+    """No sample is smaller than what is told, and that is attained."""
+    least = [np.inf, np.inf, np.inf]
+    for time in np.linspace(0.0, trajectory.duration, count):
+        there = place if not place.scene.moves else World.build(place.group, place.scene.at(time))
+        clearance = there.clearance(at(place.group, trajectory, time))
+        least[0] = min(least[0], clearance.obstacle_distance)
+        if span[0] <= time <= span[1]:
+            least[1] = min(least[1], clearance.obstacle_distance)
+        least[2] = min(least[2], clearance.self_distance)
+    for sampled, answer in zip(least, answers, strict=True):
+        assert answer.distance - TOLERANCE <= sampled + 2 * COAL_ACCURACY
+        assert answer.bound == answer.distance - TOLERANCE or answer.pair < 0
+        if answer.pair >= 0:
+            assert plain_distance(place, trajectory, answer) == pytest.approx(answer.distance, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", sorted(ARMS.keys() - {"kinova"}))
+def test_no_sample_is_closer_for_joints_of_every_kind(name: str) -> None:
+    place = world(name)
+    for seed in range(2):
+        trajectory, span = motion(place.group, seed), (0.3, 2.0)
+        check(place, trajectory, found_along(place, trajectory, span), span, 1000)
+
+
+@pytest.mark.parametrize(("name", "scene"), [("panda", "bookshelf"), ("panda", "table"), ("ur5", "wall_with_window")])
+def test_no_sample_of_an_arm_of_meshes_is_closer(name: str, scene: str) -> None:
+    place = World.build(group(name), library_scene(scene))
+    trajectory, span = motion(place.group, 5, 0.5), (0.25, 2.1)
+    check(place, trajectory, found_along(place, trajectory, span), span, SAMPLES)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_sample_is_closer_to_what_moves(kind: str) -> None:
+    for seed in range(2):
+        rng = np.random.default_rng(300 + seed)
+        scene = scene_of(moving(kind, kind, rng, 0.0, 2.0), *scattered(rng, 2))
+        place = World.build(group("panda"), scene)
+        trajectory, span = motion(place.group, seed, 0.3), (0.4, 1.9)
+        check(place, trajectory, found_along(place, trajectory, span), span, 120)
+
+
+def test_a_motion_that_goes_nowhere_is_one_place() -> None:
+    place = world("planar")
+    z = np.zeros(place.group.nv)
+    still = Trajectory(np.array([0.0]), z[None], z[None])
+    surveyor = surveyor_of(place, still)
+    (answer,) = smallest(surveyor, surveyor.places(np.zeros(1)), [Question(place.is_obstacle_pair, 0.0, 0.0)])
+    assert answer.distance == place.clearance(place.group.from_chart(z)).obstacle_distance
+
+
+def test_nothing_to_measure_is_infinite() -> None:
+    place = world_of(group("panda"), [])
+    nothing, _, own = found_along(place, motion(place.group, 1))
+    assert (nothing.distance, nothing.bound, nothing.pair) == (np.inf, np.inf, -1)
+    assert own.pair >= 0
+
+
+def test_a_search_that_is_stopped_tells_what_is_certain() -> None:
+    place = World.build(group("panda"), library_scene("bookshelf"))
+    trajectory = motion(place.group, 5, 0.5)
+    surveyor, ends = surveyor_of(place, trajectory), (0.0, trajectory.duration)
+    (exact,) = smallest(surveyor, surveyor.places(np.array(ends)), [Question(place.is_obstacle_pair, *ends)])
+    bounds = []
+    for patience in (0, 1, 3, 6):
+        left = iter(range(patience))
+        (answer,) = smallest(
+            surveyor,
+            surveyor.places(np.array(ends)),
+            [Question(place.is_obstacle_pair, *ends)],
+            stopped=lambda left=left: next(left, None) is None,
+        )
+        assert answer.bound <= exact.distance <= answer.distance + TOLERANCE
+        bounds.append(answer.bound)
+    assert bounds == sorted(bounds)
+    assert bounds[0] < exact.distance - TOLERANCE
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6))
+def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, seed: int) -> None:
+    """The derivatives of |r|^2 by differences, r between points of two bodies, or of one and a point that rests."""
+    place, rng = world(name), np.random.default_rng(seed)
+    trajectory = motion(place.group, seed)
+    surveyor, since = surveyor_of(place, trajectory), rng.uniform(0.0, 2.2)
+    until = since + rng.choice([1e-3, 0.02, 0.19])
+    inside = Curve(trajectory.bezier(), trajectory.piece_times()).breaks
+    assert not len(inside), "the motion has no jumps of speed"
+    places = surveyor.places(np.array([since, until]))
+    closing: Closing = surveyor.closing
+    movers = np.unique(closing.movers)
+    rates = surveyor.curve.most(np.array([since]), np.array([until]))
+    reach, speeds = places.reach.max(axis=0)[None], places.speeds.mean(axis=0)[None]
+    fastest, changing = (of[0] for of in closing.over(movers, reach, speeds, *rates, np.array([until - since])))
+    h = 1e-4
+    middle = rng.uniform(since + h, until - h) if until - since > 2 * h else 0.5 * (since + until)
+    steps = [placed(place, trajectory.evaluate(np.array([middle + k * h]))[0][0]) for k in (-1, 0, 1)]
+    rest = rng.normal(size=3)
+    for pair in rng.permutation(len(place.pairs))[:25]:
+        first, second = place.pairs[pair].tolist()
+        x = rng.choice(corners(place.group.geometry.geometryObjects[first].geometry))
+        y = rest
+        if pair < place.n_self:
+            y = rng.choice(corners(place.group.geometry.geometryObjects[second].geometry))
+        r = [at[first].act(x) - (at[second].act(y) if pair < place.n_self else y) for at in steps]
+        squares, of = [v @ v for v in r], int(np.searchsorted(movers, closing.movers[pair]))
+        speed = abs(squares[2] - squares[0]) / (2 * h)
+        bend = (squares[2] - 2 * squares[1] + squares[0]) / h**2
+        apart = max(np.linalg.norm(v) for v in r)
+        slack = 1e-5 * (1.0 + apart) + 1e-3 * fastest[of] * apart
+        assert speed <= 2.0 * fastest[of] * apart + slack
+        most = 2.0 * (fastest[of] ** 2 + apart * changing[of])
+        assert bend <= most * (1.0 + 1e-3) + 1e-5
+
+
+def polyline_world() -> tuple[World, np.ndarray]:
+    place = world("sliding")
+    rng = np.random.default_rng(8)
+    return place, rng.uniform(-0.8, 0.8, (6, place.group.nv))
+
+
+def test_a_polyline_turns_at_its_points() -> None:
+    place, points = polyline_world()
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    curve = Curve(pieces, np.arange(6.0))
+    np.testing.assert_allclose(curve.breaks, [1.0, 2.0, 3.0, 4.0])
+    surveyor = Surveyor(TimedWorld.of(place, place), curve)
+    (answer,) = smallest(surveyor, surveyor.places(np.arange(6.0)), [Question(place.is_obstacle_pair, 0.0, 5.0)])
+    zs = curve.at(np.linspace(0.0, 5.0, SAMPLES))[0]
+    least = min(place.clearance(place.group.from_chart(z)).obstacle_distance for z in zs)
+    assert least - TOLERANCE - COAL_ACCURACY <= answer.distance <= least + TOLERANCE
+
+
+def test_the_curve_is_the_trajectory_and_its_rates_are_never_exceeded() -> None:
+    trajectory: Any = motion(group("panda"), 4)
+    curve = Curve(trajectory.bezier(), trajectory.piece_times())
+    times = np.linspace(0.0, trajectory.duration, 500)
+    z, dz, ddz = trajectory.evaluate(times)
+    found, rates = curve.at(times)
+    np.testing.assert_allclose(found, z, atol=1e-12)
+    np.testing.assert_allclose(rates, dz, atol=1e-9)
+    since, until = times[:-20:7], times[20::7]
+    fastest, changing = curve.most(since, until)
+    for row, (a, b) in enumerate(zip(since, until, strict=True)):
+        inside = (times >= a) & (times <= b)
+        assert (np.abs(dz[inside]).max(axis=0) <= fastest[row] + 1e-9).all()
+        assert (np.abs(ddz[inside]).max(axis=0) <= changing[row] + 1e-6).all()

@@ -1,0 +1,47 @@
+"""What is met most often, counted by hand."""
+
+import numpy as np
+import pytest
+
+from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, met_pairs
+from tests.collision.scenery import box, world_of
+from tests.robots import box_arm, grouped
+
+
+@pytest.fixture(scope="module")
+def world():
+    boxes = [box("right", (0.05, 0.05, 0.05), (0.15, 0.0, 0.3)), box("left", (0.05, 0.05, 0.05), (-0.15, 0.0, 0.3))]
+    return world_of(grouped(box_arm("y", 2)), boxes)
+
+
+def test_pairs_are_counted_and_the_most_frequent_told(world):
+    right, left, up = np.array([np.pi / 2, 0.0]), np.array([-np.pi / 2, 0.0]), np.zeros(2)
+    met = met_pairs(world, [right, right, left, up])
+    assert met.looked_at == 4
+    assert met.counts[("l1", "right")] == 2
+    assert met.counts[("l1", "left")] == 1
+    assert next(iter(met.counts)) == ("l1", "right")
+    assert met.told().startswith("most often l1 and right, 2 of 4 times")
+    details = met.details()
+    assert details["pair"] == ["l1", "right"]
+    assert details["depth"] == pytest.approx(max(c.depth for c in world.contacts(right) if c.pair == ("l1", "right")))
+    assert details["counts"] == sorted(details["counts"], reverse=True)
+
+
+def test_where_a_clearance_is_asked_the_nearest_counts(world):
+    up, leaning = np.zeros(2), np.array([0.3, 0.0])
+    met = met_pairs(world, [up, leaning], 0.3)
+    distances = [world.clearance(q).obstacle_distance for q in (up, leaning)]
+    assert met.clearest == pytest.approx(max(distances))
+    assert sum(met.counts.values()) == 2
+    assert f"the most that one keeps is {1000 * max(distances):.1f} mm" in met.told()
+    assert met.details()["clearance"] == met.clearest
+
+
+def test_nothing_is_met(world):
+    met = met_pairs(world, [np.zeros(2)])
+    assert (met.told(), met.details(), met.counts) == ("", {}, {})
+
+
+def test_no_more_than_so_many_are_looked_at(world):
+    assert met_pairs(world, [np.zeros(2)] * (MOST_LOOKED_AT + 1)).looked_at == MOST_LOOKED_AT

@@ -1,0 +1,57 @@
+"""Steps of lane kernels as kernels that Python can call: production calls them from kernels only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int64, types, void
+
+from guidefield.kernels.collide.motion_validation import world_of
+from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, INTEGERS_OUT, LANES, lane_kernel, pointers
+from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.tree.informed_samples import sampling_of
+from guidefield.kernels.tree.nearest import nearest, nearest_to_each
+from guidefield.kernels.tree.nodes import search_of
+from guidefield.kernels.tree.sphere_rejection import certain_hits
+
+TARGETS = types.Array(types.float32, 2, "C")
+
+
+@lane_kernel(void(LANE_JOINTS, FLOATS, FLOATS_OUT))
+def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, poses_out: Floats32) -> None:
+    """`lane_placements`."""
+    lane_placements(pointers(joints), pointers(coordinates), pointers(poses_out))
+
+
+@lane_kernel(int64(INDICES, types.float64, FLOATS, INTEGERS_OUT))
+def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32, hits: np.ndarray) -> int:
+    """`certain_hits` in a world that is packed."""
+    world = world_of(pointers(words))
+    return certain_hits(
+        world.joints, world.bodies, world.obstacles, clearance, pointers(coordinates), world.scratch, pointers(hits)
+    )
+
+
+@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INTEGERS_OUT))
+def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray) -> None:
+    """`nearest`: of each of some targets, shape (n, nv), the node of a tree, shape (n,)."""
+    trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
+    for i in range(len(targets)):
+        nodes_out[i] = nearest(trees, tree, pointers(targets[i]), sources)
+
+
+@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INTEGERS_OUT))
+def nearest_nodes_of_samples(
+    search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray
+) -> None:
+    """The same by `nearest_to_each`, for sixteen targets at a time: n is a multiple of 16."""
+    trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
+    for i in range(0, len(targets), LANES):
+        for k in range(LANES):
+            for j in range(trees.nv):
+                trees.samples[j * LANES + k] = targets[i + k, j]
+        nearest_to_each(trees, tree, sources)
+        for k in range(LANES):
+            nodes_out[i + k] = int(trees.near[LANES + k])

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+
+from guidefield.geometry import surfaces
+from guidefield.geometry.charged import field_tables
+from guidefield.kernels.field.field import field_at_points
+from guidefield.kernels.field.field_tables import single_precision
+from tests.kernels.evaluation import field, potential_at_points, vectors
+
+TRIANGLES = surfaces.box((0.4, 1.0, 0.6)).corners
+SPHERES = [[1.0, 0.0, 0.0, 0.2, 1.5], [0.0, 2.0, 0.0, 0.3, 0.5]]
+CAPSULES = [[0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.1, 2.0]]
+PLANES = [[0.0, 0.0, 1.0, -1.0, 0.7]]
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(vectors(3.0), min_size=1, max_size=5))
+def test_all_kinds_of_charge_add_up(points: list[np.ndarray]) -> None:
+    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
+    potential, gradient, _, winding = field_at_points(tables, np.array(points))
+    # near a surface rounding counts the more the higher the potential is
+    alone = potential_at_points(tables, np.array(points))
+    assert (np.abs(alone - potential) <= 1e-12 * potential + 1e-14 * potential**2).all()
+    for i, point in enumerate(points):
+        kinds = [
+            field(point, TRIANGLES),
+            *[field(point, spheres=[ball]) for ball in SPHERES],
+            field(point, capsules=CAPSULES),
+            field(point, planes=PLANES),
+        ]
+        together = field(point, TRIANGLES, spheres=SPHERES, capsules=CAPSULES, planes=PLANES)
+        assert potential[i] == pytest.approx(together.potential, rel=1e-14)
+        assert together.potential == pytest.approx(sum(at.potential for at in kinds), rel=1e-12)
+        scale = sum(float(np.linalg.norm(at.gradient)) for at in kinds)
+        assert gradient[i] == pytest.approx(sum(at.gradient for at in kinds), rel=0.0, abs=1e-12 * scale)
+        assert together.curvature == pytest.approx(sum(at.curvature for at in kinds), rel=1e-12)
+        assert winding[i] == pytest.approx(sum(at.winding for at in kinds), abs=1e-12)
+
+
+def test_nothing_charged_has_no_field() -> None:
+    potential, gradient, _, winding = field_at_points(field_tables(), np.zeros((3, 3)))
+    assert not potential.any()
+    assert not gradient.any()
+    assert not winding.any()
+
+
+def test_no_points_give_empty_answers() -> None:
+    potential, gradient, _, winding = field_at_points(field_tables(TRIANGLES), np.zeros((0, 3)))
+    assert (potential.shape, gradient.shape, winding.shape) == ((0,), (0, 3), (0,))
+
+
+@pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 4)), np.array([[0.0, np.nan, 0.0]])])
+def test_points_that_are_none_are_refused(points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="`points` must"):
+        field_at_points(field_tables(TRIANGLES), points)
+
+
+def test_the_number_of_points_does_not_matter() -> None:
+    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES)
+    points = np.random.default_rng(1).uniform(-2.0, 2.0, (37, 3))
+    together = field_at_points(tables, points)
+    for i in (0, 7, 8, 16, 36):
+        alone = field_at_points(tables, points[i : i + 1])
+        # Which form a face is evaluated in depends on all points of a vector.
+        assert alone.potential[0] == pytest.approx(together.potential[i], rel=1e-14)
+        assert alone.gradient[0] == pytest.approx(together.gradient[i], rel=1e-12)
+
+
+BOXES = [[0.3, -0.2, 0.5, 1, 0, 0, 0, 0.6, 0.8, 0, -0.8, 0.6, 0.3, 0.7, 0.2, 1.3]]
+
+
+@settings(deadline=None, max_examples=60)
+@given(vectors(2.5))
+def test_single_precision_agrees(point: np.ndarray) -> None:
+    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES, boxes=BOXES)
+    exact = field_at_points(tables, point[None])
+    # Distance to everything, from the nearest: the potential is at most 2 pi/d of each of about ten faces.
+    assume(exact.potential[0] < 200.0)
+    rough = field_at_points(single_precision(tables, np.array([0.1, 0.2, 0.3])), point[None])
+    assert rough.potential[0] == pytest.approx(exact.potential[0], rel=3e-5)
+    scale = exact.potential[0] ** 2
+    assert rough.gradient[0] == pytest.approx(exact.gradient[0], rel=0.0, abs=1e-4 * scale)
+    assert rough.winding[0] == pytest.approx(exact.winding[0], abs=1e-5)
+    assert potential_at_points(single_precision(tables, np.zeros(3)), point[None])[0] == pytest.approx(
+        exact.potential[0], rel=3e-5
+    )
+
+
+@pytest.mark.parametrize("precise", [True, False])
+def test_finite_on_every_surface(precise: bool) -> None:
+    tables = field_tables(TRIANGLES, None, SPHERES, CAPSULES, PLANES, boxes=BOXES, cloud=[[0, 0, 0, 1e-4, 0.01]])
+    centre, axes, half = np.array(BOXES[0][:3]), np.array(BOXES[0][3:12]).reshape(3, 3), 0.5 * np.array(BOXES[0][12:15])
+    signs = np.array([(a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1)], float)
+    points = [*(centre + (signs * half) @ axes), *TRIANGLES.reshape(-1, 3), *TRIANGLES.mean(axis=1)]
+    points += [[1.2, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 1.0], [0.0, 0.5, 1.1], [0.3, 0.4, -1.0], [0.0, 0.0, 0.0]]
+    at = field_at_points(tables if precise else single_precision(tables, np.zeros(3)), np.array(points))
+    for values in at:
+        assert np.isfinite(values).all()
+    assert (at.potential > 0.0).all()
+    assert (at.curvature >= 0.0).all()

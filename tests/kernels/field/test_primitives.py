@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+
+from guidefield.geometry import surfaces
+from guidefield.kernels.field.primitives import CAPSULE_SHELL, capsule_at
+from tests.kernels.evaluation import Field, field, gradient_by_differences, rigid_motions, vectors
+from tests.kernels.parts import from_python
+from tests.oracles import EPS, SolidCase, distance_to_segment, solid_cases
+
+capsule_field = from_python(capsule_at)
+
+laws = settings(deadline=None, max_examples=60)
+
+SPHERES = [case for case in solid_cases() if case.kind == "sphere"]
+CAPSULES = [case for case in solid_cases() if case.kind == "capsule_surrogate"]
+
+CENTRE = np.array([0.1, -0.2, 0.3])
+RADIUS = 0.4
+
+
+def sphere(point: np.ndarray, radius: float = RADIUS, charge: float = 1.0) -> Field:
+    return field(point, spheres=[[*CENTRE, radius, charge]])
+
+
+def capsule(point: np.ndarray, p0: np.ndarray, p1: np.ndarray, radius: float) -> tuple[float, np.ndarray]:
+    potential, *gradient = capsule_field(*map(float, (*point, *p0, *p1, radius)))
+    return potential, np.array(gradient)
+
+
+@pytest.mark.parametrize("case", SPHERES, ids=lambda case: case.name)
+def test_sphere_agrees_with_the_high_precision_oracle(case: SolidCase) -> None:
+    radius = case.shape["radius"]
+    at = field(case.point, spheres=[[*case.shape["center"], radius, 1.0]])
+    # The point's distance from the surface is known to EPS times its distance from the centre.
+    r = float(np.linalg.norm(case.point - case.shape["center"]))
+    K = (r + radius) / abs(r - radius)
+    assert at.potential == pytest.approx(case.potential, rel=8 * EPS * K)
+    assert np.linalg.norm(at.gradient - case.gradient) <= 16 * EPS * K * np.linalg.norm(case.gradient)
+    assert at.winding == case.winding
+
+
+@pytest.mark.parametrize("case", CAPSULES, ids=lambda case: case.name)
+def test_capsule_agrees_with_the_high_precision_oracle(case: SolidCase) -> None:
+    p0, p1, radius = np.array(case.shape["p0"]), np.array(case.shape["p1"]), case.shape["radius"]
+    K = 1.0 + np.linalg.norm(case.point) / (distance_to_segment(case.point, p0, p1) - radius)
+    potential, gradient = capsule(case.point, p0, p1, radius)
+    assert potential == pytest.approx(case.potential, rel=8 * EPS * K)
+    assert np.linalg.norm(gradient - case.gradient) <= 16 * EPS * K * np.linalg.norm(case.gradient)
+    obstacle = field(case.point, capsules=[[*p0, *p1, radius, 2.5]])
+    assert obstacle.potential == pytest.approx(2.5 * potential, rel=1e-12)
+    assert obstacle.gradient == pytest.approx(2.5 * gradient, rel=1e-12)
+    assert obstacle.winding == 0.0
+
+
+@pytest.mark.parametrize("distance", [0.2, 0.5, 0.85, 1.15, 2.0])
+def test_sphere_agrees_with_a_fine_mesh(distance: float) -> None:
+    mesh = surfaces.sphere(1.0, subdivisions=4)
+    # The mesh lies inside the sphere: scale it to the sphere's area.
+    corners = mesh.corners
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    corners = RADIUS * corners * math.sqrt(4.0 * math.pi / area)
+    point = distance * RADIUS * np.array([0.6, 0.0, 0.8])
+    meshed, exact = field(point, corners), field(point, spheres=[[0, 0, 0, RADIUS, 1.0]])
+    assert meshed.potential == pytest.approx(exact.potential, rel=5e-3)
+    assert meshed.gradient == pytest.approx(exact.gradient, rel=0.0, abs=1e-2 * np.linalg.norm(exact.gradient))
+    assert meshed.winding == pytest.approx(exact.winding, abs=1e-10)
+
+
+@laws
+@given(vectors(2.0))
+def test_sphere_gradient_and_curvature_are_derivatives(point: np.ndarray) -> None:
+    r = float(np.linalg.norm(point - CENTRE))
+    gap = abs(r - RADIUS)
+    assume(gap > 0.02 and r > 0.02)
+    at = sphere(point)
+    differences = gradient_by_differences(point, 1e-3 * gap, spheres=[[*CENTRE, RADIUS, 1.0]])
+    assert differences == pytest.approx(at.gradient, rel=0.0, abs=1e-8 * at.potential / gap)
+    outward = (point - CENTRE) / r
+    step = 1e-4 * gap
+    ahead, behind = sphere(point + step * outward).gradient, sphere(point - step * outward).gradient
+    assert at.curvature == pytest.approx((ahead - behind) @ outward / (2.0 * step), rel=1e-5)
+    assert at.curvature > 0.0
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-300, RADIUS])
+def test_sphere_is_finite_at_the_centre_and_on_the_surface(offset: float) -> None:
+    at = field(np.array([offset, 0.0, 0.0]), spheres=[[0.0, 0.0, 0.0, RADIUS, 1.0]])
+    assert all(math.isfinite(value) for value in (at.potential, *at.gradient, at.curvature))
+    assert at.winding == (0.5 if offset == RADIUS else 1.0)
+    if offset == 0.0:
+        assert at.potential == pytest.approx(4.0 * math.pi / RADIUS)
+
+
+@laws
+@given(vectors(3.0), st.floats(0.1, 5.0))
+def test_plane_is_what_a_large_square_tends_to(point: np.ndarray, charge: float) -> None:
+    normal = np.array([2.0, -1.0, 2.0]) / 3.0
+    height = float(normal @ point - 0.25)
+    assume(abs(height) > 0.01)
+    at = field(point, planes=[[*normal, 0.25, charge]])
+    assert at.potential == pytest.approx(charge * 2.0 * math.pi / abs(height), rel=1e-12)
+    first = np.array([1.0, 2.0, 0.0]) / math.sqrt(5.0)
+    axes = 1e4 * np.array([first, np.cross(normal, first)])
+    a, b, c, d = 0.25 * normal - axes[0] - axes[1], axes[0] - axes[1], axes[0] + axes[1], axes[1] - axes[0]
+    square = np.array([a, 0.25 * normal + b, 0.25 * normal + c, 0.25 * normal + d])
+    large = field(point, np.array([square[[0, 1, 2]], square[[0, 2, 3]]]), triangle_charge=[charge, charge])
+    assert at.potential == pytest.approx(large.potential, rel=2e-3)
+    assert at.gradient == pytest.approx(large.gradient, rel=0.0, abs=1e-5 * np.linalg.norm(at.gradient))
+    assert at.curvature == pytest.approx(large.curvature, rel=1e-3)
+    assert at.winding == (1.0 if height < 0.0 else 0.0)
+
+
+def test_plane_is_finite_on_itself() -> None:
+    at = field(np.array([0.3, 0.4, 0.0]), planes=[[0.0, 0.0, 1.0, 0.0, 1.0]])
+    assert all(math.isfinite(value) for value in (at.potential, *at.gradient, at.curvature))
+    assert at.winding == 0.5
+
+
+@laws
+@given(vectors(2.0), vectors(1.0), vectors(1.0), st.floats(0.05, 0.5))
+def test_capsule_gradient_is_the_derivative(point: np.ndarray, p0: np.ndarray, p1: np.ndarray, radius: float) -> None:
+    gap = distance_to_segment(point, p0, p1) - radius
+    assume(gap > 0.05 * radius)
+    potential, gradient = capsule(point, p0, p1, radius)
+    differences = gradient_by_differences(point, 1e-3 * gap, capsules=[[*p0, *p1, radius, 1.0]])
+    assert differences == pytest.approx(gradient, rel=0.0, abs=1e-8 * potential / gap)
+
+
+@laws
+@given(vectors(2.0), vectors(1.0), vectors(1.0), st.floats(0.05, 0.5), rigid_motions(), st.floats(-4.0, 4.0))
+def test_capsule_moves_turns_round_and_scales(
+    point: np.ndarray,
+    p0: np.ndarray,
+    p1: np.ndarray,
+    radius: float,
+    motion: tuple[np.ndarray, np.ndarray],
+    exponent: float,
+) -> None:
+    assume(distance_to_segment(point, p0, p1) > 0.01)
+    rotation, translation = motion
+    size = 10.0**exponent
+    potential, gradient = capsule(point, p0, p1, radius)
+    scale = float(np.linalg.norm(gradient))
+    moved = capsule(*(rotation @ p + translation for p in (point, p1, p0)), radius)
+    assert moved[0] == pytest.approx(potential, rel=1e-11)
+    assert moved[1] == pytest.approx(rotation @ gradient, rel=0.0, abs=1e-10 * scale)
+    scaled = capsule(size * point, size * p0, size * p1, size * radius)
+    assert size * scaled[0] == pytest.approx(potential, rel=1e-11)
+    assert size**2 * scaled[1] == pytest.approx(gradient, rel=0.0, abs=1e-10 * scale)
+
+
+@laws
+@given(vectors(2.0), st.floats(0.05, 0.5))
+def test_capsule_of_no_length_is_a_sphere(point: np.ndarray, radius: float) -> None:
+    assume(np.linalg.norm(point - CENTRE) > (1.0 + CAPSULE_SHELL) * radius)
+    potential, gradient = capsule(point, CENTRE, CENTRE, radius)
+    exact = sphere(point, radius)
+    assert potential == pytest.approx(exact.potential, rel=1e-12)
+    assert gradient == pytest.approx(exact.gradient, rel=0.0, abs=1e-11 * np.linalg.norm(exact.gradient))
+
+
+def test_long_capsule_is_an_infinite_cylinder() -> None:
+    for rho in (0.25, 0.5, 2.0):
+        potential, gradient = capsule(np.array([0.0, rho, 0.0]), np.array([-1e4, 0, 0]), np.array([1e4, 0, 0]), 0.2)
+        assert potential == pytest.approx(4.0 * math.pi * 0.2 / (rho**2 - 0.04), rel=1e-6)
+        assert gradient[1] == pytest.approx(-8.0 * math.pi * 0.2 * rho / (rho**2 - 0.04) ** 2, rel=1e-6)
+
+
+def test_capsule_has_its_charge_from_afar() -> None:
+    p0, p1, radius = np.array([0.1, 0.2, -0.3]), np.array([0.4, -0.1, 0.6]), 0.15
+    charge = 2.0 * math.pi * radius * float(np.linalg.norm(p1 - p0)) + 4.0 * math.pi * radius**2
+    for r in (1e2, 1e4, 1e6):
+        offset = r * np.array([0.48, 0.6, 0.64])
+        potential, gradient = capsule(0.5 * (p0 + p1) + offset, p0, p1, radius)
+        assert potential * r**3 == pytest.approx(charge, rel=10.0 / r**2 + 1e-9)
+        assert gradient == pytest.approx(-3.0 * charge / r**5 * offset, rel=20.0 / r**2 + 1e-9)
+
+
+@pytest.mark.parametrize("length", [0.5, 2.0, 10.0])
+def test_capsule_is_near_the_integral_over_its_surface(length: float) -> None:
+    # The range of surrogate over integral: 0.62 to 1.16, wherever it was looked at with 50 digits.
+    mesh = surfaces.capsule(1.0, length, sides=48)
+    p0, p1 = np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length])
+    for gap in (0.3, 1.0, 5.0):
+        for point in ((1.0 + gap, 0, 0), (1.0 + gap, 0, 0.5 * length), (0, 0, 0.5 * length + 1.0 + gap)):
+            ratio = capsule(np.array(point), p0, p1, 1.0)[0] / field(np.array(point), mesh.corners).potential
+            assert 0.60 < ratio < 1.18
+
+
+@laws
+@given(vectors(1.0), vectors(1.0), vectors(1.0), st.floats(0.05, 0.5), st.floats(0.0, 1.0 + CAPSULE_SHELL))
+def test_inside_the_shell_a_capsule_has_the_field_of_the_shell(
+    p0: np.ndarray, p1: np.ndarray, direction: np.ndarray, radius: float, share: float
+) -> None:
+    length = float(np.linalg.norm(p1 - p0))
+    assume(length > 1e-3 and share > 1e-3)
+    across = np.cross(direction, p1 - p0)
+    assume(np.linalg.norm(across) > 1e-3)
+    across /= np.linalg.norm(across)
+    outward_from_end = (p1 - p0) / length + across
+    outward_from_end /= np.linalg.norm(outward_from_end)
+    for foot, outward in ((0.5 * (p0 + p1), across), (p1, outward_from_end)):
+        potential, gradient = capsule(foot + share * radius * outward, p0, p1, radius)
+        on_shell = capsule(foot + (1.0 + CAPSULE_SHELL) * radius * outward, p0, p1, radius)
+        # A ray from the axis is known to a last digit of its length.
+        accuracy = 1e-11 / share
+        assert potential == pytest.approx(on_shell[0], rel=accuracy)
+        assert gradient == pytest.approx(on_shell[1], rel=0.0, abs=accuracy * np.linalg.norm(on_shell[1]))
+        assert gradient @ outward < 0.0
+
+
+@pytest.mark.parametrize("p1", [(0.0, 0.0, 0.0), (0.7, 0.0, 0.0), (0.0, 0.7, 0.0), (0.3, 0.4, 0.5)])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, -0.1, 1.1])
+@pytest.mark.parametrize("radius", [0.2, 2.0])
+def test_capsule_on_its_axis(p1: tuple[float, float, float], share: float, radius: float) -> None:
+    end = np.array(p1)
+    potential, gradient = capsule(share * end, np.zeros(3), end, radius)
+    # The shell beside the point, or, beyond an end, before it.
+    beside = np.cross(end, [0.3, 0.5, -0.7]) if end.any() else np.array([0.0, 0.0, 1.0])
+    beside *= 1.01 * radius / np.linalg.norm(beside)
+    beyond = 1.01 * radius * end / max(float(np.linalg.norm(end)), 1e-300)
+    within = min(max(share, 0.0), 1.0)
+    foot, out = within * end, beside if within == share or not end.any() else beyond * np.sign(share)
+    on_shell = capsule(foot + out, np.zeros(3), end, radius)
+    assert potential == pytest.approx(on_shell[0], rel=1e-9)
+    assert np.linalg.norm(gradient) == pytest.approx(np.linalg.norm(on_shell[1]), rel=1e-9)
+    at = field(share * end, capsules=[[0, 0, 0, *end, radius, 1.0]])
+    assert at.winding == 1.0
+    assert at.curvature > 0.0
+
+
+def test_curvature_of_a_capsule_is_the_second_derivative_near_its_surface() -> None:
+    p0, p1, radius = np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.2
+    for foot, outward in ((0.4 * p1, np.array([0.0, 0.6, 0.8])), (p1, np.array([0.8, 0.6, 0.0]))):
+        point = foot + 1.02 * radius * outward
+        step = 1e-5 * radius
+        ahead, behind = (capsule(point + side * step * outward, p0, p1, radius)[1] for side in (1.0, -1.0))
+        at = field(point, capsules=[[*p0, *p1, radius, 1.0]])
+        assert at.curvature == pytest.approx((ahead - behind) @ outward / (2.0 * step), rel=0.05)

@@ -1,0 +1,130 @@
+"""Kernels of each kind, quick to compile: together they use all that is changed inside numba.
+
+Parts: such as are compiled into their callers, are optimised before that, don't count references, and do so again.
+Kernels: of Python's and of lanes, steps that only kernels call, and those of other files.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types, void
+
+from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.signatures import (
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+    inlined,
+    optimized,
+)
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import (
+    FLOAT_POINTER,
+    FLOATS,
+    INTEGERS_OUT,
+    LANES,
+    below,
+    lane_kernel,
+    lane_part,
+    lane_step,
+    load,
+    pointers,
+    splat,
+    store,
+)
+from guidefield.kernels.simd.generic_vector import lanes_of, load as points_at, root, total
+from guidefield.kernels.simd.lane_math import cosine_and_sine
+from guidefield.kernels.simd.packing import Words, unpacked
+from guidefield.kernels.timing.natural_spline import second_derivatives
+
+FLOATS_IN_OUT = types.Array(types.float32, 1, "C")
+
+
+class Weighted(NamedTuple):
+    """Values and their weights, shape (n,) each."""
+
+    values: Floats
+    weights: Floats
+
+
+WEIGHTED = types.NamedUniTuple(VECTOR, 2, Weighted)
+
+
+@inlined
+def _product(a: float, b: float) -> float:
+    return a * b
+
+
+@uncounted
+def _weighted_sum(weighted: Weighted) -> float:
+    found = 0.0
+    for i in range(weighted.values.shape[0]):
+        found += _product(weighted.values[i], weighted.weights[i])
+    return found + _spread(weighted)
+
+
+@counted
+def _spread(weighted: Weighted) -> float:
+    """The difference of the largest and the smallest value, by way of an array."""
+    ends = np.empty(2)
+    ends[0], ends[1] = weighted.values.min(), weighted.values.max()
+    return float(ends[1] - ends[0])
+
+
+@optimized
+def _length(x: Any) -> float:
+    """The sum of square roots, in lanes: the number of values is a multiple of theirs."""
+    found = 0.0 * points_at(x, 0)
+    for i in range(0, x.shape[0], lanes_of(x)):
+        found = found + root(points_at(x, i) * points_at(x, i))
+    return total(found)
+
+
+@compiled(void(WEIGHTED, VECTOR_OUT))
+def sums(weighted: Weighted, sums_out: Floats) -> None:
+    """The weighted sum with the values' range, and the sum of their amounts."""
+    sums_out[0], sums_out[1] = _weighted_sum(weighted), _length(weighted.values)
+
+
+@compiled(SCALAR(VECTOR, MATRIX, VECTOR_OUT, MATRIX_OUT))
+def bend(steps: Floats, values: Floats, pivots_out: Floats, second_out: Floats) -> float:
+    """The largest second derivative of a spline, by the kernel of another file."""
+    second_derivatives(steps, values, pivots_out, second_out)
+    return float(np.abs(second_out).max())
+
+
+class Turning(NamedTuple):
+    """What is packed: angles, sixteen a row, where their cosines go, and how many rows there are."""
+
+    angles: np.ndarray
+    cosines: np.ndarray
+    rows: int
+
+
+turning_of = unpacked(types.NamedTuple([FLOATS, FLOATS_IN_OUT, types.int64], Turning))
+
+
+@lane_part
+def _doubled(lanes: Any) -> Any:
+    return lanes + lanes
+
+
+@lane_step(types.int64(FLOAT_POINTER, FLOAT_POINTER, types.int64))
+def _turned(angles: Any, cosines_out: Any, row: int) -> int:
+    c, s = cosine_and_sine(_doubled(load(angles, row * LANES)))
+    store(cosines_out, row * LANES, c)
+    return int(below(s, splat(0.0)))
+
+
+@lane_kernel(void(INDICES, INTEGERS_OUT))
+def turned(words: Words, masks_out: np.ndarray) -> None:
+    """Cosines of twice the angles, and which of their sines are negative."""
+    turning = turning_of(pointers(words))
+    for row in range(turning.rows):
+        masks_out[row] = _turned(turning.angles, turning.cosines, row)

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from guidefield import kernels
+from guidefield.first_start import kernel_compiler
+from guidefield.kernels.jit.cache import uncompiled
+from guidefield.kernels.jit.dependencies import Sources
+from tests.kernels.jit.copies import COMPILING
+
+KERNELS = Path(kernels.__file__).parent
+
+KERNEL = """
+from numba import int64
+from guidefield.kernels.jit.signatures import compiled
+{}
+@compiled(int64())
+def {}():
+    return {}
+"""
+
+REPORT = """
+from pathlib import Path
+from guidefield.kernels.jit.cache import cache_folder
+from guidefield.kernels.caller import caller
+print(cache_folder(), caller._cache.cache_path)
+"""
+
+
+def run(script: str, path: Path, **environment: str) -> str:
+    inherited = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    return subprocess.run(
+        [sys.executable, "-c", script],
+        env={**inherited, "PYTHONPATH": str(path), **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A copy of the package with two kernels, of which one calls the other from another file."""
+    sources = tmp_path / "code/guidefield/kernels"
+    sources.mkdir(parents=True)
+    (sources.parent / "__init__.py").touch()
+    for name in ("first_start.py", "whole_file.py"):
+        shutil.copy(KERNELS.parent / name, sources.parent)
+    for name in COMPILING:
+        shutil.copy(KERNELS / f"{name}.py", sources)
+    (sources / "callee.py").write_text(KERNEL.format("", "callee", "1"))
+    imported = "from guidefield.kernels.callee import callee\n"
+    (sources / "caller.py").write_text(KERNEL.format(imported, "caller", "callee()"))
+    return tmp_path / "code"
+
+
+@pytest.mark.parametrize("chosen", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"])
+def test_folder_is_below_the_one_that_the_user_chose(package: Path, tmp_path: Path, chosen: str) -> None:
+    parent = tmp_path / "caches" / (".cache" if chosen == "HOME" else "")
+    whole, used = run(REPORT, package, **{chosen: str(tmp_path / "caches")}).split()
+    assert Path(whole) == parent / "guidefield" / "kernels"
+    sources = Sources(package / "guidefield/kernels", "guidefield.kernels")
+    assert Path(used) == Path(whole) / f"caller-{sources.fingerprint('caller', kernel_compiler())}"
+    assert any(Path(used).glob("*.nbi"))
+
+
+def test_another_place_of_the_same_sources_shares_the_machine_code(package: Path, tmp_path: Path) -> None:
+    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "0"]
+    elsewhere = shutil.copytree(package, tmp_path / "elsewhere")
+    assert run(script, elsewhere, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
+
+
+def test_other_packages_keep_numbas_own_folders(package: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.py"
+    other.write_text(
+        "import guidefield.kernels.jit.signatures, numba\n@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n"
+    )
+    script = "import other; print(other.f._cache.cache_path)"
+    used = run(f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {script}", package, HOME=str(tmp_path)).strip()
+    assert Path(used) == tmp_path / "__pycache__"
+
+
+def test_stale_machine_code_is_never_run(package: Path, tmp_path: Path) -> None:
+    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
+    callee = package / "guidefield/kernels/callee.py"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "0"]
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
+    callee.write_text(callee.read_text().replace("return 1", "return 2"))
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["2", "0"]
+    callee.write_text(callee.read_text().replace("return 2", "return 1"))
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
+
+
+def test_an_edit_leaves_the_machine_code_of_what_does_not_call_it(package: Path, tmp_path: Path) -> None:
+    script = "from guidefield.kernels.callee import callee; callee(); print(sum(callee.stats.cache_hits.values()))"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "0"
+    caller = package / "guidefield/kernels/caller.py"
+    caller.write_text(caller.read_text() + "# an edit\n")
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "1"
+
+
+@pytest.mark.parametrize("place", ["first", "room/second"])
+def test_kernels_of_another_package_are_kept_by_what_they_depend_on(package: Path, tmp_path: Path, place: str) -> None:
+    """Of tests, for instance: an edit of what they call is seen, one of something else costs nothing."""
+    others = tmp_path / "others/others"
+    (others / place).parent.mkdir(parents=True)
+    imported = "from guidefield.kernels.callee import callee\n"
+    (others / f"{place}.py").write_text(KERNEL.format(imported, "mine", "callee() + 1"))
+    module = ".".join(["others", *place.split("/")])
+    script = (
+        f"import sys; sys.path.insert(0, {str(others.parent)!r})\n"
+        "from pathlib import Path; from guidefield.kernels.jit.cache import keep_kernels_of\n"
+        f"keep_kernels_of('others', Path({str(others)!r}))\n"
+        f"from {module} import mine; print(mine(), sum(mine.stats.cache_hits.values()))"
+    )
+    folder = package / "guidefield/kernels"
+    callee, unrelated = folder / "callee.py", folder / "caller.py"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["2", "0"]
+    unrelated.write_text(unrelated.read_text() + "# an edit\n")
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["2", "1"]
+    callee.write_text(callee.read_text().replace("return 1", "return 5"))
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["6", "0"]
+    kept = {path.name.partition("-")[0] for path in (tmp_path / "guidefield/kernels").iterdir()}
+    assert module in kept
+
+
+def test_kernels_of_a_package_that_nobody_keeps_leave_no_machine_code(package: Path, tmp_path: Path) -> None:
+    """numba by itself would know it by the file alone, and miss an edit of what they call."""
+    other = tmp_path / "other.py"
+    other.write_text(KERNEL.format("from guidefield.kernels.callee import callee\n", "mine", "callee() + 1"))
+    script = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from other import mine; print(mine())"
+    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path / "cache")).strip() == "2"
+    assert not any("mine" in path.name for path in tmp_path.rglob("*.nbi"))
+
+
+def test_folders_are_ours_whatever_numba_has_read_again(package: Path, tmp_path: Path) -> None:
+    """numba forgets what was set where a variable of its own has changed."""
+    script = (
+        "import os\nfrom guidefield.kernels.callee import callee\n"
+        "os.environ['NUMBA_OPT'] = '2'\nimport numba\nnumba.njit(lambda: 1)()\n"
+        "assert not numba.config.CACHE_LOCATOR_CLASSES\n" + REPORT
+    )
+    whole, used = run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split()
+    assert Path(used).parent == Path(whole)
+
+
+@pytest.mark.parametrize("first", ["", "1"])
+def test_plain_machine_code_is_kept_apart(package: Path, tmp_path: Path, first: str) -> None:
+    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
+    for plain, hits in ((first, "0"), ("1" if not first else "", "0"), (first, "1")):
+        told = run(script, package, NUMBA_CACHE_DIR=str(tmp_path), GUIDEFIELD_PLAIN_NUMBA=plain)
+        assert told.split() == ["1", hits]
+
+
+def test_every_kernel_is_known_to_be_compiled_once_it_is_imported() -> None:
+    for source in KERNELS.glob("*.py"):
+        importlib.import_module(
+            f"guidefield.kernels.{source.stem}" if source.stem != "__init__" else "guidefield.kernels"
+        )
+    assert not uncompiled()

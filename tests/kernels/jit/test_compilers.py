@@ -1,0 +1,154 @@
+"""Kernels call each other's machine code by name, parts have none, and remembered types are those that numba finds."""
+
+from __future__ import annotations
+
+import operator
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import types
+from numba.core.compiler import Flags
+from numba.core.registry import cpu_target
+from numba.core.targetconfig import TargetConfig
+from numba.core.types.functions import BaseFunction
+from numba.np import arrayobj
+
+from guidefield import kernels
+from guidefield.kernels.jit import typing_cache
+from guidefield.kernels.jit.patched_compiler import kernel, part, quicken
+from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, inlined
+from tests.kernels.jit.copies import COMPILING
+
+HERE = Path(kernels.__file__).parent
+
+KERNEL = """
+from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, compiled
+from numba import void
+{imported}
+
+@compiled(void(VECTOR, VECTOR_OUT))
+def {name}(x, out):
+    {body}
+"""
+
+RUN = """
+import numpy as np
+from guidefield.kernels.caller import caller
+from guidefield.kernels.callee import callee
+out = np.zeros(3)
+caller(np.array([1.0, 2.0, 3.0]), out)
+print(*out, *(sum(kernel.stats.cache_hits.values()) for kernel in (caller, callee)))
+"""
+
+
+@inlined
+def doubled(x: float) -> float:
+    return 2.0 * x
+
+
+@kernel(SCALAR(VECTOR))
+def doubled_sum(values: np.ndarray) -> float:
+    total = 0.0
+    for i in range(values.shape[0]):
+        total += doubled(values[i])
+    return total
+
+
+@kernel(SCALAR(VECTOR))
+def more(values: np.ndarray) -> float:
+    return doubled_sum(values) + 1.0
+
+
+def copy(values: np.ndarray, out: np.ndarray) -> None:
+    out[:] = values
+
+
+def test_a_kernel_calls_parts_and_kernels() -> None:
+    values = np.arange(5.0)
+    assert doubled_sum(values) == 20.0
+    assert more(values) == 21.0
+    (called,), (calling,) = doubled_sum.overloads.values(), more.overloads.values()
+    defined = {function.name for function in calling.library.get_defined_functions()}
+    assert calling.fndesc.mangled_name in defined
+    assert called.fndesc.mangled_name not in defined
+
+
+def test_a_part_has_no_machine_code_and_runs_as_its_source_does() -> None:
+    assert doubled(3.0) == 6.0
+    assert doubled(4) == 8.0
+    assert part(lambda x: x * x, False, None)(3) == 9
+
+
+def test_arrays_of_other_shapes_are_not_assigned(monkeypatch: pytest.MonkeyPatch) -> None:
+    for changed, name in (
+        *((arrayobj, "raise_with_shape_context"), (BaseFunction, "get_call_type")),
+        *((TargetConfig, "values"), (TargetConfig, "__hash__")),
+    ):
+        monkeypatch.setattr(changed, name, getattr(changed, name))
+    quicken()
+    copied = kernel(types.void(VECTOR, VECTOR_OUT))(copy)
+    out = np.zeros(3)
+    copied(np.arange(3.0), out)
+    assert (out == np.arange(3.0)).all()
+    with pytest.raises(ValueError, match="another shape"):
+        copied(np.arange(4.0), out)
+
+
+def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -> None:
+    """The name by which a kernel is called doesn't depend on the process, whatever order its sets have."""
+    sources = tmp_path / "code/guidefield/kernels"
+    sources.mkdir(parents=True)
+    (sources.parent / "__init__.py").touch()
+    for name in ("first_start", "whole_file"):
+        shutil.copy(HERE.parent / f"{name}.py", sources.parent)
+    for name in COMPILING:
+        shutil.copy(HERE / f"{name}.py", sources)
+    loops = "for i in range(x.shape[0]):\n        out[i] = 2.0 * x[i]"
+    (sources / "callee.py").write_text(KERNEL.format(imported="", name="callee", body=loops))
+    imported = "from guidefield.kernels.callee import callee"
+    (sources / "caller.py").write_text(KERNEL.format(imported=imported, name="caller", body="callee(x, out)"))
+
+    def ran(seed: int) -> list[str]:
+        environment = {**os.environ, "PYTHONPATH": str(sources.parents[1]), "PYTHONHASHSEED": str(seed)}
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path)
+        command = [sys.executable, "-c", RUN]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+
+    assert ran(1) == ["2.0", "4.0", "6.0", "0", "0"]
+    for seed in (2, 3, 4):
+        for folder in (tmp_path / "guidefield/kernels").glob("callee-*"):
+            shutil.rmtree(folder)
+        assert ran(seed) == ["2.0", "4.0", "6.0", "1", "0"]
+
+
+def test_a_program_that_imports_kernels_has_numba_as_it_is() -> None:
+    assert TargetConfig.__hash__ is not typing_cache._hash
+    assert BaseFunction.get_call_type is typing_cache._ask
+
+
+def test_options_are_the_same_whether_set_or_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TargetConfig, "values", typing_cache._values)
+    monkeypatch.setattr(TargetConfig, "__hash__", typing_cache._hash)
+    plain, told, other = Flags(), Flags(), Flags()
+    told.forceinline = False
+    other.forceinline = True
+    assert plain == told
+    assert hash(plain) == hash(told)
+    assert plain != other
+    assert plain.values() == {name: getattr(plain, name) for name in plain.options}
+
+
+@pytest.mark.parametrize("asked", [operator.add, operator.mul, operator.truediv, operator.getitem, operator.lt, abs])
+def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None:
+    context = cpu_target.typing_context
+    function = context.resolve_value_type(asked)
+    of = {operator.getitem: [(VECTOR, types.int64), (VECTOR, types.slice2_type)], abs: [(SCALAR,), (types.int64,)]}
+    both = [(SCALAR, SCALAR), (SCALAR, types.float32), (types.int64, SCALAR), (types.int64, types.int64)]
+    for arguments in of.get(asked, both):
+        found = [typing_cache._call_type(function, context, arguments, {}) for _ in range(2)]
+        assert found[0] == found[1] == typing_cache._ask(function, context, arguments, {})

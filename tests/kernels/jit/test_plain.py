@@ -1,0 +1,98 @@
+"""Without changes to what is inside numba kernels return the same, and none of the changes is as much as imported."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from guidefield import first_start, kernels
+from guidefield.first_start import PLAIN, kernel_compiler, kernels_fingerprint, plain_numba
+from tests.kernels.jit.plain_slice import results
+
+KERNELS = Path(kernels.__file__).parent
+HOUSE = Path(__file__).parents[2]
+
+CHANGES = {"guidefield.kernels.jit.patched_compiler", "guidefield.kernels.jit.typing_cache"}
+"""The files that change numba."""
+
+OFFERED = {
+    "numba", "numba.extending", "llvmlite.ir",
+    "numba.core.cgutils", "numba.core.typing.templates", "numba.core.caching.UserProvidedCacheLocator",
+}  # fmt: skip
+"""What the others may take from numba: what its documentation writes extensions and locators of caches with."""
+
+LOADED = """
+import sys
+import guidefield.kernels.simd.f32x16, guidefield.kernels.jit.no_refcount, guidefield.kernels.jit.compile_ahead
+from guidefield.kernels.jit.compilers import quicken
+quicken()
+print(*sorted(name for name in sys.modules if name.startswith("guidefield.kernels.")))
+"""
+
+
+def run(*command: str, plain: bool) -> str:
+    environment = {**os.environ, PLAIN: "1" if plain else ""}
+    ran = subprocess.run(
+        [sys.executable, *command], cwd=HOUSE, env=environment, capture_output=True, text=True, check=True
+    )
+    return ran.stdout
+
+
+def test_kernels_return_the_same_up_to_rounding(tmp_path: Path) -> None:
+    """Those of each mechanism; whole numbers are the same to the bit."""
+    ours, other = results(), tmp_path / "other.npz"
+    run("-m", "tests.kernels.jit.plain_slice", str(other), plain=not plain_numba())
+    with np.load(other) as theirs:
+        assert set(theirs) == set(ours)
+        for name, values in ours.items():
+            assert np.isfinite(values).all()
+            assert np.ptp(values) > 0.0 or values.size == 1
+            rounding = {"f": 1e-6 if values.dtype == np.float32 else 1e-13, "i": 0.0}[values.dtype.kind]
+            np.testing.assert_allclose(theirs[name], values, rtol=rounding, atol=rounding, err_msg=name)
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_the_changes_are_imported_only_where_they_are_wanted(plain: bool) -> None:
+    loaded = set(run("-c", LOADED, plain=plain).split())
+    assert loaded >= {"guidefield.kernels.simd.f32x16", "guidefield.kernels.jit.no_refcount"}
+    assert loaded & CHANGES == (set() if plain else CHANGES)
+
+
+def test_no_other_file_reaches_into_numba() -> None:
+    for source in KERNELS.rglob("*.py"):
+        if f"guidefield.kernels.{source.stem}" in CHANGES:
+            continue
+        for node in ast.walk(ast.parse(source.read_text())):
+            for name in _taken(node):
+                inside, _, last = name.rpartition(".")
+                assert inside in OFFERED or name in OFFERED, f"{source.name}: {name}"
+                assert not last.startswith("_"), f"{source.name}: {name}"
+
+
+def _taken(node: ast.AST) -> list[str]:
+    """The full names that an import takes from numba and llvmlite."""
+    names = []
+    if isinstance(node, ast.ImportFrom) and node.module is not None:
+        names = [f"{node.module}.{alias.name}" for alias in node.names]
+    if isinstance(node, ast.Import):
+        names = [alias.name for alias in node.names]
+    return [name for name in names if name.partition(".")[0] in ("numba", "llvmlite")]
+
+
+@pytest.mark.parametrize(("said", "plain"), [("", False), ("0", False), ("1", True), ("yes", True)])
+def test_the_variable_says_whether_and_keeps_machine_code_apart(
+    monkeypatch: pytest.MonkeyPatch, said: str, plain: bool
+) -> None:
+    monkeypatch.setattr(first_start, "version", lambda _: "1.2.3")
+    monkeypatch.setenv(PLAIN, said)
+    assert plain_numba() is plain
+    assert kernel_compiler() == ("plain numba 1.2.3" if plain else "numba 1.2.3")
+    whole = kernels_fingerprint.__wrapped__()
+    monkeypatch.setenv(PLAIN, "" if plain else "1")
+    assert kernels_fingerprint.__wrapped__() != whole

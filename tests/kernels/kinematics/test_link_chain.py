@@ -1,0 +1,148 @@
+"""The chain's kernels against Pinocchio, finite differences and what closing has to keep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import example, given, settings, strategies as st
+
+from guidefield.kernels.kinematics.chain_angles import chain_configuration
+from guidefield.kernels.kinematics.link_chain import close_chain, end_force, turn_from, turn_towards
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.link_chain import Chain, link_chain
+from tests.robots import group
+
+CHAINS = (
+    "chain_fixed_6x300_r25",
+    "chain_moving_3x260_r20",
+    "chain_universal_fixed_6x300_r25",
+    "chain_universal_moving_6x200_r20",
+)
+
+
+def random_places(seed: int, links: int = 5) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(links, 3))
+    directions *= rng.uniform(0.1, 0.4, (links, 1)) / np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.vstack([rng.normal(size=3), np.zeros((links, 3))]) + np.vstack(
+        [np.zeros(3), np.cumsum(directions, axis=0)]
+    )
+
+
+def lengths(places: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(np.diff(places, axis=0), axis=1)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 10**6), m=st.integers(2, 5), size=st.floats(0.0, 0.08))
+@example(seed=82, m=3, size=0.078125)  # nearer to the first joint than the links can be folded
+def test_a_closed_chain_ends_where_it_has_to_and_keeps_its_links(seed: int, m: int, size: float) -> None:
+    places = random_places(seed)
+    shift = np.random.default_rng(seed + 1).normal(size=3)
+    target = places[m] + size * shift / np.linalg.norm(shift)
+    whole, longest = lengths(places)[:m].sum(), lengths(places)[:m].max()
+    # within what the links span, and not nearer to the first joint than the longest keeps all others away
+    reachable = 2.0 * longest - whole < np.linalg.norm(target - places[0]) < 0.95 * whole
+    closed = places.copy()
+    if not close_chain(closed, m, target):
+        assert not reachable or m == 2
+        return
+    np.testing.assert_allclose(closed[m], target, atol=2e-7)
+    np.testing.assert_array_equal(closed[0], places[0])
+    np.testing.assert_array_equal(closed[m + 1 :], places[m + 1 :])
+    np.testing.assert_allclose(lengths(closed)[:m], lengths(places)[:m], rtol=1e-9)
+
+
+def test_out_of_reach_is_said() -> None:
+    places = random_places(3)
+    assert not close_chain(places.copy(), 5, places[0] + 10.0)
+
+
+@pytest.mark.parametrize("m", [1, 2, 4])
+def test_closing_turns_links_no_more_than_any_other_way(m: int) -> None:
+    """To first order: turns l x lambda are the least squares solution of sum(omega_i x l_i) = e."""
+    places, e = random_places(11), 1e-5 * np.array([0.3, -0.5, 0.8])
+    if m == 1:
+        e = np.cross(e, places[1] - places[0])
+    closed = places.copy()
+    assert close_chain(closed, m, places[m] + e)
+    links = np.diff(places, axis=0)[:m]
+    matrix = np.hstack([-pin.skew(link) for link in links])
+    omega = np.linalg.lstsq(matrix, e, rcond=None)[0].reshape(m, 3)
+    np.testing.assert_allclose(np.diff(closed, axis=0)[:m] - links, np.cross(omega, links), atol=1e-8)
+
+
+@pytest.mark.parametrize("m", [1, 3, 5])
+def test_the_end_force_does_the_virtual_work_of_closing(m: int) -> None:
+    places = random_places(7)
+    rng = np.random.default_rng(8)
+    forces, torques = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+    force = np.empty(3)
+    end_force(places, forces, torques, m, force)
+    for axis in np.eye(3):
+        e = 1e-5 * (np.cross(axis, places[1] - places[0]) if m == 1 else axis)
+        closed = places.copy()
+        assert close_chain(closed, m, places[m] + e)
+        before, after = np.diff(places, axis=0)[:m], np.diff(closed, axis=0)[:m]
+        turns = np.cross(before, after) / np.einsum("ij,ij->i", before, before)[:, None]
+        moved = closed[:m] - places[:m]  # the force on a link moves with its joint; the rest is its torque about it
+        work = (forces[:m] * moved).sum() + (torques[:m] * turns).sum()
+        np.testing.assert_allclose(force @ e, work, rtol=2e-3, atol=1e-9)
+
+
+def at_random(chain: Chain, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    q = chain.group.random(np.random.default_rng(seed))
+    return q, *chain.places(q)
+
+
+def places_by_pinocchio(planned: PlanningGroup, chain: Chain, q: np.ndarray) -> np.ndarray:
+    data = planned.model.createData()
+    pin.forwardKinematics(planned.model, data, q)
+    joints = [data.oMi[int(joint)] for joint in chain.carriers]
+    return np.array([*(joint.translation for joint in joints), joints[-1].act(np.array(chain.table.links[-1]))])
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_configuration_of_places_has_its_joints_there(name: str) -> None:
+    planned = group(name)
+    chain = link_chain(planned)
+    for seed in range(10):
+        q, places, rotations = at_random(chain, seed)
+        np.testing.assert_allclose(places, places_by_pinocchio(planned, chain, q), atol=1e-12)
+        moved = places.copy()
+        for k in range(1, chain.n + 1):
+            axis = np.random.default_rng([seed, k]).normal(size=3)
+            turned = np.empty_like(moved)
+            turn_from(moved, k, axis / np.linalg.norm(axis), 0.1, turned)
+            moved = turned
+        if chain.leads:
+            moved += 0.05
+        there, turned_rotations = np.empty_like(q), np.empty_like(rotations)
+        assert chain_configuration(chain.table, moved, q, rotations, there, turned_rotations)
+        np.testing.assert_allclose(places_by_pinocchio(planned, chain, there), moved, atol=1e-9)
+        np.testing.assert_allclose(chain.places(there)[1], turned_rotations, atol=1e-9)
+        assert np.linalg.norm(pin.difference(planned.model, q, there)) < 12.0
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_places_that_stay_leave_the_configuration_as_it_is(name: str) -> None:
+    planned = group(name)
+    chain = link_chain(planned)
+    q, places, rotations = at_random(chain, 4)
+    same = np.empty_like(q)
+    assert chain_configuration(chain.table, places, q, rotations, same, np.empty_like(rotations))
+    np.testing.assert_allclose(pin.difference(planned.model, q, same), 0.0, atol=1e-7)
+
+
+def test_a_link_turns_about_its_far_end_and_those_before_it_follow() -> None:
+    places, axis = random_places(5), np.array([0.0, 0.6, 0.8])
+    turned = np.empty_like(places)
+    assert turn_towards(places, 4, axis, 0.05, turned)
+    np.testing.assert_array_equal(turned[4:], places[4:])
+    near_end = places[4] + pin.AngleAxis(0.05, axis).matrix() @ (places[3] - places[4])
+    np.testing.assert_allclose(turned[3], near_end, atol=2e-7)
+    np.testing.assert_allclose(lengths(turned), lengths(places), rtol=1e-6)
+    assert turn_towards(places, 2, axis, 0.3, turned)
+    np.testing.assert_array_equal(np.delete(turned, 1, axis=0), np.delete(places, 1, axis=0))
+    np.testing.assert_allclose(lengths(turned), lengths(places), rtol=1e-12)

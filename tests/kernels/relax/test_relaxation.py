@@ -1,0 +1,296 @@
+"""The objective of relaxation and its derivatives, against Pinocchio's kinematics and plain formulas."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.kernels.distance.distance import distance_at_points
+from guidefield.kernels.relax.barrier import SOFT, STEEPNESS
+from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
+from guidefield.kernels.relax.relaxation import Samples, objective
+from guidefield.kernels.relax.sampled_robot import SampledRobot
+from guidefield.kernels.relax.self_barrier import pair_distances
+from guidefield.kernels.relax.verlet_list import MARGIN, nothing_remembered
+from guidefield.planner.relax.sampled_robot import LEAST_SELF_RANGE, SELF_RANGE, WEIGHT, sampled_robot
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.distance_tables import distance_tables
+from tests.collision.scenery import scattered
+from tests.planner.problems import problem, scene_of
+from tests.robots import box_arm, group, grouped
+
+GROUPS: dict[str, Callable[[], PlanningGroup]] = {
+    "panda": lambda: group("panda"),
+    "every single-axis kind": lambda: grouped(box_arm("y slide oblique continuous mimic", 0)),
+    "planar": lambda: grouped(box_arm("planar x y", 0)),
+    "floating": lambda: grouped(box_arm("floating x y", 0)),
+    "ball joints": lambda: group("chain_fixed_6x300_r25"),
+}
+REACH, CLEARANCE, FLOOR = 0.08, 0.01, 0.05
+
+
+@functools.cache
+def made(name: str, seed: int = 0) -> tuple[Problem, np.ndarray]:
+    """A robot among scattered obstacles, and a configuration (in the chart) at which some points are within range."""
+    planned = GROUPS[name]()
+    rng = np.random.default_rng(seed)
+    made_for = problem(planned, scene_of(*scattered(rng, 12, 1.0)), planes=())
+    robot, _ = sampled(made_for)
+    for _ in range(500):
+        z = planned.chart(planned.random(rng))
+        near = np.array([d for d, _, reach, _ in distances(made_for, robot, z) if d < reach])
+        if len(near) > 3 and near.min() > -0.05:
+            return made_for, z
+    raise AssertionError("no configuration near obstacles")
+
+
+def sampled(made_for: Problem, ends: np.ndarray | None = None) -> tuple[SampledRobot, object]:
+    tables = distance_tables(made_for.scene)
+    return sampled_robot(made_for, tables, np.empty((0, made_for.group.nv)) if ends is None else ends), tables
+
+
+def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tuple[float, float, float, float]]:
+    """Distance, weight, range and floor of every point against obstacles; against links by Coal, without floor."""
+    model = made_for.group.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, made_for.group.expand(made_for.group.from_chart(z)))
+    world = [
+        robot.points[:, first:last].T @ data.oMi[joint].rotation.T + data.oMi[joint].translation
+        for joint, first, last, _ in robot.groups.tolist()
+    ]
+    weights = [robot.weights[first:last] for _, first, last, _ in robot.groups]
+    found = []
+    for points, of_points in zip(world, weights, strict=True):
+        to_obstacles = distance_at_points(distance_tables(made_for.scene), points)[0] - CLEARANCE
+        found += [(d, w, REACH, FLOOR - CLEARANCE) for d, w in zip(to_obstacles, of_points, strict=True)]
+    shapes = list(made_for.group.geometry.geometryObjects)
+    for (g, body), reach in zip(robot.pairs, robot.pair_ranges, strict=True):
+        placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
+        _, first, last, coarse = robot.groups[g]
+        apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g][: coarse - first]]
+        w = WEIGHT / robot.points.shape[1] * (last - first) / (coarse - first)
+        found += [(d, w, float(reach), 0.0) for d in apart]
+    return found
+
+
+def point_distance(shape: object, placement: pin.SE3, point: np.ndarray) -> float:
+    """Signed distance of a point from a convex shape, by Coal."""
+    there = coal.Transform3s(placement.rotation, placement.translation)
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return coal.distance(coal.Sphere(1e-12), coal.Transform3s(np.eye(3), point), shape, there, request, result)
+
+
+def plain(distance: float, reach: float) -> float:
+    """The barrier, written down once more."""
+
+    def law(d: float) -> float:
+        return (1.0 - d / reach) ** 2 / (d / reach) ** 3 if d < reach else 0.0
+
+    soft = SOFT
+    if distance >= soft:
+        return law(distance)
+    h = 1e-4 * reach
+    slope, bend = (law(soft + h) - law(soft - h)) / (2 * h), (law(soft + h) - 2 * law(soft) + law(soft - h)) / h**2
+    return law(soft) + slope * (distance - soft) + 0.5 * bend * (distance - soft) ** 2
+
+
+def cost(distance: float, reach: float, floor: float) -> float:
+    """The barrier and what is wanting of the floor, both measured from the clearance."""
+    wanting = (floor - distance) / FLOOR if distance < floor else 0.0
+    return plain(distance, reach) + STEEPNESS * wanting**2
+
+
+def samples_of(*rows: tuple[int, float, float]) -> Samples:
+    segments, fractions, weights = (np.array(column) for column in zip(*rows, strict=True))
+    samples = Samples(
+        segments.astype(np.int64),
+        fractions.astype(float),
+        weights.astype(float),
+        np.full(len(rows), REACH),
+        np.ones(len(rows)),
+    )
+    for array in samples:
+        array.setflags(write=False)
+    return samples
+
+
+class Objective:
+    """The kernel with its outputs as values."""
+
+    def __init__(self, made_for: Problem, samples: Samples, stiffness: float = 0.0, ends: np.ndarray | None = None):
+        self.robot, self.tables = sampled(made_for, ends)
+        self.samples, self.stiffness = samples, np.full(made_for.group.nv, stiffness)
+        self.near = nothing_remembered(len(samples.segments), len(self.robot.groups))
+
+    def __call__(self, path: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        n, nv = path.shape
+        gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
+        value = objective(
+            self.robot,
+            self.tables,
+            self.samples,
+            path,
+            self.stiffness,
+            CLEARANCE,
+            FLOOR,
+            self.near,
+            gradient,
+            diagonal,
+            upper,
+        )
+        return value, gradient, diagonal, upper
+
+
+def at_end(z: np.ndarray) -> np.ndarray:
+    """A path whose last waypoint is z."""
+    return np.vstack([z - 0.1, z])
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
+    made_for, z = made(name)
+    value, *_ = (one := Objective(made_for, samples_of((0, 1.0, 1.0))))(at_end(z))
+    expected = sum(w * cost(d, reach, floor) for d, w, reach, floor in distances(made_for, one.robot, z))
+    assert value == pytest.approx(expected, rel=1e-5)
+    assert value > 0.0
+
+
+@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("seed", range(3))
+def test_its_gradient_is_its_derivative(name: str, seed: int) -> None:
+    made_for, z = made(name, seed)
+    one, step = Objective(made_for, samples_of((0, 1.0, 1.0))), 1e-6
+    gradient = one(at_end(z))[1]
+    numeric = np.array([(one(at_end(z + e))[0] - one(at_end(z - e))[0]) / (2 * step) for e in step * np.eye(len(z))])
+    np.testing.assert_allclose(gradient[1], numeric, rtol=1e-4, atol=1e-4 * np.abs(numeric).max())
+    assert (gradient[0] == 0.0).all()
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_its_hessian_is_gauss_and_newtons(name: str) -> None:
+    made_for, z = made(name)
+    one, step = Objective(made_for, samples_of((0, 1.0, 1.0))), 1e-6
+    *_, diagonal, _ = one(at_end(z))
+    here = distances(made_for, one.robot, z)
+
+    def only(z: np.ndarray) -> np.ndarray:
+        return np.array([d for d, _, _, _ in distances(made_for, one.robot, z)])
+
+    rows = np.array([only(z + e) - only(z - e) for e in step * np.eye(len(z))]).T / (2 * step)
+    h = 1e-6
+    bends = [w * (cost(d + h, r, f) - 2 * cost(d, r, f) + cost(d - h, r, f)) / h**2 for d, w, r, f in here]
+    expected = np.einsum("i,ij,ik->jk", bends, rows, rows)
+    np.testing.assert_allclose(diagonal[1], expected, rtol=2e-2, atol=1e-2 * np.abs(expected).max())
+    np.testing.assert_allclose(diagonal[1], diagonal[1].T, rtol=1e-12)
+    assert np.linalg.eigvalsh(diagonal[1]).min() >= -1e-9 * np.abs(diagonal[1]).max()
+
+
+def test_a_path_gathers_its_samples_on_its_waypoints() -> None:
+    made_for, z = made("panda")
+    rng = np.random.default_rng(5)
+    path = z + 0.05 * rng.normal(size=(4, len(z)))
+    samples = samples_of((0, 0.25, 0.3), (0, 0.5, 1.0), (1, 0.0, 0.7), (2, 0.75, 2.0), (2, 1.0, 0.5))
+    one, step = Objective(made_for, samples, stiffness=3.0), 1e-6
+    value, gradient, diagonal, upper = one(path)
+    numeric = np.empty_like(path)
+    for k in range(4):
+        for j in range(len(z)):
+            e = np.zeros_like(path)
+            e[k, j] = step
+            numeric[k, j] = (one(path + e)[0] - one(path - e)[0]) / (2 * step)
+    np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-4 * np.abs(numeric).max())
+    # blocks: the stretch's, and each sample's Hessian shared by 1 - t and t
+    expected, expected_upper = np.zeros_like(diagonal), np.zeros_like(upper)
+    for k in range(3):
+        expected[k] += 3.0 * np.eye(7)
+        expected[k + 1] += 3.0 * np.eye(7)
+        expected_upper[k] -= 3.0 * np.eye(7)
+    single = Objective(made_for, samples_of((0, 1.0, 1.0)))
+    for k, t, w in zip(samples.segments, samples.fractions, samples.weights, strict=True):
+        H = w * single(at_end((1 - t) * path[k] + t * path[k + 1]))[2][1]
+        expected[k] += (1 - t) ** 2 * H
+        expected[k + 1] += t**2 * H
+        expected_upper[k] += t * (1 - t) * H
+    np.testing.assert_allclose(diagonal, expected, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(upper, expected_upper, rtol=1e-9, atol=1e-6)
+    stretch = 1.5 * (np.diff(path, axis=0) ** 2).sum()
+    alone = sum(
+        w * single(at_end((1 - t) * path[k] + t * path[k + 1]))[0]
+        for k, t, w in zip(samples.segments, samples.fractions, samples.weights, strict=True)
+    )
+    assert value == pytest.approx(stretch + alone)
+
+
+def test_without_obstacles_only_the_stretch_and_the_robot_itself_count() -> None:
+    made_for = problem("panda", scene_of(), planes=())
+    path = np.vstack([made_for.q_start, made_for.q_start + 0.3])
+    one = Objective(made_for, samples_of((0, 0.5, 1.0)), stiffness=2.0, ends=path)
+    value, gradient, *_ = one(path)
+    assert value == pytest.approx(7 * 0.3**2)
+    np.testing.assert_allclose(gradient, np.outer([-1.0, 1.0], np.full(7, 0.6)))
+
+
+def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
+    made_for = problem("panda", scene_of(), planes=())
+    robot, tables = sampled(made_for)
+    rng = np.random.default_rng(0)
+    closest = np.empty(len(robot.pairs))
+    for _ in range(20_000):
+        z = made_for.group.chart(made_for.group.random(rng))
+        pair_distances(robot, tables, z, closest)
+        if LEAST_SELF_RANGE < closest.min() < 0.5 * SELF_RANGE:
+            break
+    assert LEAST_SELF_RANGE < closest.min() < 0.5 * SELF_RANGE
+    strict = Objective(made_for, samples_of((0, 1.0, 1.0)))(at_end(z))[0]
+    lenient = Objective(made_for, samples_of((0, 1.0, 1.0)), ends=z[None])(at_end(z))[0]
+    assert strict > 0.0
+    assert lenient == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None:
+    made_for, _ = made("panda")
+    robot, tables = sampled(made_for)
+    closest, rng = np.empty(len(robot.pairs)), np.random.default_rng(0)
+    for _ in range(20_000):
+        z = made_for.group.chart(made_for.group.random(rng))
+        pair_distances(robot, tables, z, closest)
+        if 0.0 < closest.min() < np.inf:  # links within range, none inside another
+            break
+    assert 0.0 < closest.min() < np.inf
+    own = [d for d, *_ in distances(made_for, robot, z)][robot.points.shape[1] :]
+    at = 0
+    for (g, _), distance in zip(robot.pairs, closest, strict=True):
+        count = robot.groups[g, 3] - robot.groups[g, 1]
+        smallest = min(own[at : at + count])
+        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SELF_RANGE - 1e-6 else np.inf)
+        at += count
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_the_distance_from_obstacles_is_that_of_the_nearest_point(name: str) -> None:
+    made_for, z = made(name)
+    robot, tables = sampled(made_for)
+    nearest = min(d for d, *_ in distances(made_for, robot, z)[: robot.points.shape[1]]) + CLEARANCE
+    assert obstacle_distance(robot, tables, z, np.inf) == pytest.approx(nearest, abs=1e-9)
+    assert obstacle_distance(robot, tables, z, 1.0) == pytest.approx(nearest, abs=1e-9)
+    assert obstacle_distance(robot, tables, z, nearest - 0.01) == nearest - 0.01
+
+
+def test_what_is_remembered_of_bodies_nearby_changes_nothing() -> None:
+    made_for, z = made("panda")
+    rng = np.random.default_rng(3)
+    samples = samples_of((0, 0.25, 0.3), (0, 1.0, 1.0))
+    remembering, moved_far = Objective(made_for, samples), 0
+    for scale in (0.0, 0.01, 0.03, 0.01, 1.0, 0.02, 0.5, 0.01):
+        z = z + scale * rng.normal(size=len(z))
+        before = remembering.near.centres.copy()
+        for found, expected in zip(remembering(at_end(z)), Objective(made_for, samples)(at_end(z)), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        moved_far += int((np.linalg.norm(remembering.near.centres - before, axis=2) > MARGIN).sum())
+    assert moved_far > 10

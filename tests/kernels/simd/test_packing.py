@@ -1,0 +1,48 @@
+"""Words that stand for tuples: what kernels read back, and what can't be packed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numba import njit, types
+
+from guidefield.kernels.simd.f32x16 import pointers
+from guidefield.kernels.simd.packing import packed, unpacked
+
+FLOATS = types.Array(types.float32, 1, "C", readonly=True)
+NUMBERS = types.Array(types.int64, 1, "C")
+
+
+class Inside(NamedTuple):
+    floats: np.ndarray
+    count: int
+
+
+class Outside(NamedTuple):
+    size: int
+    inside: Inside
+    numbers: np.ndarray
+
+
+read = unpacked(types.NamedTuple([types.int64, types.NamedTuple([FLOATS, types.int64], Inside), NUMBERS], Outside))
+
+
+@njit
+def _everything(words):
+    value = read(pointers(words))
+    value.numbers[1] = 7
+    return value.size, value.inside.floats[2], value.inside.count, value.numbers[0]
+
+
+def test_a_kernel_reads_and_writes_what_was_packed() -> None:
+    value = Outside(3, Inside(np.arange(5, dtype=np.float32) + 0.5, -4), np.array([11, 12]))
+    assert _everything(packed(value)) == (3, 2.5, -4, 11)
+    np.testing.assert_array_equal(value.numbers, [11, 7])
+
+
+@pytest.mark.parametrize("value", [(1.5,), ("text",), (np.eye(3)[:, :2],)])
+def test_what_kernels_could_not_read_is_refused(value: tuple) -> None:
+    with pytest.raises(TypeError, match="can't be packed"):
+        packed(value)

@@ -1,0 +1,56 @@
+"""The exact extrema of a Hermite curve against its roots and against dense samples."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.interpolate import CubicHermiteSpline
+
+from guidefield.kernels.timing.hermite import piece_peaks
+from tests.knots import random_knots
+
+
+def peaks(kernel, times, positions, velocities):
+    speeds, accelerations = np.full((2, len(times) - 1, positions.shape[1]), np.nan)
+    kernel(times, positions, velocities, speeds, accelerations)
+    return speeds, accelerations
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_no_sample_exceeds_them_and_one_reaches_them(seed):
+    times, positions, velocities = random_knots(seed)
+    curve = CubicHermiteSpline(times, positions, velocities)
+    speeds, accelerations = peaks(piece_peaks, times, positions, velocities)
+    for i in range(len(times) - 1):
+        # a sample next to the right end: exactly there scipy evaluates the next piece
+        inside = np.append(np.linspace(times[i], times[i + 1], 1000)[:-1], np.nextafter(times[i + 1], -1.0))
+        turns = [r for c in range(3) for r in roots_between(curve, c, times[i], times[i + 1])]
+        inside = np.concatenate([inside, turns])
+        size_v, size_a = np.abs(curve(inside, 1)).max(axis=0), np.abs(curve(inside, 2)).max(axis=0)
+        np.testing.assert_allclose(speeds[i], size_v, rtol=1e-9)
+        np.testing.assert_allclose(accelerations[i], size_a, rtol=1e-9)
+
+
+def roots_between(curve, coordinate, start, end):
+    """Times strictly inside a piece at which a coordinate's acceleration vanishes, by linear interpolation."""
+    a, b = curve(start, 2)[coordinate], curve(np.nextafter(end, start), 2)[coordinate]
+    return [start + (end - start) * a / (a - b)] if a * b < 0.0 else []
+
+
+def test_a_constant_speed_has_no_acceleration():
+    times = np.array([0.0, 0.3, 1.0])
+    speeds, accelerations = peaks(piece_peaks, times, 2.0 * times[:, None], np.full((3, 1), 2.0))
+    np.testing.assert_allclose(speeds, 2.0, rtol=1e-15)
+    np.testing.assert_allclose(accelerations, 0.0, atol=1e-13)
+
+
+def test_from_rest_to_rest_in_one_piece_is_fastest_in_the_middle():
+    # q = 3 t² - 2 t³
+    speeds, accelerations = peaks(piece_peaks, np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), np.zeros((2, 1)))
+    assert speeds[0, 0] == pytest.approx(1.5, rel=1e-15)
+    assert accelerations[0, 0] == pytest.approx(6.0, rel=1e-15)
+
+
+def test_runs_undecorated():
+    knots = random_knots(5)
+    np.testing.assert_allclose(peaks(piece_peaks.py_func, *knots), peaks(piece_peaks, *knots), rtol=1e-12)

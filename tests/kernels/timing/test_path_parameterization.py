@@ -1,0 +1,93 @@
+"""The speed profile against a linear program at every grid point, and against a bang-bang motion."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.optimize import linprog
+
+from guidefield.kernels.timing.path_parameterization import fastest_speeds
+
+
+def profile(first, second, steps, caps, limits, kernel=fastest_speeds):
+    controllable, x = np.full(len(first), np.nan), np.full(len(first), np.nan)
+    kernel(first, second, steps, caps, limits, controllable, x)
+    return controllable, x
+
+
+FEASIBLE = 1e-7
+"""How far HiGHS lets a solution stray beyond its constraints."""
+
+
+def random_path(seed, points=12, nv=3):
+    rng = np.random.default_rng(seed)
+    first = rng.normal(size=(points, nv))
+    second = rng.normal(size=(points, nv)) * 10.0 ** rng.uniform(-1, 1)
+    first[:, 0] *= rng.integers(0, 2)  # sometimes a joint that stays, or has only curvature
+    steps = rng.uniform(0.05, 0.5, points - 1)
+    return first, second, steps, rng.uniform(0.5, 5.0, points), rng.uniform(0.5, 5.0, (points - 1, nv))
+
+
+def constraints(first, second, steps, limits, i, x_next):
+    """Rows of A (x, u) <= b of step i: both ends of the step, and 0 <= x + 2 h u <= x_next."""
+    h = steps[i]
+    rows, bounds = [], []
+    for j, limit in enumerate(limits[i]):
+        near = (second[i, j], first[i, j])
+        far = (second[i + 1, j], first[i + 1, j] + 2.0 * h * second[i + 1, j])
+        for row in (near, far):
+            rows += [row, (-row[0], -row[1])]
+            bounds += [limit, limit]
+    return np.array([*rows, (1.0, 2.0 * h), (-1.0, -2.0 * h)]), np.array([*bounds, x_next, 0.0])
+
+
+def largest(objective, rows, bounds, x_range):
+    found = linprog(-np.array(objective), rows, bounds, bounds=[x_range, (None, None)], method="highs")
+    assert found.status == 0, found.message
+    return -found.fun
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_agrees_with_a_linear_program_at_every_point(seed):
+    first, second, steps, caps, limits = random_path(seed)
+    controllable, x = profile(first, second, steps, caps, limits)
+    assert x[0] == x[-1] == controllable[-1] == 0.0
+    for i in range(len(steps)):
+        rows, bounds = constraints(first, second, steps, limits, i, controllable[i + 1])
+        assert controllable[i] == pytest.approx(
+            largest((1.0, 0.0), rows, bounds, (0.0, caps[i])), rel=1e-6, abs=FEASIBLE
+        )
+        x_next = largest((1.0, 2.0 * steps[i]), rows, bounds, (x[i] * (1 - 1e-12), x[i]))
+        assert x[i + 1] == pytest.approx(x_next, rel=1e-6, abs=FEASIBLE)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.1, 10.0))
+def test_limits_k_times_as_large_allow_squared_speeds_k_times_as_large(seed, factor):
+    first, second, steps, caps, limits = random_path(seed)
+    _, x = profile(first, second, steps, caps, limits)
+    _, scaled = profile(first, second, steps, factor * caps, factor * limits)
+    np.testing.assert_allclose(scaled, factor * x, rtol=1e-9, atol=1e-12)
+
+
+def test_runs_undecorated():
+    path = random_path(3)
+    np.testing.assert_allclose(profile(*path, kernel=fastest_speeds.py_func), profile(*path), rtol=1e-12)
+
+
+def test_a_straight_path_is_bang_bang():
+    points, limit = 101, 2.0
+    s = np.linspace(0.0, 1.0, points)
+    straight = np.ones((points, 1)), np.zeros((points, 1))
+    _, x = profile(*straight, np.diff(s), np.full(points, 100.0), np.full((points - 1, 1), limit))
+    np.testing.assert_allclose(x, 2.0 * limit * np.minimum(s, 1.0 - s), atol=1e-12)
+
+
+def test_a_limit_on_curvature_alone_caps_the_speed():
+    # joint 0 turns back in the middle: there q' = 0 and only |q''| x <= A binds
+    s = np.linspace(-1.0, 1.0, 41)
+    first, second = np.stack([-2.0 * s, np.ones(41)], axis=1), np.tile([-2.0, 0.0], (41, 1))
+    _, x = profile(first, second, np.diff(s), np.full(41, 1e6), np.tile([3.0, 1e6], (40, 1)))
+    assert first[20, 0] == 0.0
+    assert x[20] == pytest.approx(1.5, rel=0.05)
+    assert x[20] <= 1.5

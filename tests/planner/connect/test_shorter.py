@@ -1,0 +1,105 @@
+"""Connections made shorter round by round: never longer, the same for the same seed, ended by the budget."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.errors import Status
+from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.connect import connect
+from guidefield.planner.connect.sample_sources import sources_of
+from guidefield.planner.connect.shorter import LEAST, Rounds, Shorter, shorter
+from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.task.problem import Budget
+from tests.planner.connect.test_connect import wall_between
+from tests.planner.problems import densely_free, problem
+from tests.robots import box_arm, group, grouped
+
+COARSE = 32.0
+
+
+def first_path(seed: int = 0) -> tuple:
+    made, start, goal = wall_between()
+    rng = np.random.default_rng(seed)
+    found = tree_search.grow(made.lanes, start[None], goal[None], COARSE, 0.0, rng, Budget())
+    assert found.path is not None
+    return made, found.path
+
+
+def improved(number: int, accepted: bool = True, seed: int = 0, **budget: object) -> tuple[Shorter, np.ndarray]:
+    made, path = first_path()
+    bounded = problem("panda", made.scene, budget=Budget(**budget))
+    rounds, rng = Rounds(number, COARSE, 0.0), np.random.default_rng(seed)
+    return shorter(bounded, path, path[-1:], rounds, rng, lambda _: accepted), path
+
+
+def test_more_rounds_make_no_longer_paths_with_the_same_ends() -> None:
+    lengths = []
+    for number in (0, 1, 3, 10):
+        better, path = improved(number)
+        np.testing.assert_array_equal(better.path[[0, -1]], path[[0, -1]])
+        lengths.append(length_of(better.path))
+        assert better.rounds == number
+    assert lengths[0] == length_of(path)
+    assert (np.diff(lengths) <= 0.0).all()
+    assert lengths[-1] < (1.0 - LEAST) * lengths[0]
+
+
+def test_the_same_seed_gives_the_same_path_with_any_time_that_suffices() -> None:
+    one, _ = improved(5)
+    other, _ = improved(5, deadline=time.monotonic() + 600.0)
+    np.testing.assert_array_equal(one.path, other.path)
+    assert not np.array_equal(one.path, improved(5, seed=1)[0].path)
+
+
+def test_what_is_not_accepted_is_not_taken() -> None:
+    better, path = improved(3, accepted=False)
+    assert better.path is path
+
+
+@pytest.mark.parametrize("stop", [{"deadline": 0.0}, {"cancelled": lambda: True}])
+def test_a_spent_budget_ends_the_rounds_and_keeps_the_path(stop: dict[str, object]) -> None:
+    better, path = improved(1_000_000, **stop)
+    assert better.path is path
+    assert better.rounds == 0
+    assert "time ended them" in better.message
+
+
+def test_time_ends_the_rounds() -> None:
+    better, path = improved(1_000_000, deadline=time.monotonic() + 0.2)
+    assert better.rounds < 1_000_000
+    assert "of 1000000: time ended them" in better.message
+    assert length_of(better.path) <= length_of(path)
+
+
+def test_a_connection_that_is_asked_for_more_is_shorter_and_certified() -> None:
+    made, start, goal = wall_between()
+    asked = problem("panda", made.scene, optimization_iterations=8)
+    plain, more = (connect(one, start, goal[None], np.random.default_rng(2)) for one in (made, asked))
+    assert more.status is Status.SUCCESS
+    assert length_of(more.path) <= length_of(plain.path)
+    assert "shorter in 8 rounds" in more.message
+    assert "rounds" not in plain.message
+    assert densely_free(asked, more.path)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10_000), st.floats(1.0, 1.8), st.booleans())
+def test_a_point_on_a_path_that_is_short_enough_is_in_the_box(seed: int, more: float, wraps: bool) -> None:
+    planned = grouped(box_arm("continuous x oblique-continuous slide", 4)) if wraps else group("panda")
+    rng, sources = np.random.default_rng(seed), sources_of(planned)
+    start, goal, via = (planned.chart(planned.random(rng)) for _ in range(3))
+    goal = planned.unwrapped(goal, start)
+    via = start + rng.random() * (planned.unwrapped(via, start) - start)
+    length = sum(np.linalg.norm(b - planned.unwrapped(a, b)) for a, b in ((start, via), (goal, via)))
+    box = sources.between(start[None], goal[None], more * length).sampling
+    above = via - box.lower
+    turns = box.period > 0.0
+    above[turns] %= box.period[turns]
+    assert (above >= -1e-9).all()
+    assert (above <= box.width + 1e-9).all()
+    assert (box.width <= sources.sampling.width + 1e-9).all()

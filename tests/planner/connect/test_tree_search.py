@@ -1,0 +1,197 @@
+"""Trees on lanes: the sequence, room that grows, the budget, whole turns; what they find is free at its samples."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numba import int64, void
+
+from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.world import World
+from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.simd.f32x16 import INTEGERS_OUT, LANES, lane_kernel, pointers
+from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.tree.nodes import PLANTED, search_of
+from guidefield.kernels.tree.rrt_connect import way_of
+from guidefield.messages import scene as messages
+from guidefield.messages.requests import UrdfText
+from guidefield.planner.connect import tree_search
+from guidefield.planner.task.problem import Budget
+from tests.planner.connect.test_connect import wall_between
+from tests.planner.problems import scene_of
+from tests.robots import box_arm, grouped
+
+
+def search(seed: int = 0, **budget: object) -> tuple[tree_search.Found, Lanes]:
+    made, start, goal = wall_between()
+    lanes = made.lanes
+    assert lanes is not None
+    rng = np.random.default_rng(seed)
+    return tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget(**budget)), lanes
+
+
+@pytest.mark.parametrize("locked", [0.1, 0.7])  # the nearest float32 is above the one and below the other
+def test_rounding_takes_no_sample_beyond_a_limit(locked: float) -> None:
+    joints = box_arm("y y y", 3).text.split("</joint>")
+    joints[1] = joints[1].replace('lower="-2" upper="2"', f'lower="{locked}" upper="{locked}"')
+    arm = grouped(UrdfText(text="</joint>".join(joints)))
+    world = World.build(arm, scene_of(messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))))
+    lanes, ends = Lanes.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
+    found = tree_search.grow(lanes, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Budget())
+    assert found.path is not None
+    assert len(found.path) > 2
+    assert (found.path[:, 1] == locked).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_of_what_is_found_are_free(seed: int) -> None:
+    found, lanes = search(seed)
+    assert found.path is not None
+    _, start, goal = wall_between()
+    np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
+    for a, b in pairwise(found.path):
+        count = 1 + int(32.0 * np.linalg.norm(b - a))
+        for t in np.linspace(0.0, 1.0, count)[1:]:
+            z = a + t * (b - a)
+            assert not lanes.world.in_collision(z) or lanes.world.clearance(z).obstacle_distance > -0.02
+    assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+
+
+def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before() -> None:
+    made, start, goal = wall_between()
+    paths = []
+    for _ in range(3):
+        found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(3), Budget())
+        paths.append(found.path)
+    np.testing.assert_array_equal(paths[0], paths[1])
+    np.testing.assert_array_equal(paths[0], paths[2])
+    assert not np.array_equal(paths[0], search(4)[0].path)
+
+
+def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    plenty = search(1)[0]
+    monkeypatch.setattr(tree_search, "FIRST_CAPACITY", 3)
+    scarce = search(1)[0]
+    assert scarce.path is not None
+    assert plenty.path is not None
+    np.testing.assert_array_equal(scarce.path[[0, -1]], plenty.path[[0, -1]])
+
+
+def test_a_spent_budget_ends_it() -> None:
+    assert search(deadline=time.monotonic())[0].path is None
+    assert search(cancelled=lambda: True)[0].path is None
+
+
+def test_angles_that_wrap_go_the_short_way_round() -> None:
+    planned = grouped(box_arm("continuous", 1))
+    lanes = Lanes.build(World.build(planned, scene_of()))
+    start, goal = np.array([3.0]), np.array([-3.0])
+    found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Budget())
+    assert found.path is not None
+    assert (np.abs(np.diff(found.path, axis=0)) < np.pi).all()
+    np.testing.assert_allclose(np.cos(found.path[-1]), np.cos(goal), atol=1e-6)
+    np.testing.assert_allclose(np.sin(found.path[-1]), np.sin(goal), atol=1e-6)
+
+
+def test_one_of_several_goals_is_reached() -> None:
+    made, start, goal = wall_between()
+    goals = np.stack([goal, goal + 0.02])
+    found = tree_search.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Budget())
+    assert found.path is not None
+    assert any(np.array_equal(found.path[-1], goal) for goal in goals)
+    # roots may lie in memory as they like
+    across = tree_search.grow(
+        made.lanes, start[None], np.asfortranarray(goals), 32.0, 0.0, np.random.default_rng(0), Budget()
+    )
+    np.testing.assert_array_equal(across.path, found.path)
+
+
+def test_roots_have_as_many_coordinates_as_the_robot() -> None:
+    made, start, goal = wall_between()
+    for starts, goals in ((start[None, :-1], goal[None]), (start[None], np.append(goal, 0.0)[None])):
+        with pytest.raises(ValueError, match="coordinates"):
+            tree_search.grow(made.lanes, starts, goals, 32.0, 0.0, np.random.default_rng(0), Budget())
+
+
+def test_what_is_found_says_what_was_counted_whatever_is_searched_next() -> None:
+    first = search(0)[0]
+    told = first.iterations, first.motions, first.sizes, first.tried
+    assert first.sizes == tuple(len(points) for points, _ in first.trees())
+    assert sum(first.tried) <= first.motions
+    assert min(first.sizes) >= 1
+    search(5)
+    assert told == (first.iterations, first.motions, first.sizes, first.tried)
+
+
+def test_a_search_without_time_holds_its_roots() -> None:
+    _, start, goal = wall_between()
+    found = search(deadline=0.0)[0]
+    assert found.sizes == (1, 1)
+    assert found.iterations == found.motions == 0
+    for (points, parents), root in zip(found.trees(), (start, goal), strict=True):
+        np.testing.assert_array_equal(points, root[None].astype(np.float32))
+        np.testing.assert_array_equal(parents, [-1])
+
+
+def test_searches_of_two_threads_do_not_share_memory() -> None:
+    alone = [search(seed)[0].path for seed in range(4)]
+    with ThreadPoolExecutor(4) as threads:
+        together = [found.path for found, _ in threads.map(search, range(4))]
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_what_a_path_was_read_from_may_be_used_again() -> None:
+    first = search(0)[0].path
+    assert first is not None
+    kept = first.copy()
+    search(1)
+    np.testing.assert_array_equal(first, kept)
+
+
+def sliding_box() -> UrdfText:
+    """A box of 0.1 m that slides in x and in y, by 8 m to either side."""
+    link = '<link name="{}"/><joint name="{}" type="prismatic"><parent link="{}"/><child link="{}"/><axis xyz="{}"/>'
+    limit = '<limit lower="-8" upper="8" effort="1" velocity="1"/></joint>'
+    parts = [link.format("world", "x", "world", "along", "1 0 0"), link.format("along", "y", "along", "box", "0 1 0")]
+    body = '<link name="box"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    return UrdfText(text=f'<robot name="slider">{parts[0]}{limit}{parts[1]}{limit}{body}</robot>')
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
+    """Between start and goal, 2 m apart, is a wall that ends 12 m away: farther than most samples are from the way."""
+    wall = messages.Box(name="wall", size=(0.1, 14.0, 1.0), position=(0.0, -1.0, 0.0))
+    lanes = Lanes.build(World.build(grouped(sliding_box()), scene_of(wall)))
+    start, goal = np.array([[-1.0, -6.0]]), np.array([[1.0, -6.0]])
+    found = tree_search.grow(lanes, start, goal, 32.0, 0.0, np.random.default_rng(seed), Budget())
+    assert found.path is not None
+    assert found.path[:, 1].max() > 6.0
+    assert found.motions < 5000
+    assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+
+
+@lane_kernel(void(INDICES, int64, INTEGERS_OUT))
+def ways(search: Words, capacity: int, pairs_out: np.ndarray) -> None:
+    trees = search_of(pointers(search))
+    for turn in range(len(pairs_out) // 2):
+        way = way_of(trees, turn)
+        pairs_out[2 * turn] = way.start
+        pairs_out[2 * turn + 1] = way.goal - trees.nv * capacity
+
+
+def test_every_pair_of_roots_has_its_turns() -> None:
+    """At the samples sixteen by sixteen, and at all of them."""
+    room = tree_search._Room.build(2, 64)
+    room.search.counters[PLANTED : PLANTED + 2] = 3, 16
+    pairs = np.empty(2 * 16 * 480, np.int64)
+    ways(room.words, 64, pairs)
+    for rows in (pairs.reshape(-1, 2), pairs.reshape(-1, 2)[::LANES]):
+        counts = np.bincount(rows @ np.array([16, 1]), minlength=48)
+        assert len(counts) == 48
+        assert counts.min() >= 0.5 * counts.mean()
+        assert counts.max() <= 1.5 * counts.mean()

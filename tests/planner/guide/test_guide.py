@@ -1,0 +1,164 @@
+"""The guided planner: planes are crossed, every step is free, and its "no" is honest."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guided_path import reach_point
+from guidefield.planner.guide.rounds import ON_PLANE
+from guidefield.planner.guide.tip_reach import inset_of, tip_radius
+from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.trace import Step
+from guidefield.scene.guide_plane import build
+from tests.planner.problems import densely_free, problem, scene_of, seed_problem
+from tests.robots import box_arm, grouped, rest
+
+
+def plane_at(x: float, half: float = 0.1, y: float = 0.0, z: float = 0.5) -> messages.GuidePlane:
+    corners = [(x, y - half, z - half), (x, y + half, z - half), (x, y + half, z + half), (x, y - half, z + half)]
+    return messages.GuidePlane(name="GP", vertices=corners)
+
+
+@pytest.mark.parametrize("scene", ["bookshelf", "wall_with_window"])
+def test_every_plane_is_crossed_in_order_and_every_step_is_free(scene: str) -> None:
+    made = problem("panda", scene)
+    q = made.q_start
+    assert len(made.guide_planes) >= 2
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index)
+        assert crossing.status is Status.SUCCESS, crossing.message
+        np.testing.assert_array_equal(crossing.path[0], q)
+        q = crossing.path[-1]
+        tip = made.kinematics.tip_position(q)
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
+        assert plane.contains(tip)
+        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.01)
+
+
+@pytest.mark.parametrize("title", ["seed_e_L_3_planar", "seed_e_L_6_planar"])
+def test_a_snake_on_a_plane_goes_round_the_corner_of_a_tube(title: str) -> None:
+    made = seed_problem(title)
+    q = made.q_start
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index)
+        assert crossing.status is Status.SUCCESS, crossing.message
+        assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.02)
+        q = crossing.path[-1]
+        tip = made.kinematics.tip_position(q)
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
+        assert tip[2] == 0.0
+
+
+def test_the_field_lowers_the_potential_on_the_way() -> None:
+    made = problem("panda", "bookshelf")
+    cross(made, made.q_start, made.guide_planes[0], 0)
+    steps = [event for event in made.observer.events if isinstance(event, Step)]
+    assert {"start", "advance", "descend"} <= {step.kind for step in steps}
+    assert all(step.plane == 0 for step in steps)
+
+
+@pytest.mark.parametrize("name", ["ur5", "xarm7", "kinova"])
+def test_other_arms_cross_a_plane_in_front_of_them(name: str) -> None:
+    made = problem(name, scene_of(planes=[]))
+    tip = made.kinematics.tip_position(made.q_start)
+    toward = tip + np.array([0.0, 0.12, 0.05])
+    corners = [toward + np.array([dx, 0.0, dz]) for dx, dz in ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))]
+    plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c) for c in corners]), 0)
+    crossing = cross(made, made.q_start, plane, 0)
+    assert crossing.status is Status.SUCCESS, crossing.message
+    assert abs(plane.signed_height(made.kinematics.tip_position(crossing.path[-1]))) <= ON_PLANE
+
+
+def test_a_chain_of_one_joint_kind_after_another_crosses_a_plane() -> None:
+    planned = grouped(box_arm("continuous x slide oblique y", 0, size=0.25))
+    made = problem(planned, scene_of())
+    start = planned.integrate(rest(planned), np.full(planned.nv, 0.3))
+    tip = made.kinematics.tip_position(start)
+    corners = [tip + np.array([0.15, dy, dz]) for dy, dz in ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))]
+    plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c) for c in corners]), 0)
+    assert cross(made, start, plane, 0).status is Status.SUCCESS
+
+
+def test_the_tip_heads_for_the_polygon_inset_by_its_own_radius() -> None:
+    made = problem("panda", scene_of())
+    plane = build(plane_at(0.45, half=0.1), 0)
+    assert tip_radius(made) > 0.005
+    assert inset_of(made, plane) == pytest.approx(1.6 * tip_radius(made))
+    narrow = build(plane_at(0.45, half=0.012), 0)
+    assert inset_of(made, narrow) == pytest.approx(0.8 * narrow.inradius)
+
+
+def test_a_plane_out_of_reach_is_refused_at_once() -> None:
+    made = problem("panda", scene_of())
+    crossing = cross(made, made.q_start, build(plane_at(3.0), 0), 0)
+    assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
+    assert "the arm reaches" in crossing.message
+    assert crossing.details["guide_plane"] == "GP"
+    assert len(crossing.path) == 1
+
+
+def test_a_plane_too_small_for_the_tip_is_refused_at_once() -> None:
+    made = problem("panda", scene_of())
+    crossing = cross(made, made.q_start, build(plane_at(0.45, half=0.002), 0), 0)
+    assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
+    assert "inscribed radius" in crossing.message
+
+
+def test_a_plane_inside_an_obstacle_is_refused_at_once() -> None:
+    made = problem("panda", scene_of(messages.Box(name="block", size=(0.2, 0.4, 0.4), position=(0.6, 0.0, 0.5))))
+    crossing = cross(made, made.q_start, build(plane_at(0.6), 0), 0)
+    assert crossing.status is Status.GUIDE_PLANE_UNREACHABLE
+    assert crossing.details["obstacle"] == "block"
+
+
+def test_a_plane_behind_a_wall_gets_it_stuck_with_the_pair_named() -> None:
+    wall = messages.Box(name="wall", size=(0.02, 3.0, 3.0), position=(0.55, 0.0, 0.5))
+    made = problem("panda", scene_of(wall))
+    crossing = cross(made, made.q_start, build(plane_at(0.7), 0), 0)
+    assert crossing.status is Status.STUCK_IN_MINIMUM
+    assert crossing.details["distance"] > 0.05
+    assert crossing.details["pair"] is not None
+    assert "wall" in crossing.details["pair"]
+    assert densely_free(made, made.group.chart_path(list(crossing.path)), step=0.01)
+
+
+def test_a_plane_that_joint_limits_keep_out_of_reach_is_unreachable() -> None:
+    made = problem("panda", scene_of())
+    # within the sum of the link lengths, but under the base's own column and beyond the elbow's limits
+    crossing = cross(made, made.q_start, build(plane_at(0.0, half=0.05, z=-0.75), 0), 0)
+    assert crossing.status in (Status.GUIDE_PLANE_UNREACHABLE, Status.STUCK_IN_MINIMUM)
+    assert crossing.details["distance"] > 0.01
+
+
+def test_the_budget_ends_it() -> None:
+    made = problem("panda", "bookshelf", budget=Budget(time.monotonic() - 1.0))
+    late = cross(made, made.q_start, made.guide_planes[0], 0)
+    assert late.status is Status.TIMED_OUT
+    assert late.message.startswith(f"time was up {1000 * late.details['distance']:.0f} mm before guide plane 'GP1'")
+    made = problem("panda", "bookshelf", budget=Budget(cancelled=lambda: True))
+    assert cross(made, made.q_start, made.guide_planes[0], 0).status is Status.PREEMPTED
+
+
+def test_the_same_problem_gives_the_same_path_bit_for_bit() -> None:
+    paths = []
+    for _ in range(2):
+        made = problem("panda", "wall_with_window")
+        paths.append(cross(made, made.q_start, made.guide_planes[0], 0).path)
+    np.testing.assert_array_equal(*paths)
+
+
+def test_reach_point_moves_the_tip_exactly_and_within_limits() -> None:
+    made = problem("panda", scene_of())
+    for offset in np.eye(3) * 0.1:
+        target = made.kinematics.tip_position(made.q_start) + offset
+        q = reach_point(made, made.q_start, target)
+        assert q is not None
+        np.testing.assert_allclose(made.kinematics.tip_position(q), target, atol=1e-6)
+        assert np.all((q >= made.group.lower) & (q <= made.group.upper))
+    assert reach_point(made, made.q_start, np.array([5.0, 0.0, 0.0])) is None

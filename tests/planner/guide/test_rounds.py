@@ -1,0 +1,64 @@
+"""Rounds in one kernel are the rounds that are made step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guidefield.planner.guide.aim import Aim
+from guidefield.planner.guide.guide import margin_at
+from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.projected import Projected
+from guidefield.planner.guide.rounds import AT_ONCE, FIRST_STEP, Attempt, Made, Round, approach, rounds
+from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.task.trace import Step
+from guidefield.potential import Precision, RobotField
+from tests.planner.problems import problem, scene_of, seed_problem
+
+ATTEMPT = Attempt(Projected(), FIRST_STEP)
+
+
+@pytest.mark.parametrize("title", ["seed_c_blocked", "seed_d_passage_3", "seed_e_L_6"])
+def test_the_same_way_to_a_plane(title: str) -> None:
+    made = seed_problem(title)
+    plane = made.guide_planes[0]
+    aim = Aim(plane, inset_of(made, plane))
+    walkers = [Walker(made, made.q_start, margin_at(made, made.q_start), 0) for _ in range(2)]
+    at_once: list[Made] = []
+    while not at_once or at_once[-1].ended is Round.NEARER:
+        at_once += rounds(walkers[0], aim, ATTEMPT)
+    one_by_one = []
+    while not one_by_one or one_by_one[-1].ended is Round.NEARER:
+        before = aim.distance(walkers[1].tip)
+        one_by_one.append(Made(approach(walkers[1], aim, ATTEMPT), before, aim.distance(walkers[1].tip)))
+    assert at_once[-1].ended is Round.ARRIVED
+    assert [made.ended for made in at_once] == [made.ended for made in one_by_one]
+    for a, b in zip(at_once, one_by_one, strict=True):
+        np.testing.assert_allclose((a.before, a.after), (b.before, b.after), atol=1e-9)
+    np.testing.assert_allclose(walkers[0].path, walkers[1].path, atol=1e-8)
+
+
+def test_steps_are_told_as_they_were_taken_and_one_kernel_makes_no_more_rounds_than_it_may() -> None:
+    made = seed_problem("seed_d_passage_3")
+    told: list[Step] = []
+    object.__setattr__(made, "observer", type("Observer", (), {"observe": staticmethod(told.append)}))
+    plane = made.guide_planes[0]
+    walker = Walker(made, made.q_start, margin_at(made, made.q_start), 0)
+    ended = list(rounds(walker, Aim(plane, inset_of(made, plane)), ATTEMPT))
+    assert len(ended) == AT_ONCE
+    assert [step.kind for step in told].count("advance") == AT_ONCE
+    assert told[0].kind == "advance"
+    group, field = made.group, RobotField(made.group, made.scene, Precision.DOUBLE)
+    for step in told:
+        if step.kind == "descend":
+            assert step.potential == pytest.approx(field.potential(step.q), rel=1e-6)
+    assert {tuple(q) for q in walker.path[1:]} <= {tuple(step.q) for step in told}
+    assert walker.path[-1] is told[-1].q
+    assert len(walker.path[0]) == group.nq
+
+
+def test_robots_that_capsules_dont_tell_exactly_go_round_by_round() -> None:
+    made = problem("panda", scene_of())
+    plane = seed_problem("seed_d_passage_3").guide_planes[0]
+    walker = Walker(made, made.q_start, 2e-3, 0)
+    assert len(list(rounds(walker, Aim(plane, 0.0), ATTEMPT))) == 1

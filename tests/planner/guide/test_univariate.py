@@ -1,0 +1,113 @@
+"""The seed's own minimizer: it lowers U, keeps what it has to, crosses planes, and says for which robots it is."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from guidefield.errors import InvalidGroup, Status
+from guidefield.planner.guide.aim import ANYWHERE
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.descent import descend
+from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.minimizer import Minimizer
+from guidefield.planner.guide.projected import Projected
+from guidefield.planner.guide.rounds import ON_PLANE
+from guidefield.planner.guide.tip_constraints import on_plane
+from guidefield.planner.guide.univariate import Univariate
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.link_chain import link_chain
+from tests.planner.problems import densely_free, seed_problem
+from tests.robots import ARMS, box_arm, group, grouped
+
+SCENES = ("seed_a_gates", "seed_d_passage_3", "seed_a_gates_universal", "seed_d_passage_6_universal")
+NORMAL = np.array([0.6, 0.0, 0.8])
+
+
+def settled(made: Problem, minimizer: Minimizer, normal: np.ndarray = NORMAL) -> Walker:
+    walker = Walker(made, made.q_start, 2e-3, 0)
+    minimizer.settle(walker, walker.tip, normal, ANYWHERE)
+    return walker
+
+
+@pytest.mark.parametrize("title", SCENES)
+def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title: str) -> None:
+    made = seed_problem(title)
+    walker = settled(made, Univariate(link_chain(made.group)))
+    tip = made.kinematics.tip_position(made.q_start)
+    assert made.robot_field.potential(walker.q) < 0.99 * made.robot_field.potential(made.q_start)
+    assert abs(NORMAL @ (walker.tip - tip)) < 1e-6
+    assert densely_free(made, made.group.chart_path(list(walker.path)), step=0.02)
+
+
+@pytest.mark.parametrize(("title", "left"), [("seed_a_gates", 0.02), ("seed_e_L_3", 0.06)])
+def test_where_it_ends_no_axis_leads_on(title: str, left: float) -> None:
+    """Descending on from there, over all axes at once, brings little: its accuracy is half a degree.
+
+    A chain that nothing holds follows each link's own torque, which comes to rest a little above the least U.
+    """
+    made = seed_problem(title)
+    walker = settled(made, Univariate(link_chain(made.group)))
+    lowest = descend(walker, on_plane(walker.tip, NORMAL), ANYWHERE).potential
+    assert made.robot_field.potential(walker.q) <= (1.0 + left) * lowest
+
+
+@pytest.mark.parametrize("title", SCENES[:3])
+def test_every_plane_is_crossed(title: str) -> None:
+    made = seed_problem(title)
+    q = made.q_start
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index, ATTEMPTS["univariate"](made.group))
+        assert crossing.status is Status.SUCCESS, crossing.message
+        q = crossing.path[-1]
+        tip = made.kinematics.tip_position(q)
+        assert abs(plane.signed_height(tip)) <= ON_PLANE
+        assert plane.contains(tip)
+
+
+@pytest.mark.parametrize(("title", "least"), [("seed_b_tapered", 0.044), ("seed_c_blocked", 0.015)])
+def test_rounds_that_come_near_obstacles_on_the_way_are_made_in_shorter_advances(title: str, least: float) -> None:
+    """The issue's clearance, by Coal, at points along the straight motions between the path's configurations."""
+    made = seed_problem(title)
+    q, group = made.q_start, made.group
+    for index, plane in enumerate(made.guide_planes):
+        crossing = cross(made, q, plane, index, ATTEMPTS["univariate"](group))
+        q = crossing.path[-1]
+        for start, end in pairwise(crossing.path):
+            a = group.chart(start)
+            b = group.unwrapped(group.chart(end), a)
+            between = [group.from_chart(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 8)]
+            assert min(made.world.clearance(p).obstacle_distance for p in between) >= least
+
+
+@pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])
+def test_run_to_convergence_projected_ends_at_its_potential_or_below(title: str) -> None:
+    made = seed_problem(title)
+    projected = settled(made, Projected(tolerance=1e-9, most_steps=400)).q
+    univariate = settled(made, Univariate(link_chain(made.group), negligible=1e-6, most_rounds=40)).q
+    lowest, other = made.robot_field.potential(projected), made.robot_field.potential(univariate)
+    assert lowest <= other * (1.0 + 5e-4)
+
+
+def test_it_is_deterministic() -> None:
+    ends = [settled(made, Univariate(link_chain(made.group))).q for made in map(seed_problem, SCENES[:1] * 2)]
+    np.testing.assert_array_equal(*ends)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_arms_are_refused_by_name(name: str) -> None:
+    with pytest.raises(InvalidGroup, match=r"univariate.*ball joints.*projected"):
+        ATTEMPTS["univariate"](group(name))
+    assert len(ATTEMPTS["projected"](group(name))) == 3
+
+
+def test_why_a_chain_does_not_fit_is_said() -> None:
+    with pytest.raises(InvalidGroup, match="different places"):
+        link_chain(grouped(box_arm("x y x y", 0)))
+    with pytest.raises(InvalidGroup, match="is prismatic"):
+        link_chain(grouped(box_arm("slide x y", 0)))
+    with pytest.raises(InvalidGroup, match="other joints follow"):
+        link_chain(grouped(box_arm("x mimic y", 0)))

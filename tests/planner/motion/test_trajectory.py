@@ -1,0 +1,103 @@
+"""The Hermite curve against scipy's; its ends, its samples, and a motion that goes nowhere."""
+
+import numpy as np
+import pytest
+import scipy.interpolate
+from hypothesis import given, settings, strategies as st
+
+from guidefield.planner.motion.trajectory import Trajectory
+from tests.knots import random_knots
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS)
+def test_agrees_with_scipy(seed):
+    knots = random_knots(seed)
+    trajectory = Trajectory(*knots)
+    oracle = scipy.interpolate.CubicHermiteSpline(*knots)
+    times = np.linspace(0.0, trajectory.duration, 333)
+    for derivative, mine in enumerate(trajectory.evaluate(times)):
+        expected = oracle(times, derivative)
+        np.testing.assert_allclose(mine, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
+    expected = oracle(knots[0], 2)
+    np.testing.assert_allclose(trajectory.accelerations, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    jerks = oracle.derivative(3)((knots[0][1:] + knots[0][:-1]) / 2)
+    assert trajectory.peak_jerk == pytest.approx(np.abs(jerks).max(), rel=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS)
+def test_bezier_points_are_the_same_curve(seed):
+    trajectory = Trajectory(*random_knots(seed))
+    points, t = trajectory.bezier(), 0.37
+    bernstein = np.array([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3])
+    times = trajectory.times[:-1] + t * np.diff(trajectory.times)
+    expected = trajectory.evaluate(times)[0]
+    np.testing.assert_allclose(np.einsum("k,mkj->mj", bernstein, points), expected, atol=1e-12)
+
+
+def test_is_at_rest_before_and_after():
+    times, positions, velocities = random_knots(7)
+    trajectory = Trajectory(times, positions, velocities)
+    q, v, a = trajectory.evaluate(np.array([-1.0, trajectory.duration + 1.0]))
+    np.testing.assert_array_equal(q, positions[[0, -1]])
+    assert not v.any()
+    assert not a.any()
+
+
+def test_positions_at_the_knots_are_exact():
+    times, positions, velocities = random_knots(8)
+    np.testing.assert_array_equal(Trajectory(times, positions, velocities).evaluate(times)[0], positions)
+
+
+def standing():
+    return Trajectory(np.zeros(1), np.array([[0.5, -1.0]]), np.zeros((1, 2)))
+
+
+def test_a_motion_that_goes_nowhere_is_a_piece_of_equal_points():
+    trajectory = standing()
+    assert trajectory.duration == trajectory.peak_jerk == 0.0
+    np.testing.assert_array_equal(trajectory.bezier(), np.tile([0.5, -1.0], (1, 4, 1)))
+    q, v, a = trajectory.evaluate(np.array([-1.0, 0.0, 2.0]))
+    np.testing.assert_array_equal(q, np.tile([0.5, -1.0], (3, 1)))
+    assert not v.any()
+    assert not a.any()
+    assert not trajectory.accelerations.any()
+    np.testing.assert_array_equal(trajectory.resampled(100.0).times, [0.0])
+
+
+@pytest.mark.parametrize("rate", [1.0, 7.3, 50.0, 1000.0])
+def test_resampling_is_uniform_and_includes_the_end(rate):
+    trajectory = Trajectory(*random_knots(9))
+    samples = trajectory.resampled(rate)
+    assert samples.times[0] == 0.0
+    assert samples.times[-1] == trajectory.duration
+    steps = np.diff(samples.times)
+    np.testing.assert_allclose(steps[:-1], 1.0 / rate, rtol=1e-9)
+    assert 0.0 < steps[-1] <= 1.0 / rate * (1 + 1e-9)
+    for mine, expected in zip(
+        (samples.positions, samples.velocities, samples.accelerations), trajectory.evaluate(samples.times), strict=True
+    ):
+        np.testing.assert_array_equal(mine, expected)
+
+
+def test_resampling_does_not_repeat_an_end_that_is_a_tick():
+    trajectory = Trajectory(np.array([0.0, 0.3]), np.array([[0.0], [1.0]]), np.zeros((2, 1)))
+    np.testing.assert_allclose(trajectory.resampled(10.0).times, [0.0, 0.1, 0.2, 0.3], atol=1e-15)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.inf, np.nan])
+def test_refuses_a_rate_that_is_none(rate):
+    with pytest.raises(ValueError, match="sample rate"):
+        standing().resampled(rate)
+
+
+def test_arrays_are_read_only():
+    trajectory = Trajectory(*random_knots(10))
+    samples = trajectory.resampled(10.0)
+    for value in (trajectory, samples):
+        for array in (value.times, value.positions, value.velocities, value.accelerations):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0.0

@@ -1,0 +1,92 @@
+"""The guided planner among obstacles that move: it waits, gives way, keeps to its limits, and says why it can't."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Placement
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.plan import Plan, Planner, plan
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.trace import Note
+from tests.planner.guide.test_guide import plane_at
+from tests.planner.problems import problem, scene_of, seed_problem
+
+
+def planned(made: Problem) -> Plan:
+    return plan(made, Planner.GUIDED, ATTEMPTS["projected"](made.group))
+
+
+def touches(made: Problem, found: Plan, count: int = 80, frozen: float | None = None) -> bool:
+    """Whether a sample of the motion touches the obstacles as they then stand (or as they stood at one time)."""
+    assert found.trajectory is not None
+    for time in np.linspace(0.0, found.trajectory.duration, count):
+        z = found.trajectory.evaluate(np.array([time]))[0][0]
+        if made.at(time if frozen is None else frozen).world.contacts(made.group.from_chart(z)):
+            return True
+    return False
+
+
+@pytest.mark.parametrize("title", ["door", "conveyor"])
+def test_it_waits_for_what_moves_and_is_certified(title: str) -> None:
+    made = seed_problem(title)
+    found = planned(made)
+    assert found.status is Status.SUCCESS, found.message
+    assert found.verdict.free
+    assert not touches(made, found)
+    assert any(touches(made, found, frozen=time) for time in (0.0, 4.0, 6.0)), "it would have been in the way"
+    assert any(isinstance(event, Note) and "waits" in event.text for event in made.observer.events)
+    assert found.trajectory is not None
+    samples = found.trajectory.evaluate(np.linspace(0.0, found.trajectory.duration, 4000))
+    assert np.all(np.abs(samples[1]) <= made.group.velocity_limits)
+    assert np.all(np.abs(samples[2]) <= made.group.acceleration_limits)
+    for index, plane in enumerate(made.guide_planes):
+        q = made.group.from_chart(found.path[found.crossings[index]])
+        assert abs(plane.signed_height(made.kinematics.tip_position(q))) <= 1e-4
+
+
+def test_the_same_again_is_the_same_bit_for_bit() -> None:
+    first, second = (planned(seed_problem("door")) for _ in range(2))
+    np.testing.assert_array_equal(first.path, second.path)
+    assert first.trajectory is not None
+    assert second.trajectory is not None
+    np.testing.assert_array_equal(first.trajectory.times, second.trajectory.times)
+
+
+def closing(until: float) -> Problem:
+    """A shutter comes down in front of the arm, and stays."""
+    down = messages.ObstacleTrajectory(
+        times=[0.0, until],
+        placements=[Placement(position=(0.75, 0.0, 1.8)), Placement(position=(0.75, 0.0, 0.5))],
+    )
+    shutter = messages.Box(name="shutter", size=(0.04, 3.0, 1.3), trajectory=down)
+    return problem("panda", scene_of(shutter, planes=[plane_at(0.84, half=0.15, z=0.4)]))
+
+
+def test_a_way_that_has_closed_is_told_with_the_time() -> None:
+    found = planned(closing(0.2))
+    assert found.status is Status.STUCK_IN_MINIMUM
+    assert found.details["guide_plane"] == "GP"
+    assert found.details["time"] > 0.2
+    assert "path" not in found.details
+    assert found.verdict.free
+
+
+def test_what_hits_the_robot_is_named() -> None:
+    """A wall sweeps through all that the arm can reach."""
+    made = problem("panda", scene_of(planes=[plane_at(0.6)]))
+    sweep = messages.ObstacleTrajectory(
+        times=[0.0, 0.5], placements=[Placement(position=(2.0, 0.0, 0.8)), Placement(position=(-1.0, 0.0, 0.8))]
+    )
+    wall = messages.Box(name="wall", size=(0.1, 4.0, 2.0), trajectory=sweep)
+    hit = problem("panda", scene_of(wall, planes=[made.scene.message.guide_planes[0]]))
+    found = planned(hit)
+    assert found.status is Status.STUCK_IN_MINIMUM
+    assert found.details["pair"][1] == "wall"
+    assert found.verdict.free
+    assert dataclasses.replace(found).trajectory is None

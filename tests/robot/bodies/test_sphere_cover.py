@@ -1,0 +1,178 @@
+"""Covers and inner balls of real robots, judged by Coal and by dense sampling."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+
+from guidefield.geometry.cover import cover
+from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.solid import solid
+from guidefield.kernels.jit.cache import cache_folder
+from guidefield.messages.requests import UrdfText
+from guidefield.robot.bodies import sphere_cover as module
+from guidefield.robot.bodies.charges import surface
+from guidefield.robot.bodies.sphere_cover import DELTA, Coverage, coverage, known_coverage
+from guidefield.robot.model.shapes import triangulation
+from tests.geometry import solids
+from tests.robots import ARMS, box_arm, load, robot
+
+SHAPES = [("panda", "panda_link5_0"), ("panda", "panda_hand_0"), ("ur5", "forearm_link_0"), ("xarm7", "link5_0")]
+
+
+def shape(name: str, part: str):
+    """A collision shape of a robot, and its balls."""
+    geometry = robot(name).geometry.geometryObjects
+    index = next(k for k, one in enumerate(geometry) if one.name == part)
+    return geometry[index].geometry, coverage(robot(name)).shapes[index]
+
+
+def distances(balls: np.ndarray, body: object) -> np.ndarray:
+    """Coal's signed distance of each ball from a body."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    found = []
+    for x, y, z, radius in balls:
+        result.clear()
+        here, there = coal.Transform3s(np.eye(3), np.array([x, y, z])), coal.Transform3s.Identity()
+        found.append(coal.distance(coal.Sphere(radius), here, body, there, request, result))
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("name", "part"), SHAPES)
+def test_a_link_is_contained(name: str, part: str) -> None:
+    body, found = shape(name, part)
+    mesh = triangulation(body)
+    rng = np.random.default_rng(0)
+    assert solids.in_balls(solids.on_surface(mesh, 3000, rng), found.cover.spheres).all()
+    points = solids.in_box_of(mesh, 400, rng)
+    inside = points[np.abs(solids.winding(points, mesh)) > 0.5]
+    assert found.cover.solid
+    assert len(inside) > 100
+    assert solids.in_balls(inside, found.cover.spheres).all()
+
+
+@pytest.mark.parametrize(("name", "part"), SHAPES)
+def test_no_ball_leaves_a_link_by_more_than_said(name: str, part: str) -> None:
+    body, found = shape(name, part)
+    mesh = triangulation(body)
+    spheres, overhangs = found.cover.spheres, found.cover.overhangs
+    assert found.cover.overhang <= DELTA
+    points = solids.around(spheres, 20, np.random.default_rng(1))
+    beyond = solids.distance(points.reshape(-1, 3), mesh)
+    beyond[np.abs(solids.winding(points.reshape(-1, 3), mesh)) > 0.5] = 0.0
+    assert (beyond.reshape(len(spheres), -1).max(axis=1) <= overhangs + 1e-12).all()
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_inner_balls_touch_what_coal_says_is_there(name: str) -> None:
+    model = robot(name)
+    hulls = 0
+    for one, found in zip(model.geometry.geometryObjects, coverage(model).shapes, strict=True):
+        if not len(found.inner):
+            continue
+        mesh = surface(one.geometry)
+        on_balls = solids.around(found.inner, 5, np.random.default_rng(2)).reshape(-1, 3)
+        assert (np.abs(solids.winding(np.vstack([found.inner[:, :3], on_balls]), mesh)) > 0.5).all()
+        if isinstance(one.geometry, coal.Convex):
+            hulls += 1
+            assert (found.inner[:, 3] < solids.distance(found.inner[:, :3], mesh)).all()
+            assert (distances(found.inner, one.geometry) <= -2.0 * found.inner[:, 3] + 1e-5).all()
+    assert hulls == sum(choice.judged_as == "convex hull" for choice in model.geometry_choices)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_counts_stay_small(name: str) -> None:
+    found = coverage(robot(name))
+    assert found.delta == DELTA
+    assert found.spheres == sum(len(one.cover.spheres) for one in found.shapes) <= 260
+    assert found.inner >= 4 * len(found.shapes) - 8
+    assert np.concatenate([one.cover.overhangs for one in found.shapes]).mean() < found.overhang <= DELTA
+
+
+def test_whatever_touches_a_mesh_touches_its_cover_and_what_touches_inside_touches_it() -> None:
+    body, found = shape("ur5", "upper_arm_link_0")
+    rng = np.random.default_rng(3)
+    low, high = (extreme(triangulation(body)[0], axis=0) for extreme in (np.min, np.max))
+    obstacle, request, result = coal.Box(0.03, 0.05, 0.08), coal.CollisionRequest(), coal.CollisionResult()
+    touched = 0
+    for _ in range(800):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        here = coal.Transform3s(turn, rng.uniform(low - 0.05, high + 0.05))
+        result.clear()
+        if coal.collide(body, coal.Transform3s.Identity(), obstacle, here, request, result):
+            touched += 1
+            local = (found.cover.spheres[:, :3] - here.getTranslation()) @ turn
+            gaps = np.linalg.norm(np.maximum(np.abs(local) - [0.015, 0.025, 0.04], 0.0), axis=1)
+            reached = gaps <= found.cover.spheres[:, 3]
+            assert reached.any()
+            # and the group of a sphere that is reached is reached
+            groups = np.repeat(np.arange(len(found.cover.groups)), np.diff(found.cover.first))
+            outer = (found.cover.groups[:, :3] - here.getTranslation()) @ turn
+            outer_gaps = np.linalg.norm(np.maximum(np.abs(outer) - [0.015, 0.025, 0.04], 0.0), axis=1)
+            assert (outer_gaps <= found.cover.groups[:, 3])[np.unique(groups[reached])].all()
+    assert touched > 100
+
+
+def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    model = load(box_arm("y", 3))
+    told: list[tuple[int, int, str]] = []
+    first = coverage(model, 0.0123, lambda *report: told.append(report))
+    assert told == [(0, 4, "l0")], "all links are the same box"
+    assert coverage(model, 0.0123, lambda *report: pytest.fail("nothing is left to do")) is first
+    assert coverage(model, 0.02) is not first
+    assert isinstance(first, Coverage)
+
+
+def test_what_is_kept_is_what_was_computed() -> None:
+    body, found = shape("panda", "panda_link6_0")
+    fresh = solid(*triangulation(body))
+    again = cover(fresh, DELTA)
+    for name in ("spheres", "overhangs", "groups", "first", "bound", "triangles", "first_triangle"):
+        assert (getattr(found.cover, name) == getattr(again, name)).all()
+        assert not getattr(found.cover, name).flags.writeable
+    assert (found.inner == inner_balls(fresh)).all()
+
+
+@pytest.mark.parametrize("delta", [0.0, -1.0, np.nan])
+def test_delta_must_be_positive(delta: float) -> None:
+    with pytest.raises(ValueError, match="delta"):
+        coverage(robot("panda"), delta)
+
+
+def test_what_is_known_is_told_without_computing_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    model, unheard_of = load(box_arm("y", 2, size=0.234567)), 0.0123456
+    assert known_coverage(model, unheard_of) == (None, None, None)
+    found = coverage(model, unheard_of)
+    assert known_coverage(model, unheard_of) is found.shapes
+    # another process, or another robot of the same shapes, finds it on disk
+    twin = load(box_arm("x", 2, size=0.234567))
+    for kept, one in zip(known_coverage(twin, unheard_of), found.shapes, strict=True):
+        assert kept is not None
+        assert (kept.cover.spheres == one.cover.spheres).all()
+
+
+def test_a_large_shape_is_covered_as_closely_as_is_worth_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(module, "LARGE", 300.0)
+    floor, arm = coverage(load(UrdfText(text=LARGE_TABLE)), 0.05).shapes
+    assert arm.cover.overhang <= 0.05
+    size = (4.0, 3.0, 0.5)
+    area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+    assert 0.05 < floor.cover.overhang <= np.sqrt(area / 300.0)
+    assert solids.in_balls(
+        solids.on_surface(solids.box(size), 2000, np.random.default_rng(0)), floor.cover.spheres
+    ).all()
+
+
+LARGE_TABLE = """<robot name="table">
+<link name="arm"><collision><geometry><box size="0.1 0.1 0.5"/></geometry></collision></link>
+<link name="floor"><collision><geometry><box size="4 3 0.5"/></geometry></collision></link>
+<joint name="j" type="continuous"><parent link="floor"/><child link="arm"/><origin xyz="0 0 1"/><axis xyz="0 0 1"/>
+</joint></robot>"""

@@ -1,0 +1,61 @@
+"""The chain to a tip, judged by Pinocchio's placements and logarithm."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.kernels.kinematics.inverse_kinematics import LEVER, Tolerances, squared_errors
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
+from tests.robots import box_arm, group, grouped, rest
+
+ARMS_OF_EVERY_KIND = (
+    "y slide x",
+    "oblique oblique-continuous slide x",
+    "y mimic x mimic",
+    "planar y x",
+    "floating y",
+    "x floating slide planar",
+)
+
+
+def distances(chain: ChainToTip, target: pin.SE3, zs: np.ndarray) -> np.ndarray:
+    """Lengths of the components of translation and rotation vector from a target to the tip, shape (n, 6).
+
+    One by one: the errors of all others are free.
+    """
+    found = np.empty((len(zs), 6))
+    for row in range(6):
+        aimed, squared = np.full(6, np.inf), np.empty(len(zs))
+        aimed[row] = 0.0
+        aimed.setflags(write=False)
+        squared_errors(chain.from_target(target), Tolerances(aimed, aimed), zs, squared)
+        found[:, row] = np.sqrt(squared) / (1.0 if row < 3 else LEVER)
+    return found
+
+
+@pytest.mark.parametrize(
+    "arm", ["panda", "ur5", "kinova", "chain_universal_fixed_6x300_r25", "chain_moving_3x260_r20", *ARMS_OF_EVERY_KIND]
+)
+def test_offsets_are_pinocchios(arm):
+    planned = grouped(box_arm(arm, len(arm.split()))) if " " in arm else group(arm)
+    rng, kinematics = np.random.default_rng(3), Kinematics(planned)
+    target = pin.SE3.Random()
+    qs = [rest(planned), *(planned.random(rng) for _ in range(37))]
+    expected = []
+    for q in qs:
+        offset = target.actInv(kinematics.frame_placement(q, planned.tip_id))
+        expected.append(np.r_[offset.translation, pin.log3(offset.rotation)])
+    offsets = distances(chain_to_tip(planned), target, np.array([planned.chart(q) for q in qs]))
+    np.testing.assert_allclose(offsets, np.abs(expected), rtol=0.0, atol=1e-11)
+
+
+def test_a_rotation_vector_is_right_at_every_length():
+    planned = grouped(box_arm("floating", 1))
+    chain, rng = chain_to_tip(planned), np.random.default_rng(0)
+    lengths = [0.0, 1e-12, 1e-9, 1e-5, 0.01, 0.5, 1.0, np.pi / 2, 2.0, 3.0, np.pi - 1e-6, np.pi - 1e-9]
+    axes = rng.normal(size=(40, 3))
+    for length in lengths:
+        vectors = length * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        offsets = distances(chain, pin.SE3.Identity(), np.column_stack([np.zeros((40, 3)), vectors]))
+        np.testing.assert_allclose(offsets[:, 3:], np.abs(vectors), rtol=1e-13, atol=1e-15 + 1e-9 * (length > 3.0))

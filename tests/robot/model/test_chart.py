@@ -1,0 +1,78 @@
+"""Charts of every joint kind: inverse, unwrapped, and their velocities against Pinocchio's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.messages.requests import UrdfText
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from tests.robots import box_arm, load
+
+
+def planned(seed: int = 0) -> PlanningGroup:
+    """A free-flying robot with planar, floating, continuous, prismatic and revolute joints, somewhere."""
+    arm = load(UrdfText(text=box_arm("planar continuous floating slide y", 0).text, root_joint="free"))
+    q = pin.integrate(arm.model, arm.rest, np.random.default_rng(seed).normal(size=arm.model.nv))
+    return select(arm, None, "l5", q, pin.SE3.Identity())
+
+
+def random_chart(seed: int, nv: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=nv)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(deadline=None, max_examples=30)
+def test_chart_and_configuration_are_inverse(seed: int) -> None:
+    group = planned()
+    z = random_chart(seed, group.nv)
+    np.testing.assert_allclose(group.unwrapped(group.chart(group.from_chart(z)), z), z, atol=1e-9)
+    q = group.random(np.random.default_rng(seed))
+    back = group.from_chart(group.chart(q))
+    assert pin.isSameConfiguration(group.space, back, q, 1e-9)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(deadline=None, max_examples=30)
+def test_the_tangent_map_is_the_chart_velocity_seen_by_pinocchio(seed: int) -> None:
+    group = planned()
+    z, dz = random_chart(seed, group.nv), random_chart(seed + 1, group.nv)
+    h = 1e-4  # of shorter turns Pinocchio makes none
+    tangent = pin.difference(group.space, group.from_chart(z - h * dz), group.from_chart(z + h * dz)) / (2 * h)
+    np.testing.assert_allclose(group.tangent_map(z) @ dz, tangent, atol=1e-6)
+
+
+@given(seed=st.integers(0, 10_000), scale=st.floats(0.01, 3.0))
+@settings(deadline=None, max_examples=30)
+def test_a_rotation_turns_at_most_by_the_distance_of_the_vectors(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=3)
+    b = a + scale * rng.normal(size=3)
+    turned = np.linalg.norm(pin.log3(pin.exp3(a).T @ pin.exp3(b)))
+    assert turned <= np.linalg.norm(a - b) + 1e-12
+
+
+def test_the_long_way_round_is_taken_where_it_is_nearer() -> None:
+    group = planned()
+    vector = np.array([0.0, 0.0, 3.1])
+    z = np.zeros(group.nv)
+    root = next(joint for joint in group.joints if joint.name == "root_joint")
+    at = slice(root.idx_v + 3, root.idx_v + 6)
+    z[at] = -vector
+    near = np.zeros(group.nv)
+    near[at] = vector
+    np.testing.assert_allclose(group.unwrapped(z, near)[at], [0.0, 0.0, 2 * np.pi - 3.1], atol=1e-12)
+
+
+def test_columns_are_named_as_the_wire_names_them() -> None:
+    group = planned()
+    assert group.position_names[:7] == [f"root_joint.{c}" for c in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    assert group.velocity_names[:6] == [f"root_joint.{c}" for c in ("vx", "vy", "vz", "wx", "wy", "wz")]
+    assert "j1.theta" in group.position_names
+    row = group.wire_positions(random_chart(3, group.nv))
+    assert len(row) == len(group.position_names)
+    assert np.linalg.norm(row[3:7]) == pytest.approx(1.0)
+    assert not group.is_euclidean

@@ -1,0 +1,291 @@
+"""A follower is at multiplier * x + offset of the unwrapped value x, wherever the robot is asked about."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.engine import Engine
+from guidefield.handlers.kinematics import clearance, forward_kinematics, inverse_kinematics
+from guidefield.handlers.robots import robot as describe
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements
+from guidefield.messages import requests
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal, TargetPose, UrdfText
+from guidefield.messages.scene import GuidePlane, Scene, Sphere
+from guidefield.planner.guide.tip_reach import arm_reach
+from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.catalog.summary import summarize_sent
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.group.tip_chain import chain_to_tip
+from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.joint_tables import joint_table
+from guidefield.robot.model.model import JointKind
+from guidefield.scene.scene import build
+from tests.robot.by_formula import ByFormula, given_by
+from tests.robot.random_chains import KINDS, WOUND, chains
+from tests.robot.winding import OFFSET, PITCH, nearest, place, winding
+from tests.robots import box_arm, grouped, load
+
+ENGINE = Engine()
+EXACT = 1e-12
+"""Rounding of a chain of a few joints [m], and of a rotation's entries."""
+BEYOND = 3.5, -4.0, 9.0, 3.0
+"""Angles, some of them beyond half a turn [rad]."""
+
+
+BESIDE = UrdfText(
+    text='<robot name="r"><link name="base"/><link name="beside"/><link name="slide"/><link name="tool"><collision>'
+    '<geometry><sphere radius="0.1"/></geometry></collision></link>'
+    '<joint name="j1" type="continuous"><parent link="base"/><child link="beside"/></joint>'
+    '<joint name="j2" type="prismatic"><parent link="base"/><child link="slide"/>'
+    '<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="j1" multiplier="0" offset="0.4"/></joint>'
+    '<joint name="j3" type="continuous"><parent link="slide"/><child link="tool"/></joint></robot>'
+)
+"""A slide that follows a joint beside it by nothing, before another joint."""
+
+
+def driver_of(*laws: tuple[str, str, float]) -> JointKind:
+    """Kind of the continuous joint `j` that joints of some kinds follow by some multiple of others."""
+    text = '<link name="base"/><link name="l"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+    text += '<joint name="j" type="continuous"><parent link="base"/><child link="l"/></joint>'
+    for i, (kind, driver, multiplier) in enumerate(laws):
+        text += (
+            f'<link name="l{i}"/><joint name="f{i}" type="{kind}"><parent link="l"/><child link="l{i}"/>'
+            f'<limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="{driver}" multiplier="{multiplier}"/>'
+            "</joint>"
+        )
+    joint = load(UrdfText(text=f'<robot name="r">{text}</robot>')).joint("j")
+    assert joint is not None
+    return joint.kind
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        [],
+        [("continuous", "j", 1.0)],
+        [("continuous", "j", -2.0), ("continuous", "j", 3.0)],
+        [("prismatic", "j", 0.0), ("revolute", "j", 0.0)],
+        [("continuous", "j", 2.0), ("continuous", "f0", 2.5)],
+    ],
+)
+def test_an_angle_stays_periodic_where_a_turn_brings_all_back(laws: list) -> None:
+    assert driver_of(*laws) is JointKind.CONTINUOUS
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        [("prismatic", "j", 0.2)],
+        [("revolute", "j", 1.0)],
+        [("continuous", "j", 0.5)],
+        [("continuous", "j", 1.0), ("continuous", "j", -1.5)],
+        [("continuous", "j", 1.0), ("prismatic", "f0", 0.1)],
+        [("continuous", "f1", 0.5), ("continuous", "j", 3.0)],
+    ],
+)
+def test_elsewhere_its_turns_count(laws: list) -> None:
+    assert driver_of(*laws) is JointKind.REVOLUTE
+
+
+def at_any(planned: PlanningGroup, rng: np.random.Generator) -> np.ndarray:
+    """A chart point, shape (nv,), within limits; angles up to three turns from zero."""
+    z = planned.chart(planned.random(rng))
+    for joint in planned.joints:
+        turns_on = joint.kind is JointKind.CONTINUOUS or planned.winds[joint.idx_v]
+        if turns_on:
+            z[joint.idx_v] = rng.uniform(-6.0 * np.pi, 6.0 * np.pi)
+    return z
+
+
+@settings(deadline=None, max_examples=30)
+@given(chains(most=8, kinds=WOUND), st.integers(0, 2**16))
+def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: UrdfText, seed: int) -> None:
+    robot = load(urdf)
+    names = [joint.name for joint in robot.joints if joint.mimic is None]
+    planned = select(robot, names, None, robot.rest, pin.SE3.Identity())
+    z = at_any(planned, np.random.default_rng(seed))
+    values = given_by(planned.position_names, planned.wire_positions(z))
+    expected = ByFormula(urdf.text).placements(values)
+    # a plan's chart, the wire, and the kernels
+    model, data, table = planned.model, planned.model.createData(), joint_table(planned.model)
+    for q in (planned.from_chart(z), planned.part_of(configuration_from_wire(robot, values))):
+        placements, q_model = np.empty((model.njoints, 3, 4)), np.ascontiguousarray(planned.expand(q))
+        pin.forwardKinematics(model, data, q_model)
+        joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, placements)
+        for index in range(1, model.njoints):
+            np.testing.assert_allclose(data.oMi[index].homogeneous, expected[model.names[index]], atol=1e3 * EXACT)
+            np.testing.assert_allclose(placements[index], expected[model.names[index]][:3], atol=1e3 * EXACT)
+    whole = robot.model.createData()
+    pin.forwardKinematics(robot.model, whole, configuration_from_wire(robot, values))
+    for joint in robot.joints:
+        np.testing.assert_allclose(whole.oMi[joint.index].homogeneous, expected[joint.name], atol=1e3 * EXACT)
+
+
+@settings(deadline=None, max_examples=30)
+@given(chains(most=8, kinds=(*KINDS, "mimic", "continuous")), st.integers(0, 2**16))
+def test_the_chain_to_the_tip_ends_no_further_than_it_reaches(urdf: UrdfText, seed: int) -> None:
+    planned = grouped(urdf) if load(urdf).joints else None
+    if planned is None:
+        return
+    chain, formula, rng = chain_to_tip(planned), ByFormula(urdf.text), np.random.default_rng(seed)
+    rest = configuration_to_wire(planned.robot.joints, planned.robot.rest)
+    frame = planned.robot.model.frames[planned.robot.frame_id(planned.tip)]
+    for _ in range(5):
+        z = planned.chart(planned.random(rng))
+        at = formula.placements({**rest, **given_by(planned.position_names, planned.wire_positions(z))})
+        tip = at[planned.robot.model.names[frame.parentJoint]] @ frame.placement.homogeneous
+        assert np.linalg.norm(tip[:3, 3] - chain.table.first[3::4]) <= chain.reach + 1e-9
+
+
+@pytest.mark.parametrize("turn", BEYOND)
+def test_requests_are_answered_where_the_formula_has_the_tool(turn: float) -> None:
+    urdf = winding()
+    robot = load(urdf)
+    asked = requests.ForwardKinematics(urdf, ["tool"], [{"turn": turn, "lift": 0.1}])
+    (found,) = forward_kinematics(asked, robot).placements[0]
+    np.testing.assert_allclose(found.position, place(turn, 0.1), atol=EXACT)
+    near = Sphere(name="near", radius=0.05, position=tuple(place(turn, 0.2)))
+    scene = Scene(name="near", obstacles=[near])
+    told = clearance(requests.Clearance(urdf, scene, [{"turn": turn}]), robot, build(scene))
+    assert told.minimum[0] == pytest.approx(0.11, abs=1e-9)
+    assert told.minimum[0] == pytest.approx(
+        nearest(urdf, [near], [{"turn": turn, "lift": 0.0, "elbow": 0.0}]), abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("turn", BEYOND)
+def test_a_driver_that_stands_still_keeps_its_turns(turn: float) -> None:
+    robot = load(winding())
+    q = configuration_from_wire(robot, {"turn": turn})
+    planned = select(robot, ["lift"], "tool", q, pin.SE3.Identity())
+    data = planned.model.createData()
+    pin.framesForwardKinematics(planned.model, data, planned.expand(np.array([0.3])))
+    np.testing.assert_allclose(data.oMf[planned.tip_id].translation, place(turn, 0.3), atol=EXACT)
+
+
+def test_a_pose_is_met_by_the_formula() -> None:
+    urdf = winding()
+    robot, formula = load(urdf), ByFormula(urdf.text)
+    for turn in BEYOND:
+        position = tuple(place(turn, 0.2))
+        quaternion = (0.0, 0.0, float(np.sin(turn / 2)), float(np.cos(turn / 2)))
+        target = TargetPose(position=position, quaternion_xyzw=quaternion)
+        request = requests.InverseKinematics(urdf, [target], start_configurations=[{"turn": turn - 0.8}])
+        (solutions,) = inverse_kinematics(request, robot, build(Scene(name="empty"))).configurations
+        assert solutions
+        for solution in solutions:
+            np.testing.assert_allclose(
+                formula.placements({"elbow": 0.0, **solution})["slide"][:3, 3], position, atol=2e-4
+            )
+
+
+def plan(urdf: UrdfText, **request) -> PlanReply:
+    reply = ENGINE.answer(PlanRequest(robot=urdf, sample_rate=200.0, recording="off", **request))
+    assert isinstance(reply, PlanReply)
+    return reply
+
+
+def rows_of(reply: PlanReply) -> list[dict]:
+    return [given_by(reply.position_names, row) for row in reply.trajectory.positions]
+
+
+def test_a_plan_to_a_pose_ends_there_by_the_formula() -> None:
+    urdf = winding()
+    quaternion = (0.0, 0.0, float(np.sin(1.8)), float(np.cos(1.8)))
+    goal = PoseGoal(position=tuple(place(3.6, 0.2)), quaternion_xyzw=quaternion)
+    reply = plan(urdf, scene=Scene(name="empty"), start={"turn": 2.9}, goal=goal, tip="tool", guide_planes=[])
+    assert reply.status.name == "SUCCESS"
+    end = rows_of(reply)[-1]
+    assert end["turn"] == pytest.approx(3.6, abs=1e-2)
+    np.testing.assert_allclose(
+        ByFormula(urdf.text).placements({"elbow": 0.0, **end})["slide"][:3, 3], goal.position, atol=2e-4
+    )
+
+
+def test_a_start_beyond_half_a_turn_stays_as_it_is() -> None:
+    urdf = winding()
+    reply = plan(
+        urdf, scene=Scene(name="empty"), start={"turn": 3.5}, goal=JointsGoal({"turn": 10.0, "lift": 0.1}), tip="tool"
+    )
+    assert reply.status.name == "SUCCESS"
+    rows = rows_of(reply)
+    assert rows[0]["turn"] == pytest.approx(3.5, abs=1e-12)
+    assert rows[-1]["turn"] == pytest.approx(10.0, abs=1e-9)
+    assert max(abs(b["turn"] - a["turn"]) for a, b in itertools.pairwise(rows)) < 0.1
+
+
+def gate(turn: float) -> GuidePlane:
+    """A plane through the mast that the hand crosses at an angle."""
+    out, up = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([0.0, 0.0, 0.5])
+    corners = (0.3 * out - up, 1.0 * out - up, 1.0 * out + up, 0.3 * out + up)
+    return GuidePlane(name="gate", vertices=[tuple(corner.tolist()) for corner in corners])
+
+
+def guided(urdf: UrdfText, seed: int) -> bool:
+    """Whether a guided motion across half a turn is found among spheres; what is found is free by the formula."""
+    rng = np.random.default_rng(seed)
+    at = [place(turn, rng.uniform(0.0, 0.25)) for turn in rng.uniform(3.3, 4.8, 3)]
+    spheres = [Sphere(name=f"s{i}", radius=0.05, position=tuple(p.tolist())) for i, p in enumerate(at)]
+    scene = Scene(name="spheres", obstacles=spheres, guide_planes=[gate(3.6)])
+    reply = plan(
+        urdf,
+        scene=scene,
+        start={"turn": 2.9, "elbow": -0.9},
+        goal=GuidePlaneGoal(),
+        tip="hand",
+        planner="guided",
+        seed=seed,
+    )
+    if reply.status.name != "SUCCESS":
+        return False
+    rows = rows_of(reply)
+    assert rows[0]["turn"] == pytest.approx(2.9, abs=1e-9)
+    assert nearest(urdf, spheres, rows) > 0.0
+    hand = ByFormula(urdf.text).placements(rows[-1])["elbow"] @ [0.4, 0.0, 0.0, 1.0]
+    assert abs(hand[:3] @ [-np.sin(3.6), np.cos(3.6), 0.0]) < 2e-3
+    return True
+
+
+def test_guided_motions_across_half_a_turn_are_free_by_the_formula() -> None:
+    assert sum(guided(winding(), seed) for seed in range(12)) >= 9
+
+
+def test_what_a_slide_adds_to_the_reach_counts() -> None:
+    planned = grouped(winding(), "tool")
+    problem = type("Problem", (), {"group": planned})
+    base, reach = arm_reach(problem)
+    turned = planned.chart(planned.random(np.random.default_rng(0)))
+    turned[1] = planned.upper[1]
+    assert reach >= np.linalg.norm(place(*turned[::-1]) - base)
+
+
+def test_a_slide_that_never_moves_is_in_reach_and_moves_nothing() -> None:
+    robot = load(winding(multiplier=0.0))
+    assert robot.joint("turn").kind is JointKind.CONTINUOUS
+    planned = select(robot, ["turn"], "tool", robot.rest, pin.SE3.Identity())
+    chain = chain_to_tip(planned)
+    assert chain.reach == pytest.approx(OFFSET)
+    assert chain.moving.tolist() == [True]
+    other = select(load(BESIDE), ["j1", "j3"], "tool", load(BESIDE).rest, pin.SE3.Identity())
+    assert chain_to_tip(other).moving.tolist() == [False, True]
+
+
+def test_clients_are_told_what_the_joint_is() -> None:
+    told = describe(load(winding()))
+    joints = {joint.name: joint for joint in told.joints}
+    turn, slide = joints["turn"], joints["slide"]
+    assert turn.kind == "revolute"
+    assert (turn.lower, turn.upper) == ([pytest.approx((-5 - OFFSET) / PITCH)], [pytest.approx((5 - OFFSET) / PITCH)])
+    assert (slide.mimics, slide.multiplier, slide.offset) == ("turn", PITCH, OFFSET)
+    assert any("'turn' is continuous, but 'slide'" in warning for warning in told.warnings)
+    sent = SentRobot("winding", "", winding().text, None, {}, "fixed")
+    assert summarize_sent(sent, []).joint_kinds == {"prismatic": 1, "revolute": 2}
+    endless = describe(load(box_arm("continuous half-gear", 0)))
+    assert (endless.joints[0].kind, endless.joints[0].lower, endless.joints[0].upper) == ("revolute", [None], [None])

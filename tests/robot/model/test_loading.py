@@ -1,0 +1,217 @@
+"""Loading robots: the arms of the catalog, defaults and where they come from, and what is refused."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from guidefield.errors import RobotInvalid
+from guidefield.messages.requests import UrdfFile, UrdfText
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.model import JointKind, LimitSource
+from tests.robots import ARMS, box_arm, load, robot
+
+
+@pytest.mark.parametrize(("name", "nq", "nv"), [("panda", 9, 9), ("ur5", 6, 6), ("xarm7", 7, 7), ("kinova", 9, 6)])
+def test_arms_have_pinocchios_dimensions(name: str, nq: int, nv: int) -> None:
+    model = robot(name)
+    assert (model.model.nq, model.model.nv) == (nq, nv)
+    assert sum(joint.nq for joint in model.joints) == nq
+    assert model.model.existFrame(model.tip)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_arm_touches_itself_at_rest(name: str) -> None:
+    model = robot(name)
+    data, geometry_data = model.model.createData(), model.geometry.createData()
+    assert not pin.computeCollisions(model.model, data, model.geometry, geometry_data, model.rest, True)
+
+
+def test_kinova_has_continuous_joints() -> None:
+    kinds = [joint.kind for joint in robot("kinova").joints]
+    assert kinds.count(JointKind.CONTINUOUS) == 3
+    assert robot("kinova").model.nq != robot("kinova").model.nv
+
+
+def test_the_panda_takes_its_limits_from_card_and_urdf() -> None:
+    joint = robot("panda").joint("panda_joint2")
+    assert joint is not None
+    assert (joint.velocity_source, joint.acceleration_source) == (LimitSource.URDF, LimitSource.CARD)
+    assert joint.velocity == pytest.approx(2.175)
+    assert joint.acceleration == pytest.approx(7.5)
+    finger = robot("panda").joint("panda_finger_joint2")
+    assert finger is not None
+    assert finger.mimic is not None
+    assert finger.mimic.driver == "panda_finger_joint1"
+
+
+def test_limits_nobody_names_have_defaults() -> None:
+    continuous = load(box_arm("continuous", 1)).joints[0]
+    assert continuous.velocity_source is LimitSource.DEFAULT
+    assert continuous.velocity == pytest.approx(1.0)
+    assert continuous.acceleration == pytest.approx(2.0)
+    assert np.isinf([continuous.lower[0], continuous.upper[0]]).all()
+
+
+def test_the_pairs_of_an_srdf_are_left_out_with_its_reasons() -> None:
+    left_out = {pair.links: pair.reason for pair in robot("panda").pairs_left_out}
+    assert left_out["panda_link5", "panda_link6"].startswith("SRDF: ")
+    tested = {
+        frozenset((robot("panda").link_of_geometry(p.first), robot("panda").link_of_geometry(p.second)))
+        for p in robot("panda").geometry.collisionPairs
+    }
+    assert not {frozenset(links) for links in left_out} & tested
+
+
+def test_without_an_srdf_adjacent_links_are_left_out_and_others_tested() -> None:
+    arm = load(box_arm("y", 3))
+    assert {pair.links for pair in arm.pairs_left_out} == {("l0", "l1"), ("l1", "l2"), ("l2", "l3")}
+    assert {pair.reason for pair in arm.pairs_left_out} == {"adjacent"}
+    tested = {(arm.link_of_geometry(p.first), arm.link_of_geometry(p.second)) for p in arm.geometry.collisionPairs}
+    assert tested == {("l0", "l2"), ("l0", "l3"), ("l1", "l3")}
+
+
+def test_links_that_always_touch_are_left_out() -> None:
+    box = '<link name="{0}"><collision><geometry><box size="0.5 0.5 0.5"/></geometry></collision></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    text = "".join(box.format(f"l{i}") for i in range(3)) + joint.format(0, 1) + joint.format(1, 2)
+    arm = load(UrdfText(text=f'<robot name="stack">{text}</robot>'))
+    reasons = {pair.links: pair.reason for pair in arm.pairs_left_out}
+    assert reasons["l0", "l2"] == "touching in 100 % of random configurations"
+
+
+def test_a_mesh_is_judged_by_its_hull_only_where_that_is_as_tight() -> None:
+    judged = {choice.name: choice for choice in robot("panda").geometry_choices}
+    assert judged["panda_link3_0"].judged_as == "convex hull"
+    assert judged["panda_leftfinger_0"].judged_as == "primitive"
+    hand = {choice.name: choice for choice in robot("kinova").geometry_choices}["j2s6s200_link_6_0"]
+    assert hand.judged_as == "triangle mesh"
+    assert all(choice.stand_off <= 0.005 for choice in judged.values())
+
+
+def test_a_robot_without_collision_geometry_is_refused() -> None:
+    with pytest.raises(RobotInvalid, match="no collision geometry"):
+        load(UrdfText(text='<robot name="ghost"><link name="l"/></robot>'))
+
+
+def test_an_unknown_name_lists_the_known() -> None:
+    with pytest.raises(RobotInvalid, match="no robot 'pandda'") as refused:
+        Catalog().load("pandda")
+    assert "panda" in refused.value.details["available"]
+
+
+def test_a_missing_file_is_named() -> None:
+    with pytest.raises(RobotInvalid, match="no URDF file"):
+        Catalog().load(UrdfFile(path="nowhere.urdf"))
+
+
+def test_a_file_and_its_text_make_the_same_robot(tmp_path) -> None:
+    text = box_arm("y", 2)
+    path = tmp_path / "arm.urdf"
+    path.write_text(text.text)
+    from_file = Catalog().load(UrdfFile(path=str(path)))
+    assert from_file.model == load(text).model
+    assert from_file.name == "arm"
+
+
+def test_a_file_that_changes_is_read_again(tmp_path: Path) -> None:
+    def reach(catalog: Catalog) -> float:
+        (hand,) = catalog.load(reference).geometry.geometryObjects
+        hand.geometry.computeLocalAABB()
+        return float(hand.geometry.aabb_local.max_[2])
+
+    mesh, srdf = tmp_path / "hand.stl", tmp_path / "arm.srdf"
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="hand"><collision><geometry><mesh filename="hand.stl"/>'
+        '</geometry></collision></link><joint name="j1" type="continuous"><parent link="base"/><child link="hand"/>'
+        '<axis xyz="1 0 0"/></joint></robot>'
+    )
+    trimesh.creation.box(extents=(0.1, 0.1, 0.2)).export(mesh)
+    srdf.write_text('<robot name="arm"/>')
+    reference, catalog = UrdfFile(str(tmp_path / "arm.urdf"), srdf_path=str(srdf)), Catalog()
+    first = catalog.load(reference)
+    assert catalog.load(reference) is first
+    assert reach(catalog) == pytest.approx(0.1)
+    trimesh.creation.box(extents=(0.1, 0.1, 0.6)).export(mesh)
+    os.utime(mesh, ns=(0, 0))
+    assert reach(catalog) == pytest.approx(0.3)
+    srdf.write_text('<robot name="arm"><group name="all"><joint name="j1"/></group></robot>')
+    assert catalog.load(reference).groups == {"all": ("j1",)}
+
+
+def test_what_is_taken_for_a_robots_text_or_name_is_told() -> None:
+    with pytest.raises(RobotInvalid, match="its text is asked for, not the name of a file"):
+        load(UrdfText("arm.urdf"))
+    with pytest.raises(RobotInvalid, match='"urdf_file"'):
+        Catalog().load("arm.urdf")
+    with pytest.raises(RobotInvalid, match="did you mean panda"):
+        Catalog().load("Panda")
+
+
+def test_a_loaded_robot_is_kept() -> None:
+    catalog = Catalog()
+    assert catalog.load("ur5") is catalog.load("ur5")
+
+
+def test_root_joints_add_their_freedom() -> None:
+    fixed = load(box_arm("y", 2))
+    for root, kind in (("planar", JointKind.PLANAR), ("free", JointKind.FLOATING)):
+        moved = load(UrdfText(text=box_arm("y", 2).text, root_joint=root))
+        assert moved.joints[0].name == "root_joint"
+        assert moved.joints[0].kind is kind
+        assert len(moved.joints) == len(fixed.joints) + 1
+
+
+def test_every_summary_says_what_can_be_planned_or_what_is_wrong() -> None:
+    summaries = {summary.name: summary for summary in Catalog().summaries()}
+    assert summaries["panda"].dof == 8
+    assert summaries["panda"].tip == "panda_hand_tcp"
+    assert summaries["kinova"].joint_kinds == {"continuous": 3, "revolute": 3}
+    problems = [summary for summary in summaries.values() if summary.problem]
+    assert len(summaries) >= 69
+    assert 0 < len(problems) <= 8
+    assert all(summary.dof is not None for summary in summaries.values() if not summary.problem)
+
+
+def test_an_srdf_that_hides_contacts_is_told_on() -> None:
+    """Panda's SRDF disables its hand against its fifth link; they do touch."""
+    warned = [warning for warning in robot("panda").warnings if "SRDF disables" in warning]
+    assert any("panda_hand and panda_link5" in warning for warning in warned)
+    model = robot("panda").model
+    bare, geometry = model.copy(), robot("panda").geometry.copy()
+    pairs = [
+        (i, j)
+        for i in range(geometry.ngeoms)
+        for j in range(i)
+        if {robot("panda").link_of_geometry(i), robot("panda").link_of_geometry(j)} == {"panda_hand", "panda_link5"}
+    ]
+    geometry.removeAllCollisionPairs()
+    for i, j in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(i, j))
+    data, geometry_data = bare.createData(), geometry.createData()
+    rng = np.random.default_rng(1)
+    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    qs = [rng.uniform(low, high) for _ in range(500)]
+    hits = [pin.computeCollisions(bare, data, geometry, geometry_data, q, True) for q in qs]
+    assert 0.04 < np.mean(hits) < 0.2
+
+
+def test_links_that_always_touch_are_left_out_even_where_the_srdf_tests_them() -> None:
+    box = '<link name="{0}"><collision><geometry><box size="0.5 0.5 0.5"/></geometry></collision></link>'
+    joint = (
+        '<joint name="j{0}" type="revolute"><parent link="l{0}"/><child link="l{1}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    text = "".join(box.format(f"l{i}") for i in range(3)) + joint.format(0, 1) + joint.format(1, 2)
+    srdf = '<robot name="stack"><disable_collisions link1="l0" link2="l1" reason="Adjacent"/></robot>'
+    arm = load(UrdfText(text=f'<robot name="stack">{text}</robot>', srdf=srdf))
+    assert not list(arm.geometry.collisionPairs)
+    assert sum("always touch" in warning for warning in arm.warnings) == 2

@@ -1,0 +1,112 @@
+"""Limits of joints that follow others bind the joints they follow."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.errors import RobotInvalid
+from guidefield.messages.requests import UrdfText
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import FURTHEST, limit_faults
+from guidefield.robot.model.followers import follow
+from tests.robots import load
+
+BODY = '<link name="l{i}"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
+JOINT = (
+    '<joint name="j{i}" type="{kind}"><origin xyz="0 0 0.3"/><parent link="l{p}"/><child link="l{i}"/>'
+    '<axis xyz="0 1 0"/><limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>{mimic}</joint>'
+)
+
+
+def arm(*joints: tuple[str, float, float, str]) -> UrdfText:
+    parts = [BODY.format(i=0)]
+    for i, (kind, lower, upper, mimic) in enumerate(joints, 1):
+        parts += [BODY.format(i=i), JOINT.format(i=i, p=i - 1, kind=kind, lower=lower, upper=upper, mimic=mimic)]
+    return UrdfText(text=f'<robot name="arm">{"".join(parts)}</robot>')
+
+
+def mimic(driver: int, multiplier: float, offset: float) -> str:
+    return f'<mimic joint="j{driver}" multiplier="{multiplier}" offset="{offset}"/>'
+
+
+def test_a_driver_goes_only_where_its_follower_keeps_its_limits():
+    robot = load(arm(("revolute", -2, 2, ""), ("revolute", -0.5, 1, mimic(1, -2.0, 0.5))))
+    assert robot.joints[0].lower == pytest.approx([-0.25])  # -2 x + 0.5 <= 1
+    assert robot.joints[0].upper == pytest.approx([0.5])  # -2 x + 0.5 >= -0.5
+    assert any("'j1', which 'j2' follows, only goes from -0.25 to 0.5" in warning for warning in robot.warnings)
+
+
+def test_a_follower_that_narrows_by_next_to_nothing_keeps_its_limits_too():
+    robot = load(arm(("revolute", -2, 1, ""), ("revolute", -2, 0.9999995, mimic(1, 1.0, 0.0))))
+    assert robot.joints[0].upper == [0.9999995]
+    assert not any("only goes" in warning for warning in robot.warnings)
+
+
+def test_a_chain_of_followers_binds_the_first():
+    robot = load(
+        arm(("revolute", -2, 2, ""), ("revolute", -9, 9, mimic(1, 2.0, 0.0)), ("prismatic", 0, 0.3, mimic(2, 0.1, 0.1)))
+    )
+    assert robot.joints[0].lower == pytest.approx([-0.5])
+    assert robot.joints[0].upper == pytest.approx([1.0])
+    group = select(robot, ["j1"], None, robot.rest, pin.SE3.Identity())
+    assert group.upper == pytest.approx([1.0])
+
+
+def test_a_driver_that_turns_on_and_on_goes_where_its_followers_keep_their_limits():
+    robot = load(
+        arm(("continuous", 0, 0, ""), ("revolute", -1, 4, mimic(1, 0.5, 1.0)), ("prismatic", 0, 1, mimic(1, 0.1, 0)))
+    )
+    assert robot.joints[0].lower == pytest.approx([0.0])
+    assert robot.joints[0].upper == pytest.approx([6.0])
+    assert sum("only goes from" in warning for warning in robot.warnings) == 2
+
+
+def test_a_driver_goes_no_further_than_can_be_asked_for():
+    robot = load(arm(("continuous", 0, 0, ""), ("prismatic", -1, 1, mimic(1, 1e-6, 0.0))))
+    assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (-FURTHEST, FURTHEST)
+
+
+def test_what_cannot_be_kept_is_told():
+    robot = load(arm(("revolute", 0, 1, ""), ("revolute", 5, 6, mimic(1, 1.0, 0.0))))
+    assert any("no value at which 'j2' is within its limits" in warning for warning in robot.warnings)
+    assert robot.joints[0].upper == 1.0
+    assert np.isinf([robot.joints[1].lower, robot.joints[1].upper]).all()
+    assert not limit_faults(robot.joints, robot.rest), "nothing that is told as not kept is a fault of a start"
+    turning = arm(
+        ("continuous", 0, 0, ""), ("revolute", 5, 6, mimic(1, 1.0, 0.0)), ("prismatic", 1, 2, mimic(1, 1.0, 0.0))
+    )
+    robot = load(turning)
+    assert robot.joints[0].kind == "revolute"
+    assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (5.0, 6.0)
+    assert any("no value at which 'j3' is within its limits" in warning for warning in robot.warnings)
+    assert not limit_faults(robot.joints, robot.rest)
+
+
+def test_a_follower_of_a_fixed_joint_is_refused():
+    fixed = arm(("fixed", 0, 0, ""), ("revolute", -1, 1, mimic(1, 1.0, 0.0)))
+    with pytest.raises(RobotInvalid):
+        load(fixed)
+
+
+def test_limits_that_stand_for_none_are_brought_within_what_can_be_judged():
+    robot = load(arm(("revolute", -1e16, 1e16, ""), ("prismatic", -1e9, 1, "")))
+    assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (-200.0, 200.0)
+    assert (robot.joints[1].lower[0], robot.joints[1].upper[0]) == (-1000.0, 1.0)
+    assert sum("are taken for" in warning for warning in robot.warnings) == 2
+
+
+RANGE = st.tuples(st.floats(-3, 0), st.floats(0, 3))
+
+
+@settings(deadline=None, max_examples=50)
+@given(RANGE, RANGE, st.floats(-2, 2).filter(lambda m: m == 0.0 or abs(m) > 1e-3), st.floats(-1, 1), st.integers(0, 99))
+def test_no_random_configuration_puts_a_follower_beyond_its_limits(first, second, multiplier, offset, seed):
+    robot = load(arm(("revolute", *first, ""), ("revolute", *second, mimic(1, multiplier, offset))))
+    if any("not kept" in warning for warning in robot.warnings) or multiplier == 0.0:
+        return
+    group = select(robot, ["j1"], None, robot.rest, pin.SE3.Identity())
+    q = np.array(robot.rest)
+    q[:1] = group.random(np.random.default_rng(seed))
+    follow(robot.joints, q)
+    assert all(fault.excess <= 2e-5 for fault in limit_faults(robot.joints, q))

@@ -1,0 +1,113 @@
+"""As what meshes are judged: hulls where they are tight, by exact stand-off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+
+from guidefield.messages.requests import UrdfFile
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.shapes import HULL_STAND_OFF, triangulation
+from tests.geometry import solids
+from tests.robots import ARMS, load, robot
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_choices_follow_the_stand_off(name: str) -> None:
+    model = robot(name)
+    for choice, one in zip(model.geometry_choices, model.geometry.geometryObjects, strict=True):
+        if choice.judged_as == "convex hull":
+            assert isinstance(one.geometry, coal.Convex)
+            assert 0.0 <= choice.stand_off <= HULL_STAND_OFF
+        elif choice.judged_as == "triangle mesh":
+            assert isinstance(one.geometry, coal.BVHModelBase)
+            assert choice.stand_off == 0.0
+            assert _farthest_probe(one.geometry) > HULL_STAND_OFF
+
+
+def test_a_hull_from_the_disk_collides_as_one_of_coal() -> None:
+    body = next(one.geometry for one in robot("panda").geometry.geometryObjects if one.name == "panda_link5_0")
+    vertices, triangles = triangulation(body)
+    other = coal.Convex.convexHull(_points(vertices), True, "Qt")
+    assert body.num_points == other.num_points
+    assert body.computeVolume() == pytest.approx(other.computeVolume())
+    assert solids.winding(vertices.mean(axis=0)[None], (vertices, triangles)) == pytest.approx([1.0])
+    rng = np.random.default_rng(0)
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    for _ in range(200):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        here = coal.Transform3s(turn * np.sign(np.linalg.det(turn)), rng.uniform(-0.4, 0.4, 3))
+        found = []
+        for shape in (body, other):
+            result.clear()
+            found.append(
+                coal.distance(shape, coal.Transform3s.Identity(), coal.Box(0.1, 0.2, 0.1), here, request, result)
+            )
+        assert found[0] == pytest.approx(found[1], abs=1e-5)
+
+
+def _points(vertices: np.ndarray) -> coal.StdVec_Vec3s:
+    points = coal.StdVec_Vec3s()
+    for vertex in vertices:
+        points.append(vertex)
+    return points
+
+
+def _farthest_probe(body: object) -> float:
+    """Largest of Coal's distances of points on a mesh's hull from the mesh [m]."""
+    hull = triangulation(coal.Convex.convexHull(_points(triangulation(body)[0]), True, "Qt"))
+    corners = hull[0][hull[1]]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    widest = corners[np.argsort(-areas)[:60]].mean(axis=1)
+    probe, there, request, result = (
+        coal.Sphere(1e-9),
+        coal.Transform3s.Identity(),
+        coal.DistanceRequest(),
+        coal.DistanceResult(),
+    )
+    farthest = 0.0
+    for point in np.vstack([widest, solids.on_surface(hull, 400, np.random.default_rng(0))]):
+        result.clear()
+        here = coal.Transform3s(np.eye(3), point)
+        farthest = max(farthest, coal.distance(probe, here, body, there, request, result))
+    return farthest
+
+
+def _arm_of(mesh: solids.Mesh, folder: Path) -> RobotModel:
+    """One link of a mesh that turns on a small base."""
+    trimesh.Trimesh(*mesh, process=False).export(folder / "shell.stl")
+    box = '<collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision>'
+    shell = '<collision><geometry><mesh filename="shell.stl"/></geometry></collision>'
+    joint = (
+        '<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="1 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    text = f'<robot name="r"><link name="base">{box}</link><link name="arm">{shell}</link>{joint}</robot>'
+    (folder / "r.urdf").write_text(text)
+    return load(UrdfFile(path=str(folder / "r.urdf")))
+
+
+@pytest.mark.parametrize("inverted", [True, False])
+def test_a_sealed_hollow_that_a_hull_fills_is_told(tmp_path: Path, inverted: bool) -> None:
+    inner = solids.box((0.19, 0.19, 0.19))
+    arm = _arm_of(solids.together(solids.box((0.2, 0.2, 0.2)), solids.turned(inner) if inverted else inner), tmp_path)
+    assert arm.geometry_choices[1].judged_as == "convex hull"
+    assert "link 'arm': mesh 'shell.stl' is judged by its hull, which fills 6.86 l of hollows" in arm.warnings
+
+
+def test_a_hollow_behind_a_narrow_opening_that_a_hull_fills_is_told(tmp_path: Path) -> None:
+    profile = [(0, 0), (0.1, 0), (0.1, 0.2), (0.003, 0.2), (0.003, 0.195), (0.095, 0.195), (0.095, 0.005), (0, 0.005)]
+    bottle = trimesh.creation.revolve(np.array(profile), sections=48)
+    arm = _arm_of((np.array(bottle.vertices), np.array(bottle.faces)), tmp_path)
+    assert arm.geometry_choices[1].judged_as == "convex hull"
+    told = next(warning for warning in arm.warnings if "fills" in warning)
+    assert 4.0 < float(told.split("fills ")[1].split()[0]) < 1e3 * np.pi * 0.095**2 * 0.19
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_tight_hulls_fill_nothing(name: str) -> None:
+    assert not any("fills" in warning for warning in robot(name).warnings)

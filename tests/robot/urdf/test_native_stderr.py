@@ -1,0 +1,102 @@
+"""What native libraries write to stderr is caught, and stderr is itself again afterwards."""
+
+import os
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import pinocchio as pin
+import pytest
+
+from guidefield.robot.urdf.native_stderr import MAX_CAUGHT_BYTES, captured_stderr
+
+NAMELESS = "<robot><link name='a'/></robot>"
+
+
+def test_the_reason_of_a_native_library_is_told():
+    with captured_stderr() as stderr, pytest.raises(ValueError, match="valid URDF"):
+        pin.buildModelFromXML(NAMELESS)
+    assert "No name given for the robot." in stderr.text()
+    assert stderr.reason() == "No name given for the robot."
+
+
+def test_it_is_readable_within_and_after():
+    with captured_stderr() as stderr:
+        assert stderr.text() == ""
+        os.write(2, b"Error:   first\n         at line 3 in /a/b.cpp\n")
+        assert stderr.reason() == "first"
+        os.write(2, b"Error:   second\nfirst\n")
+    assert stderr.reason() == "first; second"
+
+
+def test_stderr_is_itself_again_also_after_an_error(capfd):
+    with suppress(KeyError), captured_stderr():
+        os.write(2, b"inside")
+        raise KeyError
+    os.write(2, b"outside")
+    assert capfd.readouterr().err == "outside"
+
+
+def test_captures_may_be_nested():
+    with captured_stderr() as outer:
+        os.write(2, b"a")
+        with captured_stderr() as inner:
+            os.write(2, b"b")
+        os.write(2, b"c")
+    assert (outer.text(), inner.text()) == ("ac", "b")
+
+
+def test_what_python_had_buffered_stays_outside():
+    with captured_stderr() as outer:
+        sys.__stderr__.write("x")
+        with captured_stderr() as inner:
+            pass
+    assert (outer.text(), inner.text()) == ("x", "")
+
+
+def test_captures_of_threads_wait_for_each_other():
+    seen = []
+
+    def capture(word: bytes) -> None:
+        for _ in range(20):
+            with captured_stderr() as stderr:
+                os.write(2, word)
+            seen.append((word.decode(), stderr.text()))
+
+    threads = [threading.Thread(target=capture, args=(word,)) for word in (b"one", b"two", b"three")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(seen) == 60
+    assert all(written == caught for written, caught in seen)
+
+
+def test_only_the_beginning_is_kept_and_no_descriptor_leaks():
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for _ in range(5):
+        with captured_stderr() as stderr:
+            os.write(2, b"x" * (MAX_CAUGHT_BYTES + 10))
+    assert len(stderr.text()) == MAX_CAUGHT_BYTES
+    assert len(list(Path("/proc/self/fd").iterdir())) <= before
+
+
+def test_a_process_without_stderr_has_none_afterwards_either():
+    script = f"""
+import os, pinocchio as pin
+from guidefield.robot.urdf.native_stderr import captured_stderr
+for closed in ((2,), (0, 2)):
+    for descriptor in closed:
+        try: os.close(descriptor)
+        except OSError: pass
+    with captured_stderr() as stderr:
+        try: pin.buildModelFromXML({NAMELESS!r})
+        except ValueError: pass
+    assert stderr.reason() == "No name given for the robot.", stderr.text()
+    try: os.fstat(2)
+    except OSError: print("closed")
+"""
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, check=True, timeout=300)
+    assert done.stdout == b"closed\nclosed\n"

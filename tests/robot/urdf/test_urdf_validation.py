@@ -1,0 +1,199 @@
+"""The intake of URDFs: each fault is named with line and element, and what is sound is told."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.errors import RobotInvalid, Status
+from guidefield.messages.values import MAX_URDF_CHARACTERS
+from guidefield.robot.urdf.facts import JOINT_DOF
+from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.native_stderr import captured_stderr
+from guidefield.robot.urdf.urdf_validation import MAX_DOF, MAX_LINKS, check_geometry_complete, check_urdf
+from tests.robot.urdfs import ARM, AXIS, BOX, FAULTS, LIMIT, MIMIC, ORIGIN, faulty, pinocchio_models
+
+NOWHERE = MeshResolver()
+
+SILENT = (
+    "loop beside a tree",
+    "zero axis",
+    "lower above upper",
+    "capsule before 1.1",
+    "malformed visual",
+    "no inertia",
+    "flat box",
+    "two shapes",
+    "mimic of nothing",
+)
+"""Faults that Pinocchio accepts without a word."""
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_names_the_fault_with_line_and_element(name):
+    _, line, element, words = FAULTS[name]
+    with pytest.raises(RobotInvalid) as caught:
+        check_urdf(faulty(name), NOWHERE)
+    error = caught.value
+    assert error.code is Status.ROBOT_INVALID
+    assert words in error.message
+    assert (error.details.get("line"), error.details.get("element")) == (line, element)
+    assert error.message.startswith(f"line {line}: ")
+
+
+@pytest.mark.parametrize(
+    ("name", "owner"),
+    [
+        ("zero axis", {"joint": "shoulder"}),
+        ("mimic of nothing", {"joint": "wrist"}),
+        ("unknown shape", {"link": "upper"}),
+        ("no inertia", {"link": "upper"}),
+    ],
+)
+def test_names_the_joint_or_link_at_fault(name, owner):
+    with pytest.raises(RobotInvalid) as caught:
+        check_urdf(faulty(name), NOWHERE)
+    assert owner.items() <= caught.value.details.items()
+    assert next(iter(owner.values())) in caught.value.message
+
+
+@pytest.mark.parametrize("name", SILENT)
+def test_what_pinocchio_accepts_in_silence_needs_the_check(name):
+    text = faulty(name)
+    model, geometry = pinocchio_models(text)
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.full(model.nq, 0.3) if name == "zero axis" else pin.neutral(model))
+    rotation = data.oMi[1].rotation
+    assert (
+        model.njoints - 1 < text.count("<joint ")
+        or not np.allclose(rotation @ rotation.T, np.eye(3))
+        or (model.lowerPositionLimit > model.upperPositionLimit).any()
+        or geometry.ngeoms < text.count("<box") + text.count("<capsule")
+        or "elbow" not in model.names
+    )
+
+
+def test_reports_what_the_text_says():
+    facts = check_urdf(ARM, NOWHERE)
+    shoulder, wrist = facts.joints["shoulder"], facts.joints["wrist"]
+    assert (facts.name, facts.root, facts.links) == ("arm", "base", ("base", "upper", "hand"))
+    assert (shoulder.kind, shoulder.parent, shoulder.child, shoulder.line) == ("revolute", "base", "upper", 9)
+    assert (shoulder.lower, shoulder.upper, shoulder.velocity, shoulder.effort) == (-1.0, 1.0, 2.0, 10.0)
+    assert (wrist.kind, wrist.lower, wrist.upper, wrist.velocity) == ("continuous", None, None, None)
+    assert facts.mimics == {"wrist": ("shoulder", 2.0, 0.5)}
+    assert [(shape.shape, shape.line) for shape in facts.collisions["upper"]] == [("box", 6)]
+    assert set(facts.collisions) == {"upper"}
+    assert facts.warnings == ()
+
+
+def test_pinocchio_reads_the_checked_text_as_the_text_itself():
+    facts = check_urdf(ARM, NOWHERE)
+    model, geometry = pinocchio_models(facts.text)
+    assert model == pinocchio_models(ARM)[0]
+    check_geometry_complete(facts, geometry, model)
+
+
+def test_the_checked_text_has_single_spaces_where_pinocchio_wants_them():
+    untidy = ARM.replace(AXIS, '<axis xyz="  0\t0\n 1 "/>').replace('lower="-1"', 'lower=" -1 "')
+    with captured_stderr() as stderr, pytest.raises(ValueError, match="valid URDF"):
+        pin.buildModelFromXML(untidy)
+    assert "Unable to parse component" in stderr.reason()
+    assert pinocchio_models(check_urdf(untidy, NOWHERE).text)[0] == pinocchio_models(ARM)[0]
+
+
+def test_a_default_namespace_is_dropped_and_an_encoding_declaration_ignored():
+    dressed = '<?xml version="1.0" encoding="latin1"?>\n' + ARM.replace("<robot", '<robot xmlns="http://drake.mit.edu"')
+    facts = check_urdf(dressed.replace('"hand"', '"händ"'), NOWHERE)
+    assert facts.links == ("base", "upper", "händ")
+    assert "xmlns" not in facts.text
+
+
+def test_newer_versions_have_capsules_and_quaternions():
+    newer = ARM.replace('name="arm"', 'name="arm" version="1.1"', 1)
+    newer = newer.replace(BOX, '<capsule radius="0.1" length="0.4"/>').replace(ORIGIN, 'quat_xyzw="0 0 1 1"')
+    facts = check_urdf(newer, NOWHERE)
+    model, geometry = pinocchio_models(facts.text)
+    check_geometry_complete(facts, geometry, model)
+    shape = geometry.geometryObjects[0].geometry
+    assert (shape.radius, 2 * shape.halfLength) == (0.1, 0.4)
+    assert np.allclose(model.jointPlacements[1].rotation, pin.utils.rotate("z", math.pi / 2))
+
+
+@pytest.mark.parametrize("kind", ["fixed", "floating", "planar"])
+def test_an_axis_that_pinocchio_ignores_may_be_zero(kind):
+    text = ARM.replace(MIMIC, "").replace('type="revolute"', f'type="{kind}"').replace(AXIS, '<axis xyz="0 0 0"/>')
+    facts = check_urdf(text, NOWHERE)
+    assert pinocchio_models(facts.text)[0].nv == JOINT_DOF[kind] + 1
+
+
+def test_harmless_oddities_are_warnings():
+    odd = (
+        ARM.replace(LIMIT, '<limit effort="1" velocity="1"/>' + LIMIT)
+        .replace('"continuous"', '"fixed"')
+        .replace('<sphere radius="0.1"/>', '<mesh filename="package://lost/a.stl"/>')
+    )
+    facts = check_urdf(odd, NOWHERE)
+    for words in (
+        "line 14: joint 'shoulder': the joint can't move",
+        "line 14: joint 'shoulder': a second <limit>",
+        "line 20: joint 'wrist': a fixed joint can't mimic",
+        "line 5: link 'upper': mesh 'package://lost/a.stl' can't be read",
+    ):
+        assert any(warning.startswith(words) for warning in facts.warnings), words
+    assert facts.mimics == {}
+    assert "package://" not in facts.text
+
+
+def test_a_mimic_that_lost_its_prefix_is_found_again():
+    text = (
+        ARM.replace('"wrist"', '"left_finger_2"')
+        .replace('"shoulder"', '"left_finger_1"')
+        .replace('<mimic joint="left_finger_1"', '<mimic joint="finger_1"')
+    )
+    facts = check_urdf(text, NOWHERE)
+    assert facts.mimics == {"left_finger_2": ("left_finger_1", 2.0, 0.5)}
+    assert "taken for 'left_finger_1'" in facts.warnings[0]
+
+
+def test_entities_are_neither_expanded_nor_fetched(tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text("0 0 1")
+    bomb = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10 if i else "lol"}">' for i in range(12))
+    for doctype in (f"<!DOCTYPE robot [{bomb}]>", f'<!DOCTYPE robot [<!ENTITY e SYSTEM "file://{secret}">]>'):
+        with pytest.raises(RobotInvalid, match="DOCTYPE"):
+            check_urdf(doctype + ARM.replace(AXIS, '<axis xyz="&e11;"/>'), NOWHERE)
+    with pytest.raises(RobotInvalid, match="not XML"):
+        check_urdf(ARM.replace('"0 0 1"', '"&e;"'), NOWHERE)
+
+
+def test_sizes_are_bounded():
+    with pytest.raises(RobotInvalid, match="at most"):
+        check_urdf(ARM + " " * MAX_URDF_CHARACTERS, NOWHERE)
+    with pytest.raises(RobotInvalid, match=f"at most {MAX_LINKS}"):
+        check_urdf(chain(MAX_LINKS, "fixed"), NOWHERE)
+    with pytest.raises(RobotInvalid, match=f"at most {MAX_DOF}"):
+        check_urdf(chain(MAX_DOF + 1, "continuous"), NOWHERE)
+    with pytest.raises(RobotInvalid, match="not XML"):
+        check_urdf("<robot name='a'>" + "<a>" * 5_000, NOWHERE)
+    assert len(check_urdf(chain(MAX_LINKS - 1, "fixed"), NOWHERE).links) == MAX_LINKS
+
+
+def chain(joints: int, kind: str) -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(joints + 1))
+    ends = '<joint name="j{0}" type="{1}"><parent link="l{0}"/><child link="l{2}"/></joint>'
+    return f'<robot name="chain">{links}{"".join(ends.format(i, kind, i + 1) for i in range(joints))}</robot>'
+
+
+def test_lost_geometry_names_its_link():
+    lossy = ARM.replace("</collision>", "</collision><collision><geometry/></collision>")
+    model, geometry = pinocchio_models(lossy)
+    with pytest.raises(RobotInvalid, match="link 'upper' has 1 <collision> shapes, but 0 were read") as caught:
+        check_geometry_complete(check_urdf(ARM, NOWHERE), geometry, model)
+    assert caught.value.details == {"link": "upper", "line": 6, "element": "collision"}
+
+
+def test_an_axis_without_a_direction_is_refused() -> None:
+    """Found by fuzzing: Pinocchio takes it for zero, and its "rotation" about that is none."""
+    with pytest.raises(RobotInvalid, match="<axis> must have 'xyz'"):
+        check_urdf(ARM.replace(AXIS, '<axis xz="0 0 1"/>'), NOWHERE)
