@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 import guidefield
 from guidefield import first_start
 from tests.journeys.service import await_death
-from tests.kernels.jit.copies import COMPILING
+from tests.kernels.jit.copies import compiling_package
 
 HERE = Path(guidefield.__file__).parent
 
@@ -40,13 +39,7 @@ print("numba" in sys.modules)
 
 def package(folder: Path, result: str) -> Path:
     """A copy of the package with two kernels, of which one calls the other from another file."""
-    kernels = folder / "guidefield" / "kernels"
-    kernels.mkdir(parents=True)
-    (kernels.parent / "__init__.py").touch()
-    for name in ("first_start", "whole_file"):
-        shutil.copy(HERE / f"{name}.py", kernels.parent)
-    for name in ("ahead", *COMPILING):
-        shutil.copy(HERE / "kernels" / f"{name}.py", kernels)
+    kernels = compiling_package(folder)
     imported = "from guidefield.kernels.callee import callee"
     (kernels / "a_caller.py").write_text(KERNEL.format(imported=imported, name="a_caller", result="callee(x) + 1.0"))
     (kernels / "callee.py").write_text(KERNEL.format(imported="", name="callee", result=result))

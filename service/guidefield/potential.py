@@ -15,7 +15,7 @@ from guidefield.kernels.field.field_tables import FieldTables, single_precision
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joint_tables import joints_of
+from guidefield.robot.group.joint_table import joints_of
 from guidefield.scene.scene import Scene
 
 

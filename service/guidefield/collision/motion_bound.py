@@ -21,7 +21,7 @@ class MotionBound:
 
     from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after
     the other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j
-    as at m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (robot/model/chart.py), about
+    as at m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`chart`), about
     an axis through its centre that may be any: rho is the largest distance from the centre. Lengths that belong
     together count by their norm. Of two moving bodies only joints that move one and not the other count: the others
     move both as one. A follower's e is its driver's times the size of its multiplier.

@@ -16,7 +16,7 @@ from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SweptRobot
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joint_tables import joints_of
+from guidefield.robot.group.joint_table import joints_of
 from guidefield.scene.distance_tables import distance_tables
 
 SELF_MARGIN = 1e-4

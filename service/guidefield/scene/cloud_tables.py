@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.kept import kept_with
-from guidefield.kernels.collide.gjk import BLOCK
-from guidefield.kernels.collide.layout import AROUND
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
 from guidefield.kernels.distance.point_tree_build import fill_tree
-from guidefield.kernels.simd.f32x16 import LANES
+from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, LANES
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.scene.obstacle import Obstacle
 

@@ -11,8 +11,8 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.lanes import Lanes
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.world import World
-from guidefield.kernels.collide.gjk import BLOCK, PART
-from guidefield.kernels.simd.f32x16 import LANES
+from guidefield.kernels.collide.gjk import PART
+from guidefield.kernels.simd.f32x16 import BLOCK, LANES
 from guidefield.kernels.simd.lane_math import HALF_SPACE
 from guidefield.kernels.simd.packing import packed
 from guidefield.messages import scene as messages

@@ -6,9 +6,9 @@ import numpy as np
 from numba import int64, types, void
 
 from guidefield.kernels.collide.motion_validation import world_of
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, INTEGERS_OUT, LANES, lane_kernel, pointers
+from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, LANES, lane_kernel, pointers
 from guidefield.kernels.simd.lane_math import Floats32
 from guidefield.kernels.simd.packing import Words
 from guidefield.kernels.tree.informed_samples import sampling_of
@@ -25,7 +25,7 @@ def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, pose
     lane_placements(pointers(joints), pointers(coordinates), pointers(poses_out))
 
 
-@lane_kernel(int64(INDICES, types.float64, FLOATS, INTEGERS_OUT))
+@lane_kernel(int64(INDICES, types.float64, FLOATS, INDICES_OUT))
 def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32, hits: np.ndarray) -> int:
     """`certain_hits` in a world that is packed."""
     world = world_of(pointers(words))
@@ -34,7 +34,7 @@ def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32
     )
 
 
-@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INTEGERS_OUT))
+@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))
 def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray) -> None:
     """`nearest`: of each of some targets, shape (n, nv), the node of a tree, shape (n,)."""
     trees, sources = search_of(pointers(search)), sampling_of(pointers(sampling))
@@ -42,7 +42,7 @@ def nearest_nodes(search: Words, sampling: Words, tree: int, targets: np.ndarray
         nodes_out[i] = nearest(trees, tree, pointers(targets[i]), sources)
 
 
-@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INTEGERS_OUT))
+@lane_kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))
 def nearest_nodes_of_samples(
     search: Words, sampling: Words, tree: int, targets: np.ndarray, nodes_out: np.ndarray
 ) -> None:

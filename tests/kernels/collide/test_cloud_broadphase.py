@@ -7,9 +7,9 @@ import pytest
 from numba import njit
 
 from guidefield.kernels.collide.cloud_broadphase import cloud_near
-from guidefield.kernels.collide.layout import AROUND
 from guidefield.kernels.distance.point_tree import cloud_of, nearest_distance, next_block
 from guidefield.kernels.simd import f32x16
+from guidefield.kernels.simd.f32x16 import AROUND
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud_tables import CloudTables, cloud_tables
 from guidefield.scene.obstacle import build

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numba import njit
 
-from guidefield.kernels.collide.gjk import BLOCK, PART, POLYTOPE, Parts
+from guidefield.kernels.collide.gjk import PART, POLYTOPE, Parts
 from guidefield.kernels.collide.separating_axes import away_from_primitive, kept_beyond
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
 from guidefield.kernels.simd import f32x16
+from guidefield.kernels.simd.f32x16 import BLOCK
 from guidefield.kernels.simd.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE
 
 

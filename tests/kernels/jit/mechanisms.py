@@ -13,6 +13,8 @@ from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import (
+    INDICES,
+    INDICES_OUT,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
@@ -23,11 +25,9 @@ from guidefield.kernels.jit.signatures import (
     inlined,
     optimized,
 )
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
 from guidefield.kernels.simd.f32x16 import (
     FLOAT_POINTER,
     FLOATS,
-    INTEGERS_OUT,
     LANES,
     below,
     lane_kernel,
@@ -122,7 +122,7 @@ def _turned(angles: Any, cosines_out: Any, row: int) -> int:
     return int(below(s, splat(0.0)))
 
 
-@lane_kernel(void(INDICES, INTEGERS_OUT))
+@lane_kernel(void(INDICES, INDICES_OUT))
 def turned(words: Words, masks_out: np.ndarray) -> None:
     """Cosines of twice the angles, and which of their sines are negative."""
     turning = turning_of(pointers(words))

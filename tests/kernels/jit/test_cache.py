@@ -11,9 +11,9 @@ import pytest
 
 from guidefield import kernels
 from guidefield.first_start import kernel_compiler
-from guidefield.kernels.jit.cache import uncompiled
+from guidefield.kernels.jit.cache import sources, uncompiled
 from guidefield.kernels.jit.dependencies import Sources
-from tests.kernels.jit.copies import COMPILING
+from tests.kernels.jit.copies import compiling_package
 
 KERNELS = Path(kernels.__file__).parent
 
@@ -48,13 +48,7 @@ def run(script: str, path: Path, **environment: str) -> str:
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A copy of the package with two kernels, of which one calls the other from another file."""
-    sources = tmp_path / "code/guidefield/kernels"
-    sources.mkdir(parents=True)
-    (sources.parent / "__init__.py").touch()
-    for name in ("first_start.py", "whole_file.py"):
-        shutil.copy(KERNELS.parent / name, sources.parent)
-    for name in COMPILING:
-        shutil.copy(KERNELS / f"{name}.py", sources)
+    sources = compiling_package(tmp_path / "code")
     (sources / "callee.py").write_text(KERNEL.format("", "callee", "1"))
     imported = "from guidefield.kernels.callee import callee\n"
     (sources / "caller.py").write_text(KERNEL.format(imported, "caller", "callee()"))
@@ -161,8 +155,6 @@ def test_plain_machine_code_is_kept_apart(package: Path, tmp_path: Path, first: 
 
 
 def test_every_kernel_is_known_to_be_compiled_once_it_is_imported() -> None:
-    for source in KERNELS.glob("*.py"):
-        importlib.import_module(
-            f"guidefield.kernels.{source.stem}" if source.stem != "__init__" else "guidefield.kernels"
-        )
+    for name in sources().names:
+        importlib.import_module(f"guidefield.kernels.{name}".removesuffix(".__init__"))
     assert not uncompiled()

@@ -22,7 +22,7 @@ from guidefield import kernels
 from guidefield.kernels.jit import typing_cache
 from guidefield.kernels.jit.patched_compiler import kernel, part, quicken
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, inlined
-from tests.kernels.jit.copies import COMPILING
+from tests.kernels.jit.copies import compiling_package
 
 HERE = Path(kernels.__file__).parent
 
@@ -101,13 +101,7 @@ def test_arrays_of_other_shapes_are_not_assigned(monkeypatch: pytest.MonkeyPatch
 
 def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -> None:
     """The name by which a kernel is called doesn't depend on the process, whatever order its sets have."""
-    sources = tmp_path / "code/guidefield/kernels"
-    sources.mkdir(parents=True)
-    (sources.parent / "__init__.py").touch()
-    for name in ("first_start", "whole_file"):
-        shutil.copy(HERE.parent / f"{name}.py", sources.parent)
-    for name in COMPILING:
-        shutil.copy(HERE / f"{name}.py", sources)
+    sources = compiling_package(tmp_path / "code")
     loops = "for i in range(x.shape[0]):\n        out[i] = 2.0 * x[i]"
     (sources / "callee.py").write_text(KERNEL.format(imported="", name="callee", body=loops))
     imported = "from guidefield.kernels.callee import callee"

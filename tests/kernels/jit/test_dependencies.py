@@ -90,7 +90,10 @@ def test_files_that_import_one_another_are_read_once_and_to_the_end(tmp_path: Pa
 
 def test_a_number_in_forward_kinematics_is_no_reason_to_compile_everything() -> None:
     sources = Sources(Path(kernels.__file__).parent, "guidefield.kernels")
-    for file, name in (("tree_kinematics", "joint_placements"), ("lane_kinematics", "lane_placements")):
+    for file, name in (
+        ("kinematics.forward_kinematics", "joint_placements"),
+        ("kinematics.batch_forward_kinematics", "lane_placements"),
+    ):
         again = [one for one in sources.names if (file, name) in sources._needed(one)]
         assert file in again
         assert len(again) <= len(sources.names) / 3

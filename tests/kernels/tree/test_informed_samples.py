@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import VECTOR_OUT, Floats
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.jit.signatures import INDICES, VECTOR_OUT, Floats
 from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, LANES, lane_kernel, load, pointers
 from guidefield.kernels.simd.lane_math import Floats32
 from guidefield.kernels.simd.packing import Words, packed

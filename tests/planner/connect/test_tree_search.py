@@ -12,8 +12,8 @@ from numba import int64, void
 
 from guidefield.collision.lanes.lanes import Lanes
 from guidefield.collision.world import World
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import INTEGERS_OUT, LANES, lane_kernel, pointers
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT
+from guidefield.kernels.simd.f32x16 import LANES, lane_kernel, pointers
 from guidefield.kernels.simd.packing import Words
 from guidefield.kernels.tree.nodes import PLANTED, search_of
 from guidefield.kernels.tree.rrt_connect import way_of
@@ -175,7 +175,7 @@ def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
     assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
 
 
-@lane_kernel(void(INDICES, int64, INTEGERS_OUT))
+@lane_kernel(void(INDICES, int64, INDICES_OUT))
 def ways(search: Words, capacity: int, pairs_out: np.ndarray) -> None:
     trees = search_of(pointers(search))
     for turn in range(len(pairs_out) // 2):

@@ -1,4 +1,4 @@
-"""Grids over the coordinates that pairs of joints' bodies hang on, for the lane kernels (see kernels/collide/self_collision_cache)."""
+"""Grids over the coordinates that pairs of joints' bodies hang on, for the lane kernels (`self_collision_cache`)."""
 
 from __future__ import annotations
 

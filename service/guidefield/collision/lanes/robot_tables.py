@@ -33,7 +33,8 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
 from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import ShapeCoverage
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joint_tables import joint_table, joints_of
+from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.model.joint_tables import joint_table
 from guidefield.robot.model.shapes import triangulation
 
 KINDS = np.empty(6, np.int64)

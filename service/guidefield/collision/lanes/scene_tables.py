@@ -15,10 +15,10 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.memory import scene_memory
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import SCENE_WORDS
-from guidefield.kernels.collide.gjk import BLOCK, Parts
+from guidefield.kernels.collide.gjk import Parts
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.primitives_layout import PLACED, primitive_tables
-from guidefield.kernels.simd.f32x16 import LANES
+from guidefield.kernels.simd.f32x16 import BLOCK, LANES
 from guidefield.kernels.simd.lane_math import BOX, PRIMITIVE
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.scene.cloud import Cloud

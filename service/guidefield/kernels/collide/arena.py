@@ -7,9 +7,7 @@ from numba import int64
 
 from guidefield.kernels.collide.gjk import Parts
 from guidefield.kernels.collide.layout import HITS, LaneObstacles, Scratch
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, compiled
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import INTEGERS_OUT
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, INDICES_OUT, compiled
 from guidefield.kernels.simd.packing import Words
 
 LINE = 64
@@ -27,7 +25,7 @@ MEMORY_WORDS = len(Scratch._fields) + 1
 _HITS = 1 + Scratch._fields.index("hits")
 
 
-@compiled(int64(INDICES, INDICES, INDICES, INDICES, INDEX_MATRIX, int64, INTEGERS_OUT, INTEGERS_OUT))
+@compiled(int64(INDICES, INDICES, INDICES, INDICES, INDEX_MATRIX, int64, INDICES_OUT, INDICES_OUT))
 def lay_out(
     robot: Words,
     scene: Words,

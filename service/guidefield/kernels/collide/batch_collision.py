@@ -35,7 +35,8 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_obstacle
 from guidefield.kernels.collide.self_collision_cache import left_of_cells
 from guidefield.kernels.collide.self_narrowphase import pair_meets
-from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, Integers, LaneJoints, lane_placements
+from guidefield.kernels.jit.signatures import Integers
+from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.simd.f32x16 import (
     ALL_LANES,
     FLOAT_POINTER,

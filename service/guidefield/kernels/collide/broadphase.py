@@ -6,7 +6,6 @@ from numba import int64, types, void
 
 from guidefield.kernels.collide.cloud_broadphase import cloud_near
 from guidefield.kernels.collide.layout import (
-    AROUND,
     BALL,
     BODIES,
     CLOUD,
@@ -19,6 +18,7 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.distance.point_tree import cloud_of, words_at
 from guidefield.kernels.kinematics.batch_forward_kinematics import moved
 from guidefield.kernels.simd.f32x16 import (
+    AROUND,
     LANES,
     Vector,
     below,

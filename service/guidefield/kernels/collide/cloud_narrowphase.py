@@ -6,7 +6,7 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.collide.gjk import AXIS, BLOCK, POINTED_PARTS, Parts, bodies_apart, reach_along
+from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, bodies_apart, reach_along
 from guidefield.kernels.collide.layout import (
     AXIS_AND_REACH,
     BAND,
@@ -29,7 +29,7 @@ from guidefield.kernels.distance.point_tree import (
     words_at,
 )
 from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.simd.f32x16 import DOUBLE_POINTER, below, first_lane, lane_part, lane_step, load, splat
+from guidefield.kernels.simd.f32x16 import BLOCK, DOUBLE_POINTER, below, first_lane, lane_part, lane_step, load, splat
 
 
 @lane_step(float64(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, DOUBLE_POINTER))

@@ -14,13 +14,12 @@ import numpy as np
 from numba import boolean, types
 
 from guidefield.kernels.collide.gjk_simplex import NEAREST, reduced
-from guidefield.kernels.jit.signatures import VECTOR, Floats
-from guidefield.kernels.kinematics.forward_kinematics import INDICES, Integers
+from guidefield.kernels.jit.signatures import INDICES, VECTOR, Floats, Integers
 from guidefield.kernels.simd.f32x16 import (
     ALL_LANES,
+    BLOCK,
     DOUBLE_POINTER,
     FLOATS,
-    LANES,
     below,
     first_lane,
     lane,
@@ -44,8 +43,6 @@ surface within the polytope before this part: never compared."""
 PART = 16
 """Numbers of a part: placement in the body's frame (12, row by row), half extents (3), radius of what rounds it."""
 
-BLOCK = 3 * LANES
-"""Floats of sixteen vertices: x, y, z of all."""
 
 ROUNDS, BALL_ROUNDS = 32, 1
 """How long GJK goes on with two parts, and where one of them is but a ball."""

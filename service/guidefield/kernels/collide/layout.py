@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import VECTOR_OUT
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, INTEGERS_OUT, LANES, pointed
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR_OUT
+from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, LANES, pointed
 
 BAND = 1e-5
 """Within this of contact [m] either answer may come."""
@@ -37,9 +36,6 @@ CHILDREN = 64
 
 CLOUD = 6
 """The kind of an obstacle that is balls about points; its primitive says nothing."""
-
-AROUND = 6 * LANES
-"""Floats of the boxes about sixteen obstacles along the world's axes: the least x, y, z of all, then the largest."""
 
 
 class LaneBodies(NamedTuple):
@@ -182,12 +178,12 @@ LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, I
 SCRATCH = types.NamedTuple(
     [
         *[FLOATS_OUT] * 2,
-        INTEGERS_OUT,
+        INDICES_OUT,
         *[VECTOR_OUT] * 2,
-        *[INTEGERS_OUT] * 2,
+        *[INDICES_OUT] * 2,
         *[VECTOR_OUT] * 3,
         *[FLOATS_OUT] * 3,
-        INTEGERS_OUT,
+        INDICES_OUT,
     ],
     Scratch,
 )

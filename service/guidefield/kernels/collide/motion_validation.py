@@ -20,8 +20,8 @@ from guidefield.kernels.collide.layout import (
     Scratch,
 )
 from guidefield.kernels.collide.separating_axes import forget_axes
+from guidefield.kernels.jit.signatures import INDICES
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
 from guidefield.kernels.simd.f32x16 import (
     FLOAT_POINTER,
     FLOATS,

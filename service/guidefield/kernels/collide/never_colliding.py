@@ -10,9 +10,9 @@ from numba import boolean, int64, types, void
 from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, TOUCHING, judged
 from guidefield.kernels.collide.gjk import PARTS, Parts
 from guidefield.kernels.collide.layout import GRID_PLACES, GRID_SIDES, LANE_BODIES, SCRATCH, LaneBodies, Scratch
-from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, Integers, LaneJoints
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import INTEGER_POINTER, INTEGERS_OUT, lane_kernel, lane_step, pointed, pointers
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, Integers
+from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
+from guidefield.kernels.simd.f32x16 import INTEGER_POINTER, lane_kernel, lane_step, pointed, pointers
 from guidefield.kernels.simd.packing import Words, unpacked
 
 BEYOND = 1e-3
@@ -74,7 +74,7 @@ STACK = CELL * 256
 """Numbers of the memory for cells that wait: fewer than 8 more of each size."""
 
 
-@lane_kernel(void(INDICES, int64, INTEGERS_OUT, types.Array(types.boolean, 1, "C")))
+@lane_kernel(void(INDICES, int64, INDICES_OUT, types.Array(types.boolean, 1, "C")))
 def never_touching(words: Words, most: int, stack: Integers, never_out: np.ndarray) -> None:
     """Of each meeting whether its bodies are known to keep apart wherever their coordinates are within their limits.
 

@@ -12,7 +12,6 @@ from numba import boolean, int64, types
 from guidefield.kernels.collide.broadphase import ball_centre
 from guidefield.kernels.collide.gjk import (
     AXIS,
-    BLOCK,
     KEPT,
     POINTED_PARTS,
     POLYTOPE,
@@ -41,7 +40,17 @@ from guidefield.kernels.collide.separating_axes import (
     write_separating,
 )
 from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.simd.f32x16 import DOUBLE_POINTER, Vector, first_lane, lane, lane_part, lane_step, load, splat
+from guidefield.kernels.simd.f32x16 import (
+    BLOCK,
+    DOUBLE_POINTER,
+    Vector,
+    first_lane,
+    lane,
+    lane_part,
+    lane_step,
+    load,
+    splat,
+)
 from guidefield.kernels.simd.lane_math import PRIMITIVE, near_primitive
 
 

@@ -10,11 +10,10 @@ import numpy as np
 from numba import int64, types
 
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
-from guidefield.kernels.collide.gjk import BLOCK, PART, PARTS, POLYTOPE, Parts
-from guidefield.kernels.collide.layout import AROUND, LANE_OBSTACLES, LaneObstacles
-from guidefield.kernels.jit.signatures import VECTOR, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import INTEGERS_OUT, LANES, pointers
+from guidefield.kernels.collide.gjk import PART, PARTS, POLYTOPE, Parts
+from guidefield.kernels.collide.layout import LANE_OBSTACLES, LaneObstacles
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, LANES, pointers
 from guidefield.kernels.simd.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE, Floats32
 from guidefield.kernels.simd.packing import Words, unpacked
 
@@ -116,7 +115,7 @@ def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
             row[6 + k] = placed[at + 8 + k]
 
 
-@compiled(int64(VECTOR, INDICES, INTEGERS_OUT, INTEGERS_OUT))
+@compiled(int64(VECTOR, INDICES, INDICES_OUT, INDICES_OUT))
 def primitive_tables(placed: Floats, offsets: Words, memory: Words, words: Words) -> int:
     """Tables of primitives each of which is an obstacle: one node and one part each, and a block of vertices of a box.
 

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.collide.gjk import AXIS, BLOCK, POINTED_PARTS, POLYTOPE, Parts, reach_along
+from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, POLYTOPE, Parts, reach_along
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, LaneBodies
-from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE, Integers
+from guidefield.kernels.jit.signatures import Floats, Integers
+from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
 from guidefield.kernels.simd.f32x16 import (
+    BLOCK,
     LANES,
     Vector,
     below,

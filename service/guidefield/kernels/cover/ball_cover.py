@@ -10,10 +10,9 @@ import math
 import numpy as np
 from numba import types, uint64, void
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, VECTOR_OUT, Floats, compiled, inlined
 
 INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
-INTEGERS_OUT = types.Array(types.int64, 1, "C")
 WORDS_OUT = types.Array(types.uint64, 2, "C")
 
 
@@ -94,7 +93,7 @@ def _reach(balls: Floats, i: int, corners: Floats, first: np.ndarray, j: int) ->
     return reach
 
 
-@compiled(void(MATRIX, MATRIX, INTEGERS, MATRIX, MATRIX, VECTOR_OUT, INTEGERS_OUT))
+@compiled(void(MATRIX, MATRIX, INTEGERS, MATRIX, MATRIX, VECTOR_OUT, INDICES_OUT))
 def reaches(
     balls: Floats,
     corners: Floats,

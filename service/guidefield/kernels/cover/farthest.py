@@ -12,10 +12,7 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import Integers
-
-INDICES_OUT = types.Array(types.int64, 1, "C")
+from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, SCALAR, Floats, Integers, compiled, inlined
 
 BLOCK = 64
 """Candidates of a block."""

@@ -7,14 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import types, uint64
-from numpy.typing import NDArray
 
-from guidefield.kernels.jit.signatures import compiled, inlined
+from guidefield.kernels.jit.signatures import INDICES_OUT, Integers, compiled, inlined
 
 WORDS = types.Array(types.uint64, 2, "C", readonly=True)
-INTEGERS_OUT = types.Array(types.int64, 1, "C")
-
-Integers = NDArray[np.int64]
 
 
 @inlined
@@ -33,7 +29,7 @@ def lowest(word: int) -> int:
     return ones((word & (~word + uint64(1))) - uint64(1))
 
 
-@compiled(types.int64(WORDS, INTEGERS_OUT))
+@compiled(types.int64(WORDS, INDICES_OUT))
 def greedy_choice(bits: np.ndarray, chosen_out: Integers) -> int:
     """Sets that together contain every element that any set contains, the most fruitful first.
 

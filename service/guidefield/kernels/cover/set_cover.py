@@ -13,8 +13,8 @@ import numpy as np
 from numba import types, uint64
 from numpy.typing import NDArray
 
-from guidefield.kernels.cover.greedy_set_cover import INTEGERS_OUT, WORDS, Integers, lowest, ones
-from guidefield.kernels.jit.signatures import compiled, inlined
+from guidefield.kernels.cover.greedy_set_cover import WORDS, lowest, ones
+from guidefield.kernels.jit.signatures import INDICES_OUT, Integers, compiled, inlined
 
 _SEED = 88172645463325252
 """Of the random choice among missing elements: the same sets give the same choice."""
@@ -204,7 +204,7 @@ def _weigh_missing(search: Search) -> None:
             search.scores[search.sets[s]] += 1
 
 
-@compiled(types.int64(WORDS, types.int64, types.int64, INTEGERS_OUT))
+@compiled(types.int64(WORDS, types.int64, types.int64, INDICES_OUT))
 def fewer(bits: np.ndarray, count: int, steps: int, chosen_out: Integers) -> int:
     """Look for fewer sets that contain all that some sets do.
 

@@ -24,13 +24,22 @@ from guidefield.kernels.distance.triangle_distance import (
     surface_distance,
 )
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, INDICES
+from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    INDEX_MATRIX,
+    INDICES,
+    INDICES_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+)
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD = range(7)
 """Kinds of bodies."""
 
-INDICES_OUT = types.Array(types.int64, 1, "C")
 
 _STACK = 64
 

@@ -14,11 +14,11 @@ from llvmlite import ir
 from numba import float64, int64, types
 from numba.extending import intrinsic
 
-from guidefield.kernels.collide.gjk import BLOCK
-from guidefield.kernels.collide.layout import AROUND
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.jit.signatures import INDICES
 from guidefield.kernels.simd.f32x16 import (
     ALL_LANES,
+    AROUND,
+    BLOCK,
     FLOATS,
     FLOATS_OUT,
     INTEGER_POINTER,

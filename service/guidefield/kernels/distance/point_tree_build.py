@@ -7,12 +7,9 @@ import math
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.collide.gjk import BLOCK
-from guidefield.kernels.collide.layout import AROUND
 from guidefield.kernels.distance.point_tree import NOWHERE
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
-from guidefield.kernels.simd.f32x16 import FLOATS_OUT, LANES
+from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT, Floats, compiled, inlined
+from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, FLOATS_OUT, LANES
 from guidefield.kernels.simd.lane_math import Floats32
 
 _STACK = 64

@@ -13,9 +13,7 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.distance.triangle_distance import LEAF, SPAN, SURFACES, Span, SurfaceTables
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, Vector3, compiled, inlined
-
-INTEGERS_OUT = types.Array(types.int64, 1, "C")
+from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, SCALAR, Floats, Vector3, compiled, inlined
 
 RAYS = 64
 """Directions that are tried."""
@@ -143,7 +141,7 @@ def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Spa
     return 0
 
 
-@compiled(void(MATRIX, SURFACES, SPAN, INTEGERS_OUT))
+@compiled(void(MATRIX, SURFACES, SPAN, INDICES_OUT))
 def windings_at(points: Floats, surfaces: SurfaceTables, span: Span, windings_out: np.ndarray) -> None:
     """`ray_winding` at many points.
 

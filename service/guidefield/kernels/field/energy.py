@@ -19,7 +19,9 @@ from guidefield.kernels.field.field_tables import TABLES, TABLES_32
 from guidefield.kernels.field.primitives import capsule_at
 from guidefield.kernels.field.wrenches import gathered, give, nothing, project
 from guidefield.kernels.jit.signatures import (
+    BLOCKS_OUT,
     INDEX_MATRIX,
+    INDICES,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
@@ -30,7 +32,7 @@ from guidefield.kernels.jit.signatures import (
     inlined,
     optimized,
 )
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, BLOCKS_OUT, INDICES, JointTable, joint_placements
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements
 from guidefield.kernels.simd.generic_vector import lanes_of, load, select, total
 
 
@@ -54,7 +56,6 @@ class ChargedRobot(NamedTuple):
     pairs: np.ndarray
 
 
-JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
 ROBOT = types.NamedTuple((MATRIX, VECTOR, INDICES, MATRIX, INDICES, INDEX_MATRIX), ChargedRobot)
 
 

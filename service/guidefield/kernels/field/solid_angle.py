@@ -1,6 +1,6 @@
 """Potential and curvature of flat polygons from half their solid angle, given as a complex number; in lanes.
 
-A triangle of area A_k has half the solid angle arg(F_k + i a_k h), with the a_k = 4 A_k and F_k of kernels/field/faces.py (or
+A triangle of area A_k has half the solid angle arg(F_k + i a_k h), with the a_k = 4 A_k and F_k of `faces` (or
 both halved). That of two triangles in one plane is the argument of the product, so one arctangent serves both. With the
 product R + i h B
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.kernels.jit.signatures import Floats, inlined
-from guidefield.kernels.kinematics.forward_kinematics import Integers, motion_subspaces
+from guidefield.kernels.jit.signatures import Floats, Integers, inlined
+from guidefield.kernels.kinematics.forward_kinematics import motion_subspaces
 from guidefield.kernels.simd.generic_vector import total
 
 

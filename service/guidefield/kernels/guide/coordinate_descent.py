@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.distance.distance import TABLES as BODIES
-from guidefield.kernels.field.energy import JOINTS, ROBOT
+from guidefield.kernels.field.energy import ROBOT
 from guidefield.kernels.field.field import LANES
 from guidefield.kernels.field.field_tables import TABLES_32
 from guidefield.kernels.guide.tip_guard import GUARD, allows
@@ -31,9 +31,9 @@ from guidefield.kernels.guide.univariate_search import (
     put_at,
     strung,
 )
-from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.signatures import INDICES, MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
 from guidefield.kernels.kinematics.chain_angles import chain_configuration
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS
 from guidefield.kernels.kinematics.link_chain import CHAIN
 from guidefield.kernels.kinematics.local_coordinates import chart_values
 from guidefield.kernels.sweep.swept import motion_apart

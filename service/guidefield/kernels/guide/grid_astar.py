@@ -12,9 +12,8 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.distance.distance import INDICES_OUT, TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import INDICES, Integers
+from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, SCALAR, VECTOR, Floats, Integers, compiled, inlined
 
 CAP = 0.25
 """Clearance beyond this doesn't count [m]."""

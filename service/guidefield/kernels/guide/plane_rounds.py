@@ -1,7 +1,7 @@
 """Rounds of advance, slide and reorient towards a guide plane by Projected, where capsules judge every motion.
 
 service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open". What these
-kernels do step by step stands in planner/guide/guide.py and planner/guide/guided_path.py too, for the minimizers and the robots whose
+kernels do step by step stands in guide.py and guided_path.py of planner/guide too, for the minimizers and the robots whose
 motions are judged elsewhere.
 """
 

@@ -8,8 +8,18 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, Integers
+from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
 
 _NEAR = 1e-3
 """A ray hits what is nearer than this [m]."""

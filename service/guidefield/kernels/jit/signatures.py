@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from guidefield.kernels.jit.compilers import kernel as made, part
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Vector3 = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 """Of a field at a point: potential [1/m], gradient (3) [1/m^2], curvature [1/m^3], winding number."""
@@ -27,11 +28,23 @@ MATRIX = types.Array(types.float64, 2, "C", readonly=True)
 INDEX_MATRIX = types.Array(types.int64, 2, "C", readonly=True)
 """Input of whole numbers, shape (m, n)."""
 
+INDICES = types.Array(types.int64, 1, "C", readonly=True)
+"""Input of whole numbers, shape (n,)."""
+
+BLOCKS = types.Array(types.float64, 3, "C", readonly=True)
+"""Input, shape (k, m, n)."""
+
 VECTOR_OUT = types.Array(types.float64, 1, "C")
 """Output, shape (n,)."""
 
 MATRIX_OUT = types.Array(types.float64, 2, "C")
 """Output, shape (m, n)."""
+
+INDICES_OUT = types.Array(types.int64, 1, "C")
+"""Output of whole numbers, shape (n,)."""
+
+BLOCKS_OUT = types.Array(types.float64, 3, "C")
+"""Output, shape (k, m, n)."""
 
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 """How sums may be rearranged. Not `ninf` and `nnan`: selects discard infinities, which must stay what they are."""

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import int64, types, void
-from numpy.typing import NDArray
 
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.jit.signatures import INDICES
 from guidefield.kernels.simd.f32x16 import (
     FLOAT_POINTER,
     FLOATS,
@@ -23,14 +22,12 @@ from guidefield.kernels.simd.f32x16 import (
 )
 from guidefield.kernels.simd.lane_math import Floats32, cosine_and_sine, quaternion_of
 
-Integers = NDArray[np.int64]
-
 POSE = 12 * LANES
 """Floats of sixteen placements: rotation and translation row by row, each number in sixteen lanes."""
 
 TURNING, SLIDING, PLANAR, BALL, FLOATING = range(5)
 """Kinds of joints: about z; along z; along x and y and about z; about a point; all of these. The frame of a joint with
-one degree of freedom is turned so that its axis is z; the others take as many coordinates as robot/model/chart.py says."""
+one degree of freedom is turned so that its axis is z; the others take as many coordinates as the chart has."""
 
 PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
 """Forms of the placement of a joint in its parent's frame: any; turned about x by a right angle, or not at all, of a

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, BLOCKS_OUT, axis_rotation
+from guidefield.kernels.jit.signatures import BLOCKS, BLOCKS_OUT, MATRIX, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import axis_rotation
 from guidefield.kernels.kinematics.link_chain import CHAIN, FREE, UNIVERSAL, LinkChain, rotated
 
 

@@ -12,18 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import types, void
-from numpy.typing import NDArray
 
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    BLOCKS_OUT,
+    INDICES,
+    MATRIX,
+    MATRIX_OUT,
+    VECTOR,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
 
 REVOLUTE, CONTINUOUS, PRISMATIC, PLANAR, SPHERICAL, FLOATING = range(6)
 """Codes of joint kinds in `JointTable.kinds`."""
-
-Integers = NDArray[np.int64]
-
-INDICES = types.Array(types.int64, 1, "C", readonly=True)
-BLOCKS = types.Array(types.float64, 3, "C", readonly=True)
-BLOCKS_OUT = types.Array(types.float64, 3, "C")
 
 
 class JointTable(NamedTuple):
@@ -44,6 +48,9 @@ class JointTable(NamedTuple):
     idx_q: np.ndarray
     idx_v: np.ndarray
     nv: np.ndarray
+
+
+JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
 
 
 @inlined

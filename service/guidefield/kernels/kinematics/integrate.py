@@ -11,19 +11,27 @@ from typing import NamedTuple
 
 from numba import types, void
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.signatures import (
+    INDICES,
+    MATRIX,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    Integers,
+    Vector3,
+    compiled,
+    inlined,
+)
 from guidefield.kernels.kinematics.chart import turned
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
-    INDICES,
+    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
     SPHERICAL,
-    Integers,
     JointTable,
 )
-from guidefield.kernels.relax.sampled_robot import JOINTS
 
 _SMALL = 1e-4
 """Below this angle series stand for sine and cosine [rad]: off by less than rounding."""

@@ -12,8 +12,20 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, INDICES, Integers, axis_rotation
+from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    INDICES,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
+from guidefield.kernels.kinematics.forward_kinematics import axis_rotation
 from guidefield.kernels.linalg.small_systems import solve_three
 
 BALL, FREE, UNIVERSAL = range(3)

@@ -10,12 +10,12 @@ from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, compil
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
     FLOATING,
+    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
     JointTable,
 )
-from guidefield.kernels.relax.sampled_robot import JOINTS
 
 _TURN = 2.0 * math.pi
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import INDICES, Integers
+from guidefield.kernels.jit.signatures import INDICES, MATRIX, VECTOR, Floats, Integers, compiled, inlined
 
 _INDICES_OUT = types.Array(types.int64, 1, "C")
 

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR, Floats, inlined
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.jit.signatures import INDICES, MATRIX, VECTOR, Floats, inlined
 from guidefield.kernels.simd.generic_vector import load, store
 from guidefield.kernels.simd.generic_vector_model import LANES_64
 from guidefield.kernels.simd.rotations import (

@@ -11,8 +11,16 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS, BLOCKS_OUT
+from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    BLOCKS_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+)
 
 
 @compiled(types.boolean(MATRIX_OUT))

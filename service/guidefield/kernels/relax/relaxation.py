@@ -14,8 +14,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, SCALAR, VECTOR, Floats, compiled
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS_OUT, INDICES
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, INDICES, MATRIX, MATRIX_OUT, SCALAR, VECTOR, Floats, compiled
 from guidefield.kernels.relax.robot_barrier import robot_barrier
 from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.relax.verlet_list import NEAR_BODIES, NearBodies

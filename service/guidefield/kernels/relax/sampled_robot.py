@@ -9,18 +9,11 @@ from numba import types
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, Vector3
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, MATRIX, VECTOR, Floats, Vector3
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import (
-    BLOCKS,
-    INDICES,
-    JointTable,
-    joint_placements,
-    motion_subspaces,
-)
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, JointTable, joint_placements, motion_subspaces
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
-JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
 
 
 class SampledRobot(NamedTuple):

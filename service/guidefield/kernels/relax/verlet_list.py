@@ -15,8 +15,7 @@ from numba import types
 from guidefield.kernels.distance.distance import DistanceTables, bodies_near
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.kinematics.forward_kinematics import BLOCKS_OUT
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, Floats
 from guidefield.kernels.relax.sampled_robot import SampledRobot, Workspace
 
 MARGIN = 0.04

@@ -27,6 +27,12 @@ from guidefield.kernels.jit.signatures import Kernel
 LANES = 16
 ALL_LANES = (1 << LANES) - 1
 
+AROUND = 6 * LANES
+"""Floats of the boxes about sixteen obstacles along the world's axes: the least x, y, z of all, then the largest."""
+
+BLOCK = 3 * LANES
+"""Floats of sixteen vertices: x, y, z of all."""
+
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
 _BITS, _I64, _I32 = ir.IntType(LANES), ir.IntType(64), ir.IntType(32)
 
@@ -45,8 +51,8 @@ Vector = Any
 
 FLOATS = types.Array(types.float32, 1, "C", readonly=True)
 """Input, flat."""
-FLOATS_OUT, INTEGERS_OUT = (types.Array(kind, 1, "C") for kind in (types.float32, types.int64))
-"""Outputs, flat."""
+FLOATS_OUT = types.Array(types.float32, 1, "C")
+"""Output, flat."""
 
 FLOAT_POINTER, DOUBLE_POINTER, INTEGER_POINTER = map(types.CPointer, (types.float32, types.float64, types.int64))
 

@@ -13,9 +13,9 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled, inlined
 from guidefield.kernels.kinematics.chart import configuration
-from guidefield.kernels.kinematics.forward_kinematics import Integers, joint_placements
+from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.kernels.sweep.swept_bounds import (
     SWEPT,
     SweptRobot,

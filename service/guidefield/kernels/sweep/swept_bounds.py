@@ -11,20 +11,18 @@ from typing import NamedTuple
 
 from numba import types
 
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, VECTOR, Floats, inlined
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, MATRIX, VECTOR, Floats, Integers, inlined
 from guidefield.kernels.kinematics.chart import subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
     FLOATING,
-    INDICES,
+    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
-    Integers,
     JointTable,
     motion_subspaces,
 )
-from guidefield.kernels.relax.sampled_robot import JOINTS
 
 
 class SweptRobot(NamedTuple):

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.jit.signatures import VECTOR, Floats
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.jit.signatures import INDICES, VECTOR, Floats
 from guidefield.kernels.simd.f32x16 import (
     FLOAT_POINTER,
     FLOATS,

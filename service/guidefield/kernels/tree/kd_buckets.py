@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.kinematics.batch_forward_kinematics import Integers
+from guidefield.kernels.jit.signatures import INDICES_OUT, Integers
 from guidefield.kernels.simd.f32x16 import (
     FLOAT_POINTER,
     FLOATS_OUT,
-    INTEGERS_OUT,
     LANES,
     Vector,
     below,
@@ -81,11 +80,11 @@ BUCKETS_TYPE = types.NamedTuple(
     [
         types.int64,
         FLOATS_OUT,
-        *[INTEGERS_OUT] * 2,
+        *[INDICES_OUT] * 2,
         *[FLOATS_OUT] * 2,
-        INTEGERS_OUT,
+        INDICES_OUT,
         FLOATS_OUT,
-        INTEGERS_OUT,
+        INDICES_OUT,
         FLOATS_OUT,
     ],
     Buckets,

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import VECTOR_OUT
+from guidefield.kernels.jit.signatures import INDICES_OUT, VECTOR_OUT
 from guidefield.kernels.simd.f32x16 import (
     FLOAT_POINTER,
     FLOATS_OUT,
-    INTEGERS_OUT,
     LANES,
     lane,
     lane_part,
@@ -91,15 +90,15 @@ _SEARCH = types.NamedTuple(
     [
         *[types.int64] * 2,
         FLOATS_OUT,
-        INTEGERS_OUT,
+        INDICES_OUT,
         FLOATS_OUT,
-        INTEGERS_OUT,
+        INDICES_OUT,
         VECTOR_OUT,
-        INTEGERS_OUT,
+        INDICES_OUT,
         *[FLOATS_OUT] * 6,
-        INTEGERS_OUT,
+        INDICES_OUT,
         *[FLOATS_OUT] * 3,
-        INTEGERS_OUT,
+        INDICES_OUT,
         VECTOR_OUT,
         BUCKETS_TYPE,
     ],

@@ -11,8 +11,7 @@ import numpy as np
 from numba import int64, types
 
 from guidefield.kernels.collide.motion_validation import LaneWorld, motion_free, world_of
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT
-from guidefield.kernels.kinematics.forward_kinematics import INDICES
+from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT
 from guidefield.kernels.simd.f32x16 import lane_kernel, lane_part, pointers
 from guidefield.kernels.simd.packing import Words
 

@@ -19,7 +19,8 @@ from guidefield.kernels.collide.layout import (
     LaneObstacles,
     Scratch,
 )
-from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, Integers, LaneJoints, lane_placements
+from guidefield.kernels.jit.signatures import Integers
+from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.simd.f32x16 import (
     ALL_LANES,
     FLOAT_POINTER,

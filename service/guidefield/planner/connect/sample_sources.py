@@ -9,8 +9,8 @@ import numpy as np
 from guidefield.kept import kept_with
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.informed_samples import Sampling
-from guidefield.robot.group.group import ROAM, WIND, PlanningGroup
-from guidefield.robot.model.chart import ANGLE, ROTATION, TRANSLATION
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.chart import ANGLE, ROAM, ROTATION, TRANSLATION, WIND
 
 
 @dataclass(frozen=True, eq=False)

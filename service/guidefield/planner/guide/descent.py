@@ -1,4 +1,4 @@
-"""Descent of the potential on the manifold of configurations whose tip keeps a constraint (kernels/guide/descent.py)."""
+"""Descent of the potential on the manifold of configurations whose tip keeps a constraint."""
 
 from __future__ import annotations
 

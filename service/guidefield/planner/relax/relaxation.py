@@ -6,7 +6,7 @@ The path becomes a chain of waypoints that descends
 
 by Newton's method on a block-tridiagonal system, with Levenberg's damping; L is the length at the start: long and
 short paths weigh length against clearance alike. The barrier b is the field's near-surface law on the exact signed
-distance d of points on the links, cut off smoothly at a range (kernels/relax/barrier.py). Descending the plain potential
+distance d of points on the links, cut off smoothly at a range (`barrier`). Descending the plain potential
 instead was measured to make paths worse: its far field outvotes the one gap that matters.
 
 What comes out is a proposal: between the samples, and between the points, nobody has looked. The certificate judges.

@@ -12,7 +12,7 @@ from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.joint_tables import joints_of
+from guidefield.robot.group.joint_table import joints_of
 
 WEIGHT = 100.0
 """Sum of the weights of all points."""

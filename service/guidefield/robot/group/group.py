@@ -13,12 +13,8 @@ import pinocchio as pin
 
 from guidefield.robot.group.alike import Alike
 from guidefield.robot.model import chart
+from guidefield.robot.model.chart import ROAM, WIND
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
-
-ROAM = 2.0
-"""How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
-WIND = 2.0 * np.pi
-"""The same for an angle without limits whose whole turns count [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +22,7 @@ class PlanningGroup:
     """A robot whose joints outside the group stand still.
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
-    planned one move with it. In the *chart* ``z`` (nv,), joint by joint as robot/model/chart.py has it, straight lines and
+    planned one move with it. In the *chart* ``z`` (nv,), joint by joint as `chart` has it, straight lines and
     splines are drawn.
 
     Attributes:

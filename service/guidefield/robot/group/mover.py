@@ -8,8 +8,8 @@ from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.kinematics.integrate import Mover
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import TRANSLATION
-from guidefield.robot.model.joint_tables import joints_of
 
 LARGEST_TURN = np.deg2rad(15.0)
 """No joint turns more than this in one step of a descent [rad]."""

@@ -14,8 +14,8 @@ from guidefield.kernels.kinematics.forward_kinematics import FLOATING, PLANAR, P
 from guidefield.kernels.kinematics.solution_choice import Measure
 from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import ROTATION
-from guidefield.robot.model.joint_tables import joints_of
 from guidefield.robot.model.model import JointKind
 
 DISTINCT_ANGLE = 0.1

@@ -8,9 +8,10 @@ import numpy as np
 
 from guidefield.kernels.kinematics import inverse_kinematics as kernels
 from guidefield.kernels.kinematics.inverse_kinematics import Tolerances
-from guidefield.robot.group.group import WIND, PlanningGroup
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.robot.model.chart import WIND
 
 AIM = 0.9
 """The middle part of a tolerance that is aimed at, so that an approach from outside ends inside."""

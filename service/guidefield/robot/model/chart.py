@@ -13,6 +13,12 @@ import pinocchio as pin
 
 from guidefield.robot.model.model import Joint, JointKind
 
+ROAM = 2.0
+"""How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
+
+WIND = 2.0 * np.pi
+"""The same for an angle without limits whose whole turns count [rad]."""
+
 POSITION_SUFFIXES = {
     JointKind.PLANAR: (".x", ".y", ".theta"),
     JointKind.SPHERICAL: (".qx", ".qy", ".qz", ".qw"),

@@ -16,8 +16,6 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     SPHERICAL,
     JointTable,
 )
-from guidefield.robot.group.alike import kept_with_alike
-from guidefield.robot.group.group import PlanningGroup
 
 CODES = {
     "JointModelPlanar": PLANAR,
@@ -48,12 +46,6 @@ def joint_table(model: Any) -> JointTable:
     for array in (parents, kinds, axes, placements, idx_q, idx_v, nv):
         array.setflags(write=False)
     return JointTable(parents, kinds, axes, placements, idx_q, idx_v, nv)
-
-
-@kept_with_alike
-def joints_of(group: PlanningGroup) -> JointTable:
-    """Tables of the joints of a group's model; made once."""
-    return joint_table(group.model)
 
 
 def axis_of(joint: Any) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.robot.group.group import WIND
+from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
 from guidefield.robot.model.scratch_space import scratch_space
