@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, met_pairs
+from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
@@ -16,7 +16,7 @@ def world():
 
 def test_pairs_are_counted_and_the_most_frequent_told(world):
     right, left, up = np.array([np.pi / 2, 0.0]), np.array([-np.pi / 2, 0.0]), np.zeros(2)
-    met = met_pairs(world, [right, right, left, up])
+    met = blocking_pairs(world, [right, right, left, up])
     assert met.looked_at == 4
     assert met.counts[("l1", "right")] == 2
     assert met.counts[("l1", "left")] == 1
@@ -30,7 +30,7 @@ def test_pairs_are_counted_and_the_most_frequent_told(world):
 
 def test_where_a_clearance_is_asked_the_nearest_counts(world):
     up, leaning = np.zeros(2), np.array([0.3, 0.0])
-    met = met_pairs(world, [up, leaning], 0.3)
+    met = blocking_pairs(world, [up, leaning], 0.3)
     distances = [world.clearance(q).obstacle_distance for q in (up, leaning)]
     assert met.clearest == pytest.approx(max(distances))
     assert sum(met.counts.values()) == 2
@@ -39,9 +39,9 @@ def test_where_a_clearance_is_asked_the_nearest_counts(world):
 
 
 def test_nothing_is_met(world):
-    met = met_pairs(world, [np.zeros(2)])
+    met = blocking_pairs(world, [np.zeros(2)])
     assert (met.told(), met.details(), met.counts) == ("", {}, {})
 
 
 def test_no_more_than_so_many_are_looked_at(world):
-    assert met_pairs(world, [np.zeros(2)] * (MOST_LOOKED_AT + 1)).looked_at == MOST_LOOKED_AT
+    assert blocking_pairs(world, [np.zeros(2)] * (MOST_LOOKED_AT + 1)).looked_at == MOST_LOOKED_AT

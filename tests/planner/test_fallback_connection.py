@@ -11,7 +11,7 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import fallback_connection
 from guidefield.planner.connect.connect import Connection
-from guidefield.planner.fallback_connection import Found, connect_to_goal
+from guidefield.planner.fallback_connection import PathSoFar, connect_to_goal
 from guidefield.planner.guide.guide import Crossing
 from guidefield.planner.task.stages import Stage, StageFailed
 from tests.planner.problems import problem, scene_of
@@ -35,7 +35,7 @@ def made(monkeypatch):
 def test_a_connection_begins_where_derived_planes_led_then_at_the_start(made) -> None:
     planned, asked = made
     start, led, goal = np.zeros(7), np.full(7, 0.1), np.full(7, 0.2)
-    found = Found(np.array([start, led]), {0: 1})
+    found = PathSoFar(np.array([start, led]), {0: 1})
     connect_to_goal(dataclasses.replace(planned, derived_planes=1), found, goal[None], Stage())
     assert [z.tolist() for z in asked] == [led.tolist(), start.tolist()]
     assert found.path.tolist() == [start.tolist(), goal.tolist()]
@@ -44,7 +44,7 @@ def test_a_connection_begins_where_derived_planes_led_then_at_the_start(made) ->
 
 def test_planes_that_were_given_are_not_forgotten(made) -> None:
     planned, asked = made
-    found = Found(np.array([np.zeros(7), np.full(7, 0.1)]), {0: 1})
+    found = PathSoFar(np.array([np.zeros(7), np.full(7, 0.1)]), {0: 1})
     with pytest.raises(StageFailed, match="nothing leads on"):
         connect_to_goal(planned, found, np.full((1, 7), 0.2), Stage())
     assert len(asked) == 1
@@ -64,7 +64,7 @@ def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_
 
     monkeypatch.setattr(fallback_connection, "tip_points", tip_points)
     stuck = Crossing(Status.STUCK_IN_MINIMUM, "stuck", planned.q_start[None])
-    fallback_connection.connect_to_plane(planned, Found(np.zeros((1, 7))), stuck, 0, Stage())
+    fallback_connection.connect_to_plane(planned, PathSoFar(np.zeros((1, 7))), stuck, 0, Stage())
     nearest, square = targets
     assert not nearest.position_tolerance.any()
     half = square.position_tolerance[0]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.messages.requests import UrdfFile
@@ -149,7 +149,7 @@ def all_the_way(seed: int) -> str:
         except (RobotInvalid, SceneInvalid) as error:
             return f"refused: {error}"
         group = select(robot, None, None, robot.rest, pin.SE3.Identity())
-        Lanes.build(World.build(group, scene, [])).touching(np.zeros((16, group.nv)))
+        BatchCollision.build(World.build(group, scene, [])).touching(np.zeros((16, group.nv)))
         RobotField(group, scene, Precision.SINGLE)
         return "served"
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import codec, scene as messages
@@ -99,7 +99,7 @@ def _planned(given: Problems, problem: dict[str, Any], scene: Scene) -> Times:
     group, times = given.group, {}
     z_start, z_goal = given.ends(problem)
     for name in ("tree, first", "tree, again"):
-        lanes = Lanes.build(World.build(group, scene))
+        lanes = BatchCollision.build(World.build(group, scene))
         began = time.process_time()
         budget = Budget(time.monotonic() + SECONDS)
         rng = np.random.default_rng(0)

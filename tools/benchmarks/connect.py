@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.connect_peers import beside, beside_vamp, kinematics_us, print_times
 from benchmarks.problems import ROBOTS, Problems, scene_message
 from guidefield.collision.certify.certificate import certify
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.motion_validation import EXACT
 from guidefield.messages.scene import Scene
@@ -138,7 +138,7 @@ def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planne
         rng = np.random.default_rng(sequence)
         began = time.thread_time()
         world = World.build(given.group, build(message))
-        lanes = Lanes.build(world)
+        lanes = BatchCollision.build(world)
         ready = time.thread_time()
         found = _grown(lanes, z_start, z_goal, LANE_RESOLUTION, rng)
         grown = time.thread_time()
@@ -148,7 +148,7 @@ def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planne
         call = min(call, done - began)
         began = time.thread_time()
         world = World.build(given.group, build(message))
-        lanes = Lanes.build(world)
+        lanes = BatchCollision.build(world)
         known = min(known, time.thread_time() - began)
         if call > LONG:
             break
@@ -159,7 +159,7 @@ def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planne
 def _judged(given: Problems, problem: dict[str, Any], planned: _Planned, sequence: int) -> Row:
     z_start, z_goal = given.ends(problem)
     world = World.build(given.group, build(scene_message(problem)))
-    lanes, path, rng = Lanes.build(world), planned.path, planned.rng
+    lanes, path, rng = BatchCollision.build(world), planned.path, planned.rng
     began = time.thread_time()
     _grown(lanes, z_start, z_goal, LANE_RESOLUTION, np.random.default_rng(sequence))
     after = time.thread_time() - began
@@ -195,13 +195,13 @@ def _renamed(message: Scene, mark: str) -> Scene:
 
 
 def _grown(
-    lanes: Lanes, z_start: np.ndarray, z_goal: np.ndarray, resolution: float, rng: np.random.Generator
-) -> tree_search.Found:
+    lanes: BatchCollision, z_start: np.ndarray, z_goal: np.ndarray, resolution: float, rng: np.random.Generator
+) -> tree_search.FoundPath:
     budget = Budget(time.monotonic() + SECONDS)
     return tree_search.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
 
 
-def _rate(lanes: Lanes, path: np.ndarray) -> float:
+def _rate(lanes: BatchCollision, path: np.ndarray) -> float:
     """Configurations that are judged per second in a path's motions, all free [1/s]."""
     if lanes.free_until(path, LANE_RESOLUTION) < len(path) - 1:
         return np.nan

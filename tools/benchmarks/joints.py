@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from benchmarks.posed import posed
 from benchmarks.seed import SCENES, crossed, problem_of
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
@@ -83,7 +83,7 @@ def mobile(title: str, count: int = 6) -> tuple[Problem, Ways]:
 
 def timed(problem: Problem, ways: Ways, sequences: int, seconds: float) -> Iterator[tuple[bool, float, float]]:
     """Of each way and sequence whether it was found, and milliseconds of all and of the trees."""
-    lanes = Lanes.build(problem.world)
+    lanes = BatchCollision.build(problem.world)
     for start, goal in ways:
         for sequence in range(sequences):
             limited = dataclasses.replace(problem, budget=Budget(time.monotonic() + seconds))

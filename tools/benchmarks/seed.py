@@ -28,7 +28,7 @@ from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.auto_planes import derive
 from guidefield.planner.guide.guide import cross
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import FIRST_STEP, Attempt
 from guidefield.planner.guide.univariate import Univariate
@@ -222,9 +222,9 @@ def converged(scenes: Sequence[str]) -> None:
         for plane, q in zip(problem.guide_planes, run.settled_from, strict=False):
             ends = []
             for minimizer in (Projected(tolerance=1e-8, most_steps=600), Univariate(chain, 1e-6, 60)):
-                walker = Walker(problem, q, 2e-3, 0)
-                minimizer.settle(walker, plane.centroid, plane.normal, Aim(plane, 0.0).inside(0.0))
-                ends.append(problem.robot_field.potential(walker.q))
+                guided = GuidedPath(problem, q, 2e-3, 0)
+                minimizer.settle(guided, plane.centroid, plane.normal, Aim(plane, 0.0).inside(0.0))
+                ends.append(problem.robot_field.potential(guided.q))
             total, below = total + 1, below + (ends[0] <= ends[1] * 1.0005)
             cells.append(f"{ends[0]:.3f} {ends[1]:.3f} ({100 * (ends[0] / ends[1] - 1):+.2f} %)")
         print(f"{title:20} {'   '.join(cells)}")
@@ -247,14 +247,18 @@ def random_starts(count: int) -> None:
 
 def wandered(problem: Problem, seed: int, steps: int = 60) -> np.ndarray:
     """A configuration at the end of a free random walk whose tip stays behind the first plane."""
-    rng, walker, plane = np.random.default_rng(seed), Walker(problem, problem.q_start, 5e-3, 0), problem.guide_planes[0]
-    side = np.sign(plane.signed_height(walker.tip))
+    rng, guided, plane = (
+        np.random.default_rng(seed),
+        GuidedPath(problem, problem.q_start, 5e-3, 0),
+        problem.guide_planes[0],
+    )
+    side = np.sign(plane.signed_height(guided.tip))
     for _ in range(steps):
-        q = problem.group.integrate(walker.q, 0.25 * rng.normal(size=problem.group.nv))
+        q = problem.group.integrate(guided.q, 0.25 * rng.normal(size=problem.group.nv))
         tip = problem.kinematics.tip_position(q)
-        if side * plane.signed_height(tip) > 0.05 and walker.free(walker.q, q):
-            walker.take(q, "walk", "")
-    return walker.q
+        if side * plane.signed_height(tip) > 0.05 and guided.free(guided.q, q):
+            guided.take(q, "walk", "")
+    return guided.q
 
 
 def run(arguments: list[str]) -> None:

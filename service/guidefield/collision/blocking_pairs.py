@@ -15,7 +15,7 @@ MOST_LOOKED_AT = 64
 
 
 @dataclass(frozen=True)
-class MetPairs:
+class BlockingPairs:
     """What was met.
 
     Attributes:
@@ -56,7 +56,7 @@ class MetPairs:
         return details if self.clearest is None else {**details, "clearance": self.clearest}
 
 
-def met_pairs(world: World, qs: Sequence[np.ndarray], clearance: float = 0.0) -> MetPairs:
+def blocking_pairs(world: World, qs: Sequence[np.ndarray], clearance: float = 0.0) -> BlockingPairs:
     """The pairs that touch, or of which one is wholly inside the other, at configurations.
 
     Args:
@@ -81,4 +81,4 @@ def met_pairs(world: World, qs: Sequence[np.ndarray], clearance: float = 0.0) ->
             counts[near.obstacle_pair] += 1
             clearest = max(near.obstacle_distance, clearest or 0.0)
     ordered = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-    return MetPairs(min(len(qs), MOST_LOOKED_AT), ordered, depths.get(next(iter(ordered), ("", ""))), clearest)
+    return BlockingPairs(min(len(qs), MOST_LOOKED_AT), ordered, depths.get(next(iter(ordered), ("", ""))), clearest)

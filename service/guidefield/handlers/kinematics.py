@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.blocking_pairs import met_pairs
+from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
@@ -102,7 +102,7 @@ def inverse_kinematics(
             accept=None if world is None else partial(_are_free, world),
         )
         configurations.append([configuration_to_wire(group.joints, q) for q in result.solutions])
-        met = met_pairs(world, result.rejected) if world is not None and not result.solutions else None
+        met = blocking_pairs(world, result.rejected) if world is not None and not result.solutions else None
         reasons.append(f"{result.reason}: {met.told()}" if met is not None and met.counts else result.reason)
     return InverseKinematicsReply(configurations=configurations, reasons=reasons)
 

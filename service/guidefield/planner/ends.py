@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import met_pairs
+from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.errors import Status
 from guidefield.planner.leaving import SLIGHT
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
@@ -85,7 +85,7 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
         return np.array([problem.group.chart(q) for q in qs])
     if (spent := problem.budget.spent()) is not None and result.details["cause"] != OUT_OF_REACH:
         raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
-    met = met_pairs(problem.world, result.rejected, problem.min_clearance)
+    met = blocking_pairs(problem.world, result.rejected, problem.min_clearance)
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
         Status.NO_IK_SOLUTION,
@@ -188,7 +188,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
     message, details = fault
     if len(zs) == 1:
         raise StageFailed(Status.GOAL_IN_COLLISION, f"the goal is in collision: {message}", stage="goal", **details)
-    met = met_pairs(problem.world, touching)
+    met = blocking_pairs(problem.world, touching)
     message = f"all {len(zs)} goals are in collision: {met.told()}"
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 

@@ -28,7 +28,7 @@ guide planes led; with no more than contact avoided instead of with the clearanc
 
 
 @dataclass
-class Found:
+class PathSoFar:
     """The motion found so far.
 
     Attributes:
@@ -44,7 +44,7 @@ class Found:
         self.path = np.concatenate([self.path, points[1:]])
 
 
-def connect_to_plane(problem: Problem, found: Found, stuck: Crossing, index: int, stage: Stage) -> None:
+def connect_to_plane(problem: Problem, found: PathSoFar, stuck: Crossing, index: int, stage: Stage) -> None:
     """Reach a guide plane, with any orientation, from where the approach to it began.
 
     Args:
@@ -87,7 +87,7 @@ def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
     return PoseTarget(pin.SE3(rotation, centre), np.array([half, half, 0.0]), np.full(3, np.inf))
 
 
-def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
+def connect_to_goal(problem: Problem, found: PathSoFar, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
     """Go on to a goal; whether that motion is certified.
 
     Args:
@@ -114,7 +114,7 @@ def connect_to_goal(problem: Problem, found: Found, goals: np.ndarray, stage: St
     return connection.proven
 
 
-def _tried(problem: Problem, found: Found, goals: np.ndarray, prove: bool) -> Connection:
+def _tried(problem: Problem, found: PathSoFar, goals: np.ndarray, prove: bool) -> Connection:
     """A connection from the end of the motion so far, along path constraints if there are any."""
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
@@ -123,7 +123,9 @@ def _tried(problem: Problem, found: Found, goals: np.ndarray, prove: bool) -> Co
     return _connected(problem, found, goals, rng, prove)
 
 
-def _connected(problem: Problem, found: Found, goals: np.ndarray, rng: np.random.Generator, prove: bool) -> Connection:
+def _connected(
+    problem: Problem, found: PathSoFar, goals: np.ndarray, rng: np.random.Generator, prove: bool
+) -> Connection:
     """With the clearance asked for if there is such a connection, else any that is free."""
     part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
     connection = connect(part, found.path[-1], goals, rng, prove=prove)

@@ -9,7 +9,7 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import tip_points
-from guidefield.planner.fallback_connection import Found
+from guidefield.planner.fallback_connection import PathSoFar
 from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.guide.tip_reach import tip_radius
@@ -22,7 +22,7 @@ ROOM = 1.05
 """Half side of the square about the goal over the radius of the tip's body."""
 
 
-def led_goal_points(problem: Problem, found: Found, stages: Stages, attempts: Sequence[Attempt]) -> np.ndarray:
+def led_goal_points(problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]) -> np.ndarray:
     """Chart points (m, nv) that reach the goal's pose, looked for from where the guided planner gets to it.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the

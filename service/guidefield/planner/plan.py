@@ -14,7 +14,7 @@ from guidefield.collision.certify.certificate import Verdict, certify
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
-from guidefield.planner.fallback_connection import Found, connect_to_goal, connect_to_plane
+from guidefield.planner.fallback_connection import PathSoFar, connect_to_goal, connect_to_plane
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
@@ -81,7 +81,7 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     try:
         left = leave(problem, stages)
     except StageFailed as failure:
-        return _partial(problem, Found(problem.group.chart(problem.q_start)[None]), failure, stages)
+        return _partial(problem, PathSoFar(problem.group.chart(problem.q_start)[None]), failure, stages)
     if left is None:
         return _planned(problem, planner, attempts)
     return _with_left(problem, left, _planned(after(problem, left), planner, attempts), stages)
@@ -105,7 +105,7 @@ def _with_left(problem: Problem, left: Left, rest: Plan, stages: Stages) -> Plan
 
 def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) -> Plan:
     stages = Stages(problem)
-    found = Found(problem.group.chart(problem.q_start)[None])
+    found = PathSoFar(problem.group.chart(problem.q_start)[None])
     try:
         with stages.entered("ends", "start and goal") as stage:
             check_start(problem)
@@ -144,7 +144,7 @@ def _goals_or_later(problem: Problem, planner: Planner) -> tuple[np.ndarray | No
         return None, True
 
 
-def _to_goal(problem: Problem, found: Found, goals: np.ndarray, stages: Stages) -> Plan:
+def _to_goal(problem: Problem, found: PathSoFar, goals: np.ndarray, stages: Stages) -> Plan:
     """Connect and finish: what is free at samples is relaxed at once; where that fails, it is proven before."""
     before = found.path
     with stages.entered("connect", "to the goal") as stage:
@@ -159,7 +159,7 @@ def _to_goal(problem: Problem, found: Found, goals: np.ndarray, stages: Stages) 
     return _finished(problem, finished, stages)
 
 
-def _plan_in_time(problem: Problem, found: Found, stages: Stages, attempts: Sequence[Attempt]) -> Plan:
+def _plan_in_time(problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]) -> Plan:
     """Among obstacles that move: the guided planner in time, whose schedule is the trajectory's."""
     try:
         timed = cross_planes_timed(problem, stages, attempts)
@@ -186,12 +186,12 @@ def _plan_in_time(problem: Problem, found: Found, stages: Stages, attempts: Sequ
 
 def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
     """The plan of a problem that was not tried: nothing but the start, judged."""
-    start = Found(problem.group.chart(problem.q_start)[None])
+    start = PathSoFar(problem.group.chart(problem.q_start)[None])
     return _partial(problem, start, StageFailed(status, message, **details), Stages(problem))
 
 
 def _cross_planes(
-    problem: Problem, found: Found, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
+    problem: Problem, found: PathSoFar, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
 ) -> None:
     """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
     group = problem.group
@@ -216,7 +216,7 @@ def _cross_planes(
         found.crossings[index] = len(found.path) - 1
 
 
-def _partial(problem: Problem, found: Found, failure: StageFailed, stages: Stages) -> Plan:
+def _partial(problem: Problem, found: PathSoFar, failure: StageFailed, stages: Stages) -> Plan:
     """The best motion so far, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = certify(problem.world, polyline(found.path), problem.min_clearance)
@@ -224,7 +224,7 @@ def _partial(problem: Problem, found: Found, failure: StageFailed, stages: Stage
     return _failed(found, failure, verdict, stages)
 
 
-def _failed(found: Found, failure: StageFailed, verdict: Verdict, stages: Stages) -> Plan:
+def _failed(found: PathSoFar, failure: StageFailed, verdict: Verdict, stages: Stages) -> Plan:
     return Plan(
         status=failure.status,
         message=failure.message,

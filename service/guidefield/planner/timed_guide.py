@@ -18,7 +18,7 @@ from guidefield.collision.certify.timed_certificate import certify_moving
 from guidefield.errors import Status
 from guidefield.planner.guide.aim import ANYWHERE, Aim
 from guidefield.planner.guide.guide import margin_at
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.rounds import ON_PLANE, Attempt, Round, approach
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.motion.trajectory import Trajectory
@@ -120,44 +120,44 @@ def _cross(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Se
 def _round(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]) -> Round:
     """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now."""
     for attempt in attempts:
-        for walker in _walkers(problem, path, (AHEAD, 0.0), index):
-            ended = approach(walker, aim, attempt)
+        for guided in _walkers(problem, path, (AHEAD, 0.0), index):
+            ended = approach(guided, aim, attempt)
             if ended is Round.BLOCKED:
                 continue
-            if _kept(problem, path, walker) is None:
+            if _kept(problem, path, guided) is None:
                 return ended
     return Round.BLOCKED
 
 
 def _gave_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt) -> bool:
     """Whether the robot got out of the way: it descends among the obstacles as they will stand, tip in its plane."""
-    for walker in _walkers(problem, path, (2.0 * WAIT, WAIT, 0.0), index):
+    for guided in _walkers(problem, path, (2.0 * WAIT, WAIT, 0.0), index):
         for normal in np.eye(3):
-            since = walker.q
-            attempt.minimizer.settle(walker, walker.tip, normal, ANYWHERE)
-            if walker.q is not since and _kept(problem, path, walker) is None:
+            since = guided.q
+            attempt.minimizer.settle(guided, guided.tip, normal, ANYWHERE)
+            if guided.q is not since and _kept(problem, path, guided) is None:
                 return True
     return False
 
 
-def _walkers(problem: Problem, path: TimedPath, ahead: Sequence[float], index: int) -> Iterator[Walker]:
-    """A walker at the end of the path for each look ahead [s]; one look only once all obstacles rest."""
+def _walkers(problem: Problem, path: TimedPath, ahead: Sequence[float], index: int) -> Iterator[GuidedPath]:
+    """A guided path at the end of the path for each look ahead [s]; one look only once all obstacles rest."""
     q = problem.group.from_chart(path.points[-1])
     for more in ahead if path.time < problem.scene.end else (0.0,):
         seen = problem.at(path.time + more)
-        yield Walker(seen, q, margin_at(seen, q), index)
+        yield GuidedPath(seen, q, margin_at(seen, q), index)
 
 
-def _kept(problem: Problem, path: TimedPath, walker: Walker) -> Verdict | None:
-    """Add a walker's way to the path, if what moves lets it; else why not."""
-    points = problem.group.chart_path(walker.path, path.points[-1])[1:]
+def _kept(problem: Problem, path: TimedPath, guided: GuidedPath) -> Verdict | None:
+    """Add a guided path's way to the path, if what moves lets it; else why not."""
+    points = problem.group.chart_path(guided.path, path.points[-1])[1:]
     times, before = [], path.points[-1]
     time = path.time
     for point in points:
         time += duration(problem, before, point)
         times.append(time)
         before = point
-    problem.robot_field.evaluations += walker.problem.robot_field.evaluations
+    problem.robot_field.evaluations += guided.problem.robot_field.evaluations
     return _extended(problem, path, list(points), times)
 
 

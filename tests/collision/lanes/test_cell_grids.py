@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.lanes.cell_grids import MOST_LARGEST, ROOM
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, START, TOGETHER, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.kernels.collide.layout import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES, LaneBodies
@@ -20,15 +20,15 @@ from tests.collision.lanes.test_lanes import draw
 from tests.robots import box_arm, group, grouped
 
 
-def alone(planned: PlanningGroup) -> tuple[World, Lanes]:
+def alone(planned: PlanningGroup) -> tuple[World, BatchCollision]:
     """A robot that only has itself, none of whose cells have been judged."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
-    lanes = Lanes.build(world)
+    lanes = BatchCollision.build(world)
     unjudge(lanes)
     return world, lanes
 
 
-def unjudge(lanes: Lanes, room: int | None = None) -> None:
+def unjudge(lanes: BatchCollision, room: int | None = None) -> None:
     """Forget all verdicts; leave room for so many cells that others are divided into, all there is unless told."""
     cells, grids = lanes.tables.bodies.cells, lanes.tables.bodies.grids.reshape(-1, GRID_PLACES)
     counts = [row[1:START:3] >> row[LEVELS] * row[DIVIDED] for row in grids]
@@ -110,7 +110,7 @@ def test_answers_do_not_depend_on_what_was_asked_before(robot: str) -> None:
     zs = draw(world.group, 200, 2)
     first = lanes.touching(zs)
     known = judged(lanes.tables.bodies)
-    np.testing.assert_array_equal(Lanes.build(world).touching(zs), first)
+    np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), first)
     assert judged(lanes.tables.bodies) == known
     unjudge(lanes)
     np.testing.assert_array_equal(lanes.touching(zs[::-1]), first[::-1])

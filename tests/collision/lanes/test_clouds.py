@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.enclosure import winding_number
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.geometry.charges import surface_points
@@ -41,12 +41,12 @@ def packed(name: str, points: np.ndarray, radius: float = RADIUS) -> messages.Po
 
 
 @functools.cache
-def world_of(robot: str) -> tuple[World, Lanes]:
+def world_of(robot: str) -> tuple[World, BatchCollision]:
     """A robot among two clouds and other obstacles."""
     few = np.random.default_rng(0).normal(size=(40, 3)) * 0.2 + (-0.4, 0.3, 0.6)
     obstacles = [packed("shelf", scan(0.02)), *scattered(np.random.default_rng(1), 4), packed("dust", few, 0.02)]
     world = World.build(group(robot), build(messages.Scene(name="scans", obstacles=obstacles)))
-    return world, Lanes.build(world)
+    return world, BatchCollision.build(world)
 
 
 def draw(world: World, count: int, seed: int) -> np.ndarray:
@@ -101,7 +101,7 @@ def test_a_cloud_is_as_so_many_spheres() -> None:
     )
     zs = draw(cloud, 300, 5)
     zs = zs[[abs(narrowest(spheres, z)) > BAND for z in zs]]
-    np.testing.assert_array_equal(Lanes.build(cloud).touching(zs), Lanes.build(spheres).touching(zs))
+    np.testing.assert_array_equal(BatchCollision.build(cloud).touching(zs), BatchCollision.build(spheres).touching(zs))
     for z in zs[:100]:
         q = cloud.group.from_chart(z)
         assert cloud.in_collision(q) == spheres.in_collision(q)
@@ -128,7 +128,7 @@ def test_answers_do_not_depend_on_what_was_asked_before() -> None:
     world, _ = world_of("panda")
     zs = draw(world, 200, 7)
     scene = build(messages.Scene(name="again", obstacles=[packed("again", scan(0.021))]))
-    lanes = Lanes.build(World.build(group("panda"), scene))
+    lanes = BatchCollision.build(World.build(group("panda"), scene))
     first = lanes.touching(zs)
     np.testing.assert_array_equal(lanes.touching(zs[::-1])[::-1], first)
     motion = np.array([zs[~first][0], zs[~first][1]])

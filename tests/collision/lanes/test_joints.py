@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
@@ -63,9 +63,9 @@ def away(model: RobotModel, seed: int = 3) -> PlanningGroup:
 
 
 @functools.cache
-def world_of(name: str) -> tuple[World, Lanes]:
+def world_of(name: str) -> tuple[World, BatchCollision]:
     world = World.build(away(of(name)), zoo())
-    return world, Lanes.build(world)
+    return world, BatchCollision.build(world)
 
 
 def long_ones(planned: PlanningGroup, zs: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def long_ones(planned: PlanningGroup, zs: np.ndarray) -> np.ndarray:
     return np.where(planned.winds, 3.0 * long, long)  # whatever is asked of an angle whose turns count
 
 
-def assert_placed_alike(planned: PlanningGroup, lanes: Lanes, zs: np.ndarray) -> None:
+def assert_placed_alike(planned: PlanningGroup, lanes: BatchCollision, zs: np.ndarray) -> None:
     coordinates = np.ascontiguousarray(zs.T, np.float32).ravel()
     coordinates.setflags(write=False)
     model = planned.model
@@ -110,7 +110,7 @@ def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(ur
     assume(any(joint.mimic is None for joint in model.joints))
     planned = away(model, seed)
     world = World.build(planned, build(Scene(name="nothing")))
-    lanes, zs = Lanes.build(world), draw(planned, 16, seed)
+    lanes, zs = BatchCollision.build(world), draw(planned, 16, seed)
     assert_placed_alike(planned, lanes, zs)
     for z, mine in zip(zs, lanes.touching(zs), strict=True):
         assert mine == world.in_collision(planned.from_chart(z)) or abs(narrowest(world, z)) <= BAND
@@ -146,6 +146,6 @@ def test_close_to_contact_too(name: str) -> None:
 
 def test_groups_that_start_elsewhere_share_what_carries_over() -> None:
     model = of(BALLS[1])
-    first, second = (Lanes.build(World.build(away(model, seed), zoo())) for seed in (1, 2))
+    first, second = (BatchCollision.build(World.build(away(model, seed), zoo())) for seed in (1, 2))
     assert first.tables.bodies is second.tables.bodies
     assert not np.array_equal(first.tables.joints.numbers, second.tables.joints.numbers)

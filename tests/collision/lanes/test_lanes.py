@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.kernels.collide.layout import BAND
@@ -68,9 +68,9 @@ def zoo() -> Scene:
 
 
 @functools.cache
-def world_of(robot: str, scene: str) -> tuple[World, Lanes]:
+def world_of(robot: str, scene: str) -> tuple[World, BatchCollision]:
     world = World.build(group(robot), zoo() if scene == "zoo" else build(library.read(scene)))
-    return world, Lanes.build(world)
+    return world, BatchCollision.build(world)
 
 
 def draw(planned: PlanningGroup, count: int, seed: int) -> np.ndarray:
@@ -92,7 +92,7 @@ def test_placements_are_pinocchios(robot: str) -> None:
         else group(robot)
     )
     world = World.build(planned, zoo())
-    lanes = Lanes.build(world)
+    lanes = BatchCollision.build(world)
     zs = draw(planned, 16, 1)
     coordinates = np.ascontiguousarray(zs.T, np.float32).ravel()
     coordinates.setflags(write=False)
@@ -206,23 +206,23 @@ def test_allowed_contacts_are_allowed() -> None:
     names = [(link, "cage") for link in planned.robot.links]
     world = World.build(planned, build(messages.Scene(name="test", obstacles=[box])), names)
     zs = draw(planned, 50, 8)
-    np.testing.assert_array_equal(Lanes.build(world).touching(zs), [world.in_collision(z) for z in zs])
-    assert not Lanes.build(world).touching(zs).all()
+    np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), [world.in_collision(z) for z in zs])
+    assert not BatchCollision.build(world).touching(zs).all()
 
 
 def test_an_empty_scene() -> None:
     world = World.build(group("panda"), build(messages.Scene(name="test")))
     zs = draw(world.group, 200, 9)
-    np.testing.assert_array_equal(Lanes.build(world).touching(zs), [world.in_collision(z) for z in zs])
+    np.testing.assert_array_equal(BatchCollision.build(world).touching(zs), [world.in_collision(z) for z in zs])
 
 
 def test_groups_of_one_robot_share_their_tables_if_these_are_the_same() -> None:
     robot, names = group("panda").robot, [joint.name for joint in group("panda").joints]
     scene = build(messages.Scene(name="test"))
 
-    def tables(x: float, q: np.ndarray) -> Lanes:
+    def tables(x: float, q: np.ndarray) -> BatchCollision:
         placement = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-        return Lanes.build(World.build(select(robot, names, None, q, placement), scene))
+        return BatchCollision.build(World.build(select(robot, names, None, q, placement), scene))
 
     bent = robot.rest.copy()
     bent[group("panda").model.idx_qs[1]] += 0.3

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.layout import AXIS_AND_REACH
@@ -20,7 +20,7 @@ from tests.robots import group
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 @pytest.mark.parametrize("count", [0, 5, 17])
 def test_the_memory_of_a_world_is_laid_out_without_overlaps(robot: str, count: int) -> None:
-    lanes = Lanes.build(World.build(group(robot), scene(1, count)))
+    lanes = BatchCollision.build(World.build(group(robot), scene(1, count)))
     tables = lanes.tables
     arrays = [*tables.scratch, tables.block, tables.obstacles.tested]
     for array in arrays:
@@ -35,7 +35,7 @@ def test_the_memory_of_a_world_is_laid_out_without_overlaps(robot: str, count: i
 
 
 def test_a_search_forgets_what_was_asked_before_it() -> None:
-    lanes = Lanes.build(World.build(group("ur5"), scene(1, 5)))
+    lanes = BatchCollision.build(World.build(group("ur5"), scene(1, 5)))
     scratch, nv, rng = lanes.tables.scratch, lanes.world.group.nv, np.random.default_rng(0)
     lanes.touching(rng.uniform(-3.0, 3.0, (2000, nv)))
     assert (scratch.hits >= 0).any()

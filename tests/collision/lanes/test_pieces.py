@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import BAND
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
@@ -33,7 +33,7 @@ def obstacle(kind: str, centre: np.ndarray, rng: np.random.Generator) -> message
     return messages.Box(size=(0.005, 0.01, 0.25) if kind == "rod" else (0.1, 0.15, 0.004), **placed)
 
 
-def without_inner_balls(lanes: Lanes) -> Lanes:
+def without_inner_balls(lanes: BatchCollision) -> BatchCollision:
     """The same robot, but not kept from itself, and nothing known of its inside."""
     bodies = lanes.tables.bodies
     tables = lanes.tables._replace(bodies=bodies._replace(inners=np.zeros_like(bodies.inners), n_meetings=0))
@@ -43,7 +43,7 @@ def without_inner_balls(lanes: Lanes) -> Lanes:
 @pytest.mark.parametrize("kind", ["rod", "plate", "cylinder", "capsule"])
 def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
     planned, rng = group("ur5"), np.random.default_rng(5)
-    lanes = Lanes.build(World.build(planned, build(messages.Scene(name="empty", obstacles=[]))))
+    lanes = BatchCollision.build(World.build(planned, build(messages.Scene(name="empty", obstacles=[]))))
     bodies, joints = lanes.tables.bodies, lanes.tables.joints
     verdicts = []
     for _ in range(60):
@@ -59,6 +59,6 @@ def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
         distance = world.clearance(planned.from_chart(z)).obstacle_distance
         if not 0.0 < distance <= BAND:  # where bodies touch, it is 0 however deep
             verdicts.append(distance <= 0.0)
-            kept = without_inner_balls(Lanes.build(world))
+            kept = without_inner_balls(BatchCollision.build(world))
             assert bool(kept.touching(z[None])[0]) == (distance <= 0.0)
     assert 10 < sum(verdicts) < len(verdicts) - 5

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.gjk import PART
@@ -111,7 +111,7 @@ def _skeleton(shape) -> tuple[np.ndarray, float]:
 def test_every_stand_in_is_tested_as_its_obstacle_is() -> None:
     made = scene(3, 7)
     world = World.build(group("panda"), made, [("panda_link5", "o2"), ("panda_hand", "wall")])
-    lanes = Lanes.build(world)
+    lanes = BatchCollision.build(world)
     obstacles, owners = lanes.tables.obstacles, lane_scene(made).owners
     tested = obstacles.tested.reshape(-1, obstacles.size)
     pairs = {(a, b - len(tested)) for a, b in world.pairs[world.n_self :].tolist()}
@@ -121,7 +121,7 @@ def test_every_stand_in_is_tested_as_its_obstacle_is() -> None:
 
 def test_a_scenes_words_are_those_of_its_tables() -> None:
     for count in (0, 5):
-        lanes = Lanes.build(World.build(group("panda"), scene(1, count)))
+        lanes = BatchCollision.build(World.build(group("panda"), scene(1, count)))
         np.testing.assert_array_equal(lanes.words, packed(lanes.tables))
 
 
@@ -151,6 +151,6 @@ def test_lanes_ask_for_no_shape_of_a_primitive() -> None:
         for i, one in enumerate((FLOOR, *scattered(np.random.default_rng(11), 8)))
     ]
     made = build(messages.Scene(name="test", obstacles=[*new, WALL]))
-    Lanes.build(World.build(group("panda"), made))
+    BatchCollision.build(World.build(group("panda"), made))
     assert [bool(one.placed) for one in made.obstacles] == [True] * len(new) + [False]
     assert not any("_body" in vars(one) for one in made.obstacles[:-1])

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings, strategies as st
 from guidefield.kernels.kinematics.chain_angles import chain_configuration
 from guidefield.kernels.kinematics.link_chain import close_chain, end_force, turn_from, turn_towards
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.link_chain import Chain, link_chain
+from guidefield.robot.group.link_chain import SerialChain, link_chain
 from tests.robots import group
 
 CHAINS = (
@@ -91,12 +91,12 @@ def test_the_end_force_does_the_virtual_work_of_closing(m: int) -> None:
         np.testing.assert_allclose(force @ e, work, rtol=2e-3, atol=1e-9)
 
 
-def at_random(chain: Chain, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def at_random(chain: SerialChain, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q = chain.group.random(np.random.default_rng(seed))
     return q, *chain.places(q)
 
 
-def places_by_pinocchio(planned: PlanningGroup, chain: Chain, q: np.ndarray) -> np.ndarray:
+def places_by_pinocchio(planned: PlanningGroup, chain: SerialChain, q: np.ndarray) -> np.ndarray:
     data = planned.model.createData()
     pin.forwardKinematics(planned.model, data, q)
     joints = [data.oMi[int(joint)] for joint in chain.carriers]

@@ -13,7 +13,7 @@ import pytest
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.relax.barrier import SOFT, STEEPNESS
 from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
-from guidefield.kernels.relax.relaxation import Samples, objective
+from guidefield.kernels.relax.relaxation import PathSamples, objective
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.self_barrier import pair_distances
 from guidefield.kernels.relax.verlet_list import MARGIN, nothing_remembered
@@ -106,9 +106,9 @@ def cost(distance: float, reach: float, floor: float) -> float:
     return plain(distance, reach) + STEEPNESS * wanting**2
 
 
-def samples_of(*rows: tuple[int, float, float]) -> Samples:
+def samples_of(*rows: tuple[int, float, float]) -> PathSamples:
     segments, fractions, weights = (np.array(column) for column in zip(*rows, strict=True))
-    samples = Samples(
+    samples = PathSamples(
         segments.astype(np.int64),
         fractions.astype(float),
         weights.astype(float),
@@ -123,7 +123,7 @@ def samples_of(*rows: tuple[int, float, float]) -> Samples:
 class Objective:
     """The kernel with its outputs as values."""
 
-    def __init__(self, made_for: Problem, samples: Samples, stiffness: float = 0.0, ends: np.ndarray | None = None):
+    def __init__(self, made_for: Problem, samples: PathSamples, stiffness: float = 0.0, ends: np.ndarray | None = None):
         self.robot, self.tables = sampled(made_for, ends)
         self.samples, self.stiffness = samples, np.full(made_for.group.nv, stiffness)
         self.near = nothing_remembered(len(samples.segments), len(self.robot.groups))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import int64, void
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT
 from guidefield.kernels.simd.f32x16 import LANES, lane_kernel, pointers
@@ -26,7 +26,7 @@ from tests.planner.problems import scene_of
 from tests.robots import box_arm, grouped
 
 
-def search(seed: int = 0, **budget: object) -> tuple[tree_search.Found, Lanes]:
+def search(seed: int = 0, **budget: object) -> tuple[tree_search.FoundPath, BatchCollision]:
     made, start, goal = wall_between()
     lanes = made.lanes
     assert lanes is not None
@@ -40,7 +40,7 @@ def test_rounding_takes_no_sample_beyond_a_limit(locked: float) -> None:
     joints[1] = joints[1].replace('lower="-2" upper="2"', f'lower="{locked}" upper="{locked}"')
     arm = grouped(UrdfText(text="</joint>".join(joints)))
     world = World.build(arm, scene_of(messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))))
-    lanes, ends = Lanes.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
+    lanes, ends = BatchCollision.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
     found = tree_search.grow(lanes, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Budget())
     assert found.path is not None
     assert len(found.path) > 2
@@ -88,7 +88,7 @@ def test_a_spent_budget_ends_it() -> None:
 
 def test_angles_that_wrap_go_the_short_way_round() -> None:
     planned = grouped(box_arm("continuous", 1))
-    lanes = Lanes.build(World.build(planned, scene_of()))
+    lanes = BatchCollision.build(World.build(planned, scene_of()))
     start, goal = np.array([3.0]), np.array([-3.0])
     found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Budget())
     assert found.path is not None
@@ -166,7 +166,7 @@ def sliding_box() -> UrdfText:
 def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
     """Between start and goal, 2 m apart, is a wall that ends 12 m away: farther than most samples are from the way."""
     wall = messages.Box(name="wall", size=(0.1, 14.0, 1.0), position=(0.0, -1.0, 0.0))
-    lanes = Lanes.build(World.build(grouped(sliding_box()), scene_of(wall)))
+    lanes = BatchCollision.build(World.build(grouped(sliding_box()), scene_of(wall)))
     start, goal = np.array([[-1.0, -6.0]]), np.array([[1.0, -6.0]])
     found = tree_search.grow(lanes, start, goal, 32.0, 0.0, np.random.default_rng(seed), Budget())
     assert found.path is not None

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
@@ -80,10 +80,10 @@ def test_an_end_that_can_not_be_left_is_told_early() -> None:
 
 def test_an_end_that_can_be_left_is_not_called_enclosed() -> None:
     _, world, start, goal = enclosed(0.01)
-    lanes, rng = Lanes.build(world), np.random.default_rng(0)
+    lanes, rng = BatchCollision.build(world), np.random.default_rng(0)
     assert can_be_left(lanes, start[None], 0.0, 32.0, rng)
     assert can_be_left(lanes, goal[None], 0.0, 32.0, rng)
-    assert not can_be_left(Lanes.build(enclosed(0.001)[1]), start[None], 0.0, 32.0, rng)
+    assert not can_be_left(BatchCollision.build(enclosed(0.001)[1]), start[None], 0.0, 32.0, rng)
 
 
 def test_what_was_not_found_in_time_comes_with_numbers() -> None:

@@ -13,7 +13,7 @@ from guidefield.planner.guide.aim import ANYWHERE
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.descent import ON_CONSTRAINT, Descent, descend
 from guidefield.planner.guide.guide import cross
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.tip_constraints import evaluated, on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField
@@ -33,7 +33,7 @@ def constraints(made: Problem, q: np.ndarray) -> dict[str, TipConstraint]:
 
 
 def descended(made: Problem, q: np.ndarray, constraint: TipConstraint, **options) -> Descent:
-    return descend(Walker(made, q, 2e-3, 0), constraint, ANYWHERE, **options)
+    return descend(GuidedPath(made, q, 2e-3, 0), constraint, ANYWHERE, **options)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -86,10 +86,10 @@ def test_no_step_is_taken_that_is_not_free_or_leaves_the_guard() -> None:
     made = problem("ur5", "table")
     q = rest(made.group)
     constraint = constraints(made, q)["plane"]
-    far = Walker(made, q, 10.0, 0)  # nothing keeps ten metres from the table
+    far = GuidedPath(made, q, 10.0, 0)  # nothing keeps ten metres from the table
     nowhere = ANYWHERE._replace(depth=1e9)
     double = RobotField(made.group, made.scene, Precision.DOUBLE)
-    for refused in (descend(far, constraint, ANYWHERE), descend(Walker(made, q, 2e-3, 0), constraint, nowhere)):
+    for refused in (descend(far, constraint, ANYWHERE), descend(GuidedPath(made, q, 2e-3, 0), constraint, nowhere)):
         assert refused.path == ()
         assert refused.potential == pytest.approx(double.potential(q), rel=1e-6)
 
@@ -98,14 +98,14 @@ def test_motions_that_capsules_cannot_tell_are_judged_by_the_certificate() -> No
     """Where nearly all of the distance at the start is to be kept, capsules about a Panda are too thick."""
     made = problem("panda", "bookshelf")
     q = rest(made.group)
-    walker = Walker(made, q, made.world.clearance(q).obstacle_distance - 0.005, 0)
+    guided = GuidedPath(made, q, made.world.clearance(q).obstacle_distance - 0.005, 0)
     asked: list[bool] = []
-    judged = walker.judged
-    walker.judged = lambda q0, q1: asked.append(judged(q0, q1)) or asked[-1]  # type: ignore[method-assign]
-    descent = descend(walker, constraints(made, walker.q)["plane"], ANYWHERE)
+    judged = guided.judged
+    guided.judged = lambda q0, q1: asked.append(judged(q0, q1)) or asked[-1]  # type: ignore[method-assign]
+    descent = descend(guided, constraints(made, guided.q)["plane"], ANYWHERE)
     assert asked
     assert sum(asked) <= len(descent.path)
-    q = walker.q
+    q = guided.q
     for p in descent.path:
         assert made.world.contacts(p) == []
         assert judged(q, p)

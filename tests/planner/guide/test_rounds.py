@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.guide import margin_at
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import AT_ONCE, FIRST_STEP, Attempt, Made, Round, approach, rounds
 from guidefield.planner.guide.tip_reach import inset_of
@@ -23,7 +23,7 @@ def test_the_same_way_to_a_plane(title: str) -> None:
     made = seed_problem(title)
     plane = made.guide_planes[0]
     aim = Aim(plane, inset_of(made, plane))
-    walkers = [Walker(made, made.q_start, margin_at(made, made.q_start), 0) for _ in range(2)]
+    walkers = [GuidedPath(made, made.q_start, margin_at(made, made.q_start), 0) for _ in range(2)]
     at_once: list[Made] = []
     while not at_once or at_once[-1].ended is Round.NEARER:
         at_once += rounds(walkers[0], aim, ATTEMPT)
@@ -43,8 +43,8 @@ def test_steps_are_told_as_they_were_taken_and_one_kernel_makes_no_more_rounds_t
     told: list[Step] = []
     object.__setattr__(made, "observer", type("Observer", (), {"observe": staticmethod(told.append)}))
     plane = made.guide_planes[0]
-    walker = Walker(made, made.q_start, margin_at(made, made.q_start), 0)
-    ended = list(rounds(walker, Aim(plane, inset_of(made, plane)), ATTEMPT))
+    guided = GuidedPath(made, made.q_start, margin_at(made, made.q_start), 0)
+    ended = list(rounds(guided, Aim(plane, inset_of(made, plane)), ATTEMPT))
     assert len(ended) == AT_ONCE
     assert [step.kind for step in told].count("advance") == AT_ONCE
     assert told[0].kind == "advance"
@@ -52,13 +52,13 @@ def test_steps_are_told_as_they_were_taken_and_one_kernel_makes_no_more_rounds_t
     for step in told:
         if step.kind == "descend":
             assert step.potential == pytest.approx(field.potential(step.q), rel=1e-6)
-    assert {tuple(q) for q in walker.path[1:]} <= {tuple(step.q) for step in told}
-    assert walker.path[-1] is told[-1].q
-    assert len(walker.path[0]) == group.nq
+    assert {tuple(q) for q in guided.path[1:]} <= {tuple(step.q) for step in told}
+    assert guided.path[-1] is told[-1].q
+    assert len(guided.path[0]) == group.nq
 
 
 def test_robots_that_capsules_dont_tell_exactly_go_round_by_round() -> None:
     made = problem("panda", scene_of())
     plane = seed_problem("seed_d_passage_3").guide_planes[0]
-    walker = Walker(made, made.q_start, 2e-3, 0)
-    assert len(list(rounds(walker, Aim(plane, 0.0), ATTEMPT))) == 1
+    guided = GuidedPath(made, made.q_start, 2e-3, 0)
+    assert len(list(rounds(guided, Aim(plane, 0.0), ATTEMPT))) == 1

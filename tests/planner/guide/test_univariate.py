@@ -12,7 +12,7 @@ from guidefield.planner.guide.aim import ANYWHERE
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.descent import descend
 from guidefield.planner.guide.guide import cross
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.minimizer import Minimizer
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import ON_PLANE
@@ -27,20 +27,20 @@ SCENES = ("seed_a_gates", "seed_d_passage_3", "seed_a_gates_universal", "seed_d_
 NORMAL = np.array([0.6, 0.0, 0.8])
 
 
-def settled(made: Problem, minimizer: Minimizer, normal: np.ndarray = NORMAL) -> Walker:
-    walker = Walker(made, made.q_start, 2e-3, 0)
-    minimizer.settle(walker, walker.tip, normal, ANYWHERE)
-    return walker
+def settled(made: Problem, minimizer: Minimizer, normal: np.ndarray = NORMAL) -> GuidedPath:
+    guided = GuidedPath(made, made.q_start, 2e-3, 0)
+    minimizer.settle(guided, guided.tip, normal, ANYWHERE)
+    return guided
 
 
 @pytest.mark.parametrize("title", SCENES)
 def test_settling_lowers_the_potential_on_the_plane_and_every_step_is_free(title: str) -> None:
     made = seed_problem(title)
-    walker = settled(made, Univariate(link_chain(made.group)))
+    guided = settled(made, Univariate(link_chain(made.group)))
     tip = made.kinematics.tip_position(made.q_start)
-    assert made.robot_field.potential(walker.q) < 0.99 * made.robot_field.potential(made.q_start)
-    assert abs(NORMAL @ (walker.tip - tip)) < 1e-6
-    assert densely_free(made, made.group.chart_path(list(walker.path)), step=0.02)
+    assert made.robot_field.potential(guided.q) < 0.99 * made.robot_field.potential(made.q_start)
+    assert abs(NORMAL @ (guided.tip - tip)) < 1e-6
+    assert densely_free(made, made.group.chart_path(list(guided.path)), step=0.02)
 
 
 @pytest.mark.parametrize(("title", "left"), [("seed_a_gates", 0.02), ("seed_e_L_3", 0.06)])
@@ -50,9 +50,9 @@ def test_where_it_ends_no_axis_leads_on(title: str, left: float) -> None:
     A chain that nothing holds follows each link's own torque, which comes to rest a little above the least U.
     """
     made = seed_problem(title)
-    walker = settled(made, Univariate(link_chain(made.group)))
-    lowest = descend(walker, on_plane(walker.tip, NORMAL), ANYWHERE).potential
-    assert made.robot_field.potential(walker.q) <= (1.0 + left) * lowest
+    guided = settled(made, Univariate(link_chain(made.group)))
+    lowest = descend(guided, on_plane(guided.tip, NORMAL), ANYWHERE).potential
+    assert made.robot_field.potential(guided.q) <= (1.0 + left) * lowest
 
 
 @pytest.mark.parametrize("title", SCENES[:3])

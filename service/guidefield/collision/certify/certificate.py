@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.curve_segments import Stretch, stretches
+from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
 from guidefield.collision.certify.position_limits import TOLERANCE, excesses
 from guidefield.collision.world import PairNames, World
 from guidefield.robot.model.configuration import LimitFault
@@ -30,10 +30,10 @@ LEAST_SHARE = 1.0 / 8.0
 """What can't be told is divided into at most as many parts at once as this goes into one."""
 
 MOST_PAIRS = 30_000
-"""The pairs of so many stretches are compared at once that they are not more than this, or of a single one."""
+"""The pairs of so many segments are compared at once that they are not more than this, or of a single one."""
 
 BATCH = 64
-"""At most so many stretches have their bounds computed together."""
+"""At most so many segments have their bounds computed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +95,9 @@ def certify(
     if not np.isfinite(pieces).all():
         raise ValueError("control points have to be finite")
     refusal = _beyond_limits(world, pieces)
-    level = stretches(pieces if refusal is None else pieces[: refusal.piece])
+    level = curve_segments(pieces if refusal is None else pieces[: refusal.piece])
     while level:
-        finer: list[Stretch] = []
+        finer: list[CurveSegment] = []
         for first in range(0, len(level), BATCH):
             if stopped():
                 return _unfinished(world, min([*finer, level[first]], key=_place), judge.evaluations)
@@ -144,13 +144,13 @@ def _point(controls: np.ndarray, parameter: float) -> np.ndarray:
     return point
 
 
-def _place(stretch: Stretch) -> tuple[int, float]:
-    """Where a stretch begins along the motion."""
-    return stretch.piece, stretch.start
+def _place(segment: CurveSegment) -> tuple[int, float]:
+    """Where a segment begins along the motion."""
+    return segment.piece, segment.start
 
 
-def _unfinished(world: World, first: Stretch, evaluations: int) -> Verdict:
-    """The verdict of a judgement that was stopped, the first stretch that is left in it."""
+def _unfinished(world: World, first: CurveSegment, evaluations: int) -> Verdict:
+    """The verdict of a judgement that was stopped, the first segment that is left in it."""
     pair = world.pair_names(first.pairs[0]) if first.pairs else None
     at = first.start
     return Verdict(False, "stopped", first.piece, at, at, pair, first.controls[0, 0], evaluations)
@@ -167,29 +167,29 @@ class _Judge:
         self._hulled = world.hulled.tolist()
         self._together = max(1, MOST_PAIRS // max(1, len(world.pairs)))
 
-    def divided(self, level: Sequence[Stretch]) -> tuple[list[Stretch], Verdict | None]:
-        """Judge some stretches in order, up to the first that is refused.
+    def divided(self, level: Sequence[CurveSegment]) -> tuple[list[CurveSegment], Verdict | None]:
+        """Judge some segments in order, up to the first that is refused.
 
         Returns:
             The parts of those that can't be told yet; why the last one that was looked at is refused, or None.
         """
         qs, bounds, near = self._measured(level)
-        finer: list[Stretch] = []
-        for stretch, q, bound, pairs in zip(level, qs, bounds, near, strict=True):
+        finer: list[CurveSegment] = []
+        for segment, q, bound, pairs in zip(level, qs, bounds, near, strict=True):
             left = self._left(q, bound, pairs) if pairs else []
             if not left:
                 continue
             share = self._decided_share(left, bound)
-            parts = stretch.parts(math.ceil(1.0 / share), left if 2 * len(left) < len(self._kept) else None)
+            parts = segment.parts(math.ceil(1.0 / share), left if 2 * len(left) < len(self._kept) else None)
             if share == LEAST_SHARE or bound[left].min() <= MESH_FROM:
-                refusal = self._refusal_at(parts[len(parts) // 2], stretch.start, left, bound)
+                refusal = self._refusal_at(parts[len(parts) // 2], segment.start, left, bound)
                 if refusal is not None:
                     return finer, refusal
             finer += parts
         return finer, None
 
     def _decided_share(self, left: list[int], bounds: np.ndarray) -> float:
-        """Of how large a share of a stretch the pairs left would likely be told apart, by Coal's last answers."""
+        """Of how large a share of a segment the pairs left would likely be told apart, by Coal's last answers."""
         share, keep = 0.5, self._kept + self.world.roundings
         for pair in left:
             result = self.world.hull_margin_data.collisionResults[pair]
@@ -197,10 +197,10 @@ class _Judge:
             share = min(share, apart / bounds[pair]) if bounds[pair] > 0.0 else share
         return max(share, LEAST_SHARE)
 
-    def _measured(self, level: Sequence[Stretch]) -> tuple[list[np.ndarray], np.ndarray, list[list[int]]]:
-        """At each stretch's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
+    def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[np.ndarray], np.ndarray, list[list[int]]]:
+        """At each segment's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
         world, group = self.world, self.world.group
-        low, high = np.array([stretch.low for stretch in level]), np.array([stretch.high for stretch in level])
+        low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
         qs = [group.expand(group.from_chart(middle)) for middle in 0.5 * (low + high)]
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
@@ -210,8 +210,8 @@ class _Judge:
             placements[row] = there
         centres = world.bodies.centres_in_world(placements)
         bounds = world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
-        asked = [[] if stretch.pairs is None else stretch.pairs for stretch in level]
-        fresh = np.flatnonzero([stretch.pairs is None for stretch in level])
+        asked = [[] if segment.pairs is None else segment.pairs for segment in level]
+        fresh = np.flatnonzero([segment.pairs is None for segment in level])
         for first in range(0, len(fresh), self._together):
             rows = fresh[first : first + self._together]
             near = self._near(placements[rows], centres[rows], bounds[rows])
@@ -251,7 +251,7 @@ class _Judge:
         free = {pair for pair in asked if not pin.computeCollision(world.geometry, world.margin_data, pair)}
         return [pair for pair in left if pair not in free]
 
-    def _refusal_at(self, rest: Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
+    def _refusal_at(self, rest: CurveSegment, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
         """Why the curve is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         z = rest.controls[0, 0]
         found = self._touching(z, left)

@@ -14,7 +14,7 @@ TOGETHER = 0.07
 """Consecutive pieces are tested together as long as they span about this in some coordinate, not more [rad or m]."""
 
 
-class Stretch(NamedTuple):
+class CurveSegment(NamedTuple):
     """A part of a piece, or several pieces, not judged yet.
 
     Attributes:
@@ -34,29 +34,29 @@ class Stretch(NamedTuple):
     pairs: list[int] | None
 
     @classmethod
-    def of(cls, piece: int, controls: np.ndarray, start: float, end: float, pairs: list[int] | None) -> Stretch:
-        """The stretch of some control points, shape (m, k, nv)."""
+    def of(cls, piece: int, controls: np.ndarray, start: float, end: float, pairs: list[int] | None) -> CurveSegment:
+        """The segment of some control points, shape (m, k, nv)."""
         points = controls.reshape(-1, controls.shape[-1])
         return cls(piece, controls, points.min(axis=0), points.max(axis=0), start, end, pairs)
 
-    def parts(self, count: int, pairs: list[int] | None) -> list[Stretch]:
+    def parts(self, count: int, pairs: list[int] | None) -> list[CurveSegment]:
         """About so many parts of it in order, two at least, for some pairs."""
         pieces = len(self.controls)
         if pieces > 1:
             cuts = [pieces * k // min(count, pieces) for k in range(min(count, pieces) + 1)]
-            return [Stretch.of(self.piece + a, self.controls[a:b], 0.0, 1.0, pairs) for a, b in pairwise(cuts)]
+            return [CurveSegment.of(self.piece + a, self.controls[a:b], 0.0, 1.0, pairs) for a, b in pairwise(cuts)]
         curves = halved(self.controls)
         while len(curves) < count:
             curves = halved(curves)
         share = (self.end - self.start) / len(curves)
         starts = [self.start + k * share for k in range(len(curves))]
         return [
-            Stretch.of(self.piece, curve[None], start, end, pairs)
+            CurveSegment.of(self.piece, curve[None], start, end, pairs)
             for curve, start, end in zip(curves, starts, [*starts[1:], self.end], strict=True)
         ]
 
 
-def stretches(pieces: np.ndarray) -> list[Stretch]:
+def curve_segments(pieces: np.ndarray) -> list[CurveSegment]:
     """Pieces in order: short ones together, long ones halved until no coordinate spans more than `WIDEST`.
 
     Args:
@@ -69,16 +69,16 @@ def stretches(pieces: np.ndarray) -> list[Stretch]:
     number, alone = (np.cumsum(spans) - 0.5 * spans) // TOGETHER, spans > TOGETHER
     starts = np.flatnonzero(np.r_[True, (number[1:] != number[:-1]) | alone[1:] | alone[:-1]])
     low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
-    found: list[Stretch] = []
+    found: list[CurveSegment] = []
     for k, (first, last) in enumerate(pairwise([*starts.tolist(), len(pieces)])):
         parts = pieces[first:last]
         if spans[first] <= WIDEST:
-            found.append(Stretch(first, parts, low[k], high[k], 0.0, 1.0, None))
+            found.append(CurveSegment(first, parts, low[k], high[k], 0.0, 1.0, None))
             continue
         while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
             parts = halved(parts)
         for index, part in enumerate(parts):
-            found.append(Stretch.of(first, part[None], index / len(parts), (index + 1) / len(parts), None))
+            found.append(CurveSegment.of(first, part[None], index / len(parts), (index + 1) / len(parts), None))
     return found
 
 

@@ -1,7 +1,7 @@
 """The certificate among obstacles that move: Coal's judgement of a motion in time, between its samples too.
 
-What rests is judged by the certificate of curves, whatever their timing. For what moves, stretches of time are halved
-until at their middles every robot body keeps more from every moving obstacle than both can lose within the stretch:
+What rests is judged by the certificate of curves, whatever their timing. For what moves, segments of time are halved
+until at their middles every robot body keeps more from every moving obstacle than both can lose within the segment:
 the robot by `MotionBound`, the obstacle by its largest speed.
 """
 
@@ -88,7 +88,9 @@ def certify_moving(
     judge = _Judge(worlds, min_clearance, floor)
     for index, piece in enumerate(np.asarray(pieces, float)):
         every = list(range(len(worlds.pairs)))
-        refusal = judge.refusal(_Stretch(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), every))
+        refusal = judge.refusal(
+            _TimedSegment(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), every)
+        )
         if refusal is not None:
             return refusal
     return Verdict(True, "free", None, None, None, None, None, judge.evaluations)
@@ -114,7 +116,7 @@ def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretch:
+class _TimedSegment:
     """A part of a piece: control points, parameters on the piece, times, and the pairs that are left."""
 
     piece: int
@@ -125,7 +127,7 @@ class _Stretch:
     until: float
     pairs: list[int]
 
-    def halves(self, pairs: list[int]) -> tuple[_Stretch, _Stretch]:
+    def halves(self, pairs: list[int]) -> tuple[_TimedSegment, _TimedSegment]:
         """Both halves by de Casteljau's scheme, for some pairs."""
         row, first, second = self.control, [self.control[0]], [self.control[-1]]
         while len(row) > 1:
@@ -134,8 +136,8 @@ class _Stretch:
             second.append(row[-1])
         parameter, time = 0.5 * (self.start + self.end), 0.5 * (self.since + self.until)
         return (
-            _Stretch(self.piece, np.array(first), self.start, parameter, self.since, time, pairs),
-            _Stretch(self.piece, np.array(second[::-1]), parameter, self.end, time, self.until, pairs),
+            _TimedSegment(self.piece, np.array(first), self.start, parameter, self.since, time, pairs),
+            _TimedSegment(self.piece, np.array(second[::-1]), parameter, self.end, time, self.until, pairs),
         )
 
 
@@ -148,20 +150,20 @@ class _Judge:
         self.floor = floor
         self.evaluations = 0
 
-    def refusal(self, stretch: _Stretch) -> Verdict | None:
-        """Why a stretch is refused, or None; the first half is judged before the second."""
-        low, high = stretch.control.min(axis=0), stretch.control.max(axis=0)
-        time, half = 0.5 * (stretch.since + stretch.until), 0.5 * (stretch.until - stretch.since)
+    def refusal(self, segment: _TimedSegment) -> Verdict | None:
+        """Why a segment is refused, or None; the first half is judged before the second."""
+        low, high = segment.control.min(axis=0), segment.control.max(axis=0)
+        time, half = 0.5 * (segment.since + segment.until), 0.5 * (segment.until - segment.since)
         bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))
-        for k in stretch.pairs:
+        for k in segment.pairs:
             motion, (centre, radius) = self.worlds.obstacles[k].motion, self.worlds.balls[k]
             assert motion is not None, "only what moves is judged here"
-            bounds[k] += half * motion.speed(stretch.since, stretch.until, centre, radius)
-        left = [k for k in stretch.pairs if self._within(k, time, self.kept + bounds[k] + COAL_ACCURACY)]
+            bounds[k] += half * motion.speed(segment.since, segment.until, centre, radius)
+        left = [k for k in segment.pairs if self._within(k, time, self.kept + bounds[k] + COAL_ACCURACY)]
         if not left:
             return None
-        first, second = stretch.halves(left)
-        refused = self._refused_at(second, stretch.start, left, bounds)
+        first, second = segment.halves(left)
+        refused = self._refused_at(second, segment.start, left, bounds)
         if refused is not None:
             return refused
         return self.refusal(first) or self.refusal(second)
@@ -190,7 +192,9 @@ class _Judge:
         there = obstacle.placement_at(time)
         return bool(coal.collide(shape, _transform(placement), obstacle.shape, _transform(there), request, result))
 
-    def _refused_at(self, rest: _Stretch, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
+    def _refused_at(
+        self, rest: _TimedSegment, free_until: float, left: list[int], bounds: np.ndarray
+    ) -> Verdict | None:
         """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         self._bounds(rest.control[0], np.zeros(rest.control.shape[1]))
         found = self._touching(rest.since, left)

@@ -52,7 +52,7 @@ def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Word
 
 
 @dataclass(frozen=True, eq=False)
-class Lanes:
+class BatchCollision:
     """A world for the lane kernels; like the world itself it answers one question at a time.
 
     Attributes:
@@ -68,7 +68,7 @@ class Lanes:
     begins: int
 
     @classmethod
-    def build(cls, world: World) -> Lanes:
+    def build(cls, world: World) -> BatchCollision:
         """Make the tables of a world."""
         robot, words, scene, layout = _of(world)
         memory = np.zeros(layout.size, np.int64)

@@ -20,7 +20,7 @@ _SEED = 88172645463325252
 """Of the random choice among missing elements: the same sets give the same choice."""
 
 
-class Search(NamedTuple):
+class CoverSearch(NamedTuple):
     """State of the search; i counts sets, j elements.
 
     Attributes:
@@ -57,7 +57,7 @@ class Search(NamedTuple):
 
 
 @inlined
-def _search(bits: np.ndarray) -> Search:
+def _search(bits: np.ndarray) -> CoverSearch:
     """The state with nothing chosen."""
     rows, columns = bits.shape[0], 64 * bits.shape[1]
     first, first_set = np.zeros(rows + 1, np.int64), np.zeros(columns + 1, np.int64)
@@ -89,7 +89,7 @@ def _search(bits: np.ndarray) -> Search:
                 k += 1
                 sets[filled[j]] = i
                 filled[j] += 1
-    return Search(
+    return CoverSearch(
         first,
         elements,
         first_set,
@@ -108,7 +108,7 @@ def _search(bits: np.ndarray) -> Search:
 
 
 @inlined
-def _put_in(search: Search, i: int, now: int) -> None:
+def _put_in(search: CoverSearch, i: int, now: int) -> None:
     """Choose a set."""
     own = 0
     for k in range(search.first[i], search.first[i + 1]):
@@ -134,7 +134,7 @@ def _put_in(search: Search, i: int, now: int) -> None:
 
 
 @inlined
-def _take_out(search: Search, place: int, now: int) -> None:
+def _take_out(search: CoverSearch, place: int, now: int) -> None:
     """No longer choose the set at a place of `chosen`."""
     i = search.chosen[place]
     search.counts[0] -= 1
@@ -160,7 +160,7 @@ def _take_out(search: Search, place: int, now: int) -> None:
 
 
 @inlined
-def _better(search: Search, i: int, best: int, sign: int) -> bool:
+def _better(search: CoverSearch, i: int, best: int, sign: int) -> bool:
     """Whether set i has a higher score (sign 1) or a lower one (-1) than the best so far, or the same for longer."""
     if best < 0:
         return True
@@ -170,7 +170,7 @@ def _better(search: Search, i: int, best: int, sign: int) -> bool:
 
 
 @inlined
-def _least_missed(search: Search, spared: int) -> int:
+def _least_missed(search: CoverSearch, spared: int) -> int:
     """Place in `chosen` of the set that is missed least, another than `spared`; -1 if there is none."""
     best, place = -1, -1
     for k in range(search.counts[0]):
@@ -181,7 +181,7 @@ def _least_missed(search: Search, spared: int) -> int:
 
 
 @inlined
-def _most_wanted(search: Search, j: int) -> int:
+def _most_wanted(search: CoverSearch, j: int) -> int:
     """The set with element j that is worth most, among those not frozen if there is one."""
     best = -1
     for s in range(search.first_set[j], search.first_set[j + 1]):
@@ -195,7 +195,7 @@ def _most_wanted(search: Search, j: int) -> int:
 
 
 @inlined
-def _weigh_missing(search: Search) -> None:
+def _weigh_missing(search: CoverSearch) -> None:
     """Give every missing element more weight."""
     for k in range(search.counts[1]):
         j = search.missing[k]

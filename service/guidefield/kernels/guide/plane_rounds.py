@@ -165,7 +165,7 @@ def _way_keeps(
 def _straightened(
     swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, steps: Floats, kept: Any, record: Any
 ) -> None:
-    """Leave out steps of a round where the way without them keeps as wide a margin: as `Walker.straighten`."""
+    """Leave out steps of a round where the way without them keeps as wide a margin: as `GuidedPath.straighten`."""
     last, through, m, counts = steps.shape[0] - 1, _NONE, 0, record.counts
     if last < 1:
         return

@@ -20,7 +20,7 @@ from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, workspac
 from guidefield.kernels.relax.verlet_list import NEAR_BODIES, NearBodies
 
 
-class Samples(NamedTuple):
+class PathSamples(NamedTuple):
     """Where on a path the barrier is evaluated.
 
     Attributes:
@@ -38,7 +38,7 @@ class Samples(NamedTuple):
     shares: Floats
 
 
-SAMPLES = types.NamedTuple((INDICES, VECTOR, VECTOR, VECTOR, VECTOR), Samples)
+SAMPLES = types.NamedTuple((INDICES, VECTOR, VECTOR, VECTOR, VECTOR), PathSamples)
 
 
 @compiled(SCALAR(MATRIX, VECTOR, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT))
@@ -67,7 +67,7 @@ def _stretch(path: Floats, stiffness: Floats, gradient_out: Floats, diagonal_out
 def objective(
     robot: SampledRobot,
     tables: DistanceTables,
-    samples: Samples,
+    samples: PathSamples,
     path: Floats,
     stiffness: Floats,
     clearance: float,

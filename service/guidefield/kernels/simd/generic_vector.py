@@ -24,8 +24,8 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import lower_builtin
 
 from guidefield.kernels.simd.generic_vector_model import (
-    Lanes,
     Mask,
+    VectorType,
     every,
     inverse_root,
     is_double,
@@ -52,17 +52,17 @@ def _is_number(kind: Any) -> bool:
     return isinstance(kind, (types.Float, types.Integer))
 
 
-def _joint(kinds: tuple[Any, ...]) -> Lanes | None:
+def _joint(kinds: tuple[Any, ...]) -> VectorType | None:
     """The lanes that operands make together: same lanes, or lanes and numbers."""
-    lanes = {kind for kind in kinds if isinstance(kind, Lanes)}
-    if len(lanes) == 1 and all(isinstance(kind, Lanes) or _is_number(kind) for kind in kinds):
+    lanes = {kind for kind in kinds if isinstance(kind, VectorType)}
+    if len(lanes) == 1 and all(isinstance(kind, VectorType) or _is_number(kind) for kind in kinds):
         return next(iter(lanes))
     return None
 
 
-def _as_lanes(context: Any, builder: Any, value: Any, kind: Any, lanes: Lanes) -> Any:
+def _as_lanes(context: Any, builder: Any, value: Any, kind: Any, lanes: VectorType) -> Any:
     """A number in every lane; lanes as they are."""
-    if isinstance(kind, Lanes):
+    if isinstance(kind, VectorType):
         return value
     scalar = context.cast(builder, value, kind, lanes.element)
     vector = context.get_value_type(lanes)
@@ -74,11 +74,11 @@ def _as_lanes(context: Any, builder: Any, value: Any, kind: Any, lanes: Lanes) -
 
 
 _OPERANDS = (
-    (Lanes, Lanes), (Lanes, types.Float), (types.Float, Lanes), (Lanes, types.Integer), (types.Integer, Lanes),
+    (VectorType, VectorType), (VectorType, types.Float), (types.Float, VectorType), (VectorType, types.Integer), (types.Integer, VectorType),
 )  # fmt: skip
 
 
-def _register(function: Callable[..., Any], result: Callable[[Lanes], Any], emit: Callable[..., Any]) -> None:
+def _register(function: Callable[..., Any], result: Callable[[VectorType], Any], emit: Callable[..., Any]) -> None:
     """An operation of two operands."""
 
     @infer_global(function)
@@ -123,11 +123,11 @@ def _register_plain(function: Callable[..., Any], typing: Callable[..., Any], ki
 
 
 def _same(kind: Any) -> Any:
-    return kind if isinstance(kind, (Lanes, types.Float)) else None
+    return kind if isinstance(kind, (VectorType, types.Float)) else None
 
 
 def _element(kind: Any) -> Any:
-    return kind.element if isinstance(kind, Lanes) else None
+    return kind.element if isinstance(kind, VectorType) else None
 
 
 def _call(builder: Any, name: str, x: Any) -> Any:
@@ -151,9 +151,9 @@ def _negate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return builder.fneg(args[0], flags=_FLAGS)
 
 
-_EITHER = [(Lanes,), (types.Float,)]
+_EITHER = [(VectorType,), (types.Float,)]
 
-_register_plain(operator.neg, lambda kind: kind if isinstance(kind, Lanes) else None, [(Lanes,)], _negate)
+_register_plain(operator.neg, lambda kind: kind if isinstance(kind, VectorType) else None, [(VectorType,)], _negate)
 _register_plain(root, _same, _EITHER, _intrinsic("llvm.sqrt"))
 _register_plain(magnitude, _same, _EITHER, _intrinsic("llvm.fabs"))
 
@@ -187,10 +187,10 @@ _register_plain(inverse_root, _same, _EITHER, _inverse_root)
 
 
 def _load_type(array: Any, at: Any) -> Any:
-    return Lanes(array.dtype) if isinstance(array, types.Array) and array.ndim == 1 else None
+    return VectorType(array.dtype) if isinstance(array, types.Array) and array.ndim == 1 else None
 
 
-def _pointer(context: Any, builder: Any, kind: Any, array: Any, at: Any, lanes: Lanes) -> Any:
+def _pointer(context: Any, builder: Any, kind: Any, array: Any, at: Any, lanes: VectorType) -> Any:
     data = context.make_array(kind)(context, builder, array).data
     element = builder.gep(data, [at])
     return builder.bitcast(element, context.get_value_type(lanes).as_pointer())
@@ -204,7 +204,7 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    lanes = Lanes(sig.args[0].dtype)
+    lanes = VectorType(sig.args[0].dtype)
     value = _as_lanes(context, builder, args[2], sig.args[2], lanes)
     stored = builder.store(value, _pointer(context, builder, sig.args[0], args[0], args[1], lanes))
     stored.align = lanes.element.bitwidth // 8
@@ -213,7 +213,7 @@ def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 _register_plain(load, _load_type, [(types.Array, types.Integer)], _load)
 _register_plain(
-    store, lambda a, i, v: types.none, [(types.Array, types.Integer, Lanes), (types.Array, types.Integer, types.Float)],
+    store, lambda a, i, v: types.none, [(types.Array, types.Integer, VectorType), (types.Array, types.Integer, types.Float)],
     _store,
 )  # fmt: skip
 
@@ -267,11 +267,11 @@ def _reduction(name: str, start: tuple[float, ...]) -> Callable[..., Any]:
     return lower
 
 
-_register_plain(total, _element, [(Lanes,)], _reduction("fadd", (-0.0,)))
+_register_plain(total, _element, [(VectorType,)], _reduction("fadd", (-0.0,)))
 
 
 def _lanes_of(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return context.get_constant(types.intp, Lanes(sig.args[0].dtype).count)
+    return context.get_constant(types.intp, VectorType(sig.args[0].dtype).count)
 
 
 _register_plain(lanes_of, lambda a: types.intp if isinstance(a, types.Array) else None, [(types.Array,)], _lanes_of)
@@ -287,10 +287,10 @@ def _smallest_gap(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _precision(kind: Any) -> Any:
-    return kind.element if isinstance(kind, Lanes) else kind
+    return kind.element if isinstance(kind, VectorType) else kind
 
 
 _register_plain(smallest_gap, lambda kind: types.float64, _EITHER, _smallest_gap)
 _register_plain(
-    is_double, lambda k: types.boolean if isinstance(k, (Lanes, types.Float)) else None, _EITHER, _is_double
+    is_double, lambda k: types.boolean if isinstance(k, (VectorType, types.Float)) else None, _EITHER, _is_double
 )

@@ -16,7 +16,7 @@ LANES_32 = 16
 """Points at once in single precision."""
 
 
-class Lanes(types.Type):  # type: ignore[misc]  # numba is untyped
+class VectorType(types.Type):  # type: ignore[misc]  # numba is untyped
     """Lanes of one floating-point type."""
 
     def __init__(self, element: types.Float) -> None:
@@ -43,9 +43,9 @@ class Mask(types.Type):  # type: ignore[misc]
         return self.count
 
 
-@register_model(Lanes)
+@register_model(VectorType)
 class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, dmm: Any, fe_type: Lanes) -> None:
+    def __init__(self, dmm: Any, fe_type: VectorType) -> None:
         element = ir.DoubleType() if fe_type.element == types.float64 else ir.FloatType()
         super().__init__(dmm, fe_type, ir.VectorType(element, fe_type.count))
 

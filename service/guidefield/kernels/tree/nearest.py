@@ -25,13 +25,13 @@ from guidefield.kernels.simd.f32x16 import (
 from guidefield.kernels.simd.lane_math import Floats32
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, nearest_in_buckets, put_in_bucket, short_way
-from guidefield.kernels.tree.nodes import LATE, SEARCH, SIZE, Search
+from guidefield.kernels.tree.nodes import LATE, SEARCH, SIZE, TreeSearch
 
 _PLACES = np.arange(LANES, dtype=np.float32)
 
 
 @lane_step(int64(SEARCH, int64, SAMPLING))
-def _put_in_buckets(search: Search, tree: int, sampling: Sampling) -> int:
+def _put_in_buckets(search: TreeSearch, tree: int, sampling: Sampling) -> int:
     """Put the nodes of a tree in buckets that are not yet; how many there are."""
     size = search.counters[SIZE + tree]
     for node in range(search.buckets.state[tree * STATE + KNOWN], size):
@@ -41,7 +41,7 @@ def _put_in_buckets(search: Search, tree: int, sampling: Sampling) -> int:
 
 
 @lane_part
-def _known(search: Search, tree: int, sampling: Sampling) -> int:
+def _known(search: TreeSearch, tree: int, sampling: Sampling) -> int:
     """How many nodes of a tree are in buckets; fewer than `LATE` are left."""
     known = search.buckets.state[tree * STATE + KNOWN]
     if search.counters[SIZE + tree] - known >= LATE:
@@ -50,7 +50,7 @@ def _known(search: Search, tree: int, sampling: Sampling) -> int:
 
 
 @lane_step(int64(SEARCH, int64, FLOAT_POINTER, SAMPLING))
-def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> int:
+def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling) -> int:
     """The node nearest to a target, shape (nv,); angles that wrap go the short way.
 
     The nodes that came last are looked at sixteen at a time, each lane keeping its nearest; the others are in buckets.
@@ -82,7 +82,7 @@ def nearest(search: Search, tree: int, target: Floats32, sampling: Sampling) -> 
 
 
 @lane_step(void(SEARCH, int64, SAMPLING, int64))
-def _nearer_in_buckets(search: Search, tree: int, sampling: Sampling, k: int) -> None:
+def _nearer_in_buckets(search: TreeSearch, tree: int, sampling: Sampling, k: int) -> None:
     """Write of one of the sixteen samples the nearest node if that is in a bucket."""
     sample, near = search.sample, search.near
     for j in range(search.nv):
@@ -93,7 +93,7 @@ def _nearer_in_buckets(search: Search, tree: int, sampling: Sampling, k: int) ->
 
 
 @lane_part
-def nearest_to_each(search: Search, tree: int, sampling: Sampling) -> None:
+def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
     """Write of each of the sixteen samples the node nearest to it and how far it is from it, squared.
 
     The samples are in lanes, four nodes at a time go by; none is looked at beyond the last, but that one again.

@@ -40,7 +40,7 @@ judged, and the roots of both trees."""
 COUNTERS = 13
 
 
-class Search(NamedTuple):
+class TreeSearch(NamedTuple):
     """Two trees and what belongs to their search; each array holds both trees, one after the other.
 
     Attributes:
@@ -102,7 +102,7 @@ _SEARCH = types.NamedTuple(
         VECTOR_OUT,
         BUCKETS_TYPE,
     ],
-    Search,
+    TreeSearch,
 )
 SEARCH = pointed(_SEARCH)
 
@@ -114,7 +114,7 @@ ROOTS = types.Array(types.float64, 2, "A", readonly=True)
 
 
 @lane_part
-def step_each(search: Search, sampling: Sampling, batch: int) -> None:
+def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
     """Let the first extensions of a batch, whose ends are what they go towards, end where they get to at most."""
     nodes, grown, origins, ends, longest = search.nodes, search.grown, search.origins, search.ends, search.longest
     nv, capacity = search.nv, search.capacity
@@ -137,7 +137,9 @@ def step_each(search: Search, sampling: Sampling, batch: int) -> None:
 
 
 @lane_step(types.float64(SEARCH, int64, int64, FLOAT_POINTER, SAMPLING, types.float64))
-def step_towards(search: Search, tree: int, node: int, target: Floats32, sampling: Sampling, longest: float) -> float:
+def step_towards(
+    search: TreeSearch, tree: int, node: int, target: Floats32, sampling: Sampling, longest: float
+) -> float:
     """Write a node's point and the one so far towards a target, shape (nv,), at most; the distance to the target."""
     origin, reached, nodes, square = search.origin, search.reached, search.nodes, 0.0
     nv, capacity = search.nv, search.capacity
@@ -156,7 +158,7 @@ def step_towards(search: Search, tree: int, node: int, target: Floats32, samplin
 
 
 @lane_step(int64(SEARCH, int64, int64))
-def add_reached(search: Search, tree: int, parent: int) -> int:
+def add_reached(search: TreeSearch, tree: int, parent: int) -> int:
     """Add the point that was reached to a tree, which has room; its index."""
     at, nv, capacity = search.counters[SIZE + tree], search.nv, search.capacity
     for j in range(nv):
@@ -169,7 +171,7 @@ def add_reached(search: Search, tree: int, parent: int) -> int:
 
 
 @lane_step(void(SEARCH, int64, ROOTS))
-def plant(search: Search, tree: int, roots: np.ndarray) -> None:
+def plant(search: TreeSearch, tree: int, roots: np.ndarray) -> None:
     """Leave nothing of a tree but its roots, chart points, shape (n, nv); there is room for them."""
     nv, capacity, first = search.nv, search.capacity, tree * search.capacity
     for i in range(len(roots)):

@@ -9,7 +9,7 @@ from numba import void
 
 from guidefield.kernels.simd.f32x16 import lane_part, lane_step
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
-from guidefield.kernels.tree.nodes import MEETING, ROOTS, ROWS, SEARCH, Search
+from guidefield.kernels.tree.nodes import MEETING, ROOTS, ROWS, SEARCH, TreeSearch
 
 
 @lane_part
@@ -21,7 +21,7 @@ def _turned_near(place: float, before: float, period: float) -> float:
 
 
 @lane_step(void(SAMPLING, SEARCH, ROOTS, ROOTS))
-def join(sampling: Sampling, search: Search, starts: np.ndarray, goals: np.ndarray) -> None:
+def join(sampling: Sampling, search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
     """Write the branch from the root of the first tree and that to the root of the second, which have met.
 
     The trees met where a step of the one towards the other's last point would end. Whole turns are added to the second

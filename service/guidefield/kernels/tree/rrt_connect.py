@@ -33,7 +33,7 @@ from guidefield.kernels.tree.nodes import (
     SEARCH,
     SIZE,
     TRIED,
-    Search,
+    TreeSearch,
     add_reached,
     plant,
     search_of,
@@ -76,7 +76,7 @@ MET, FULL, GOING_ON = range(3)
 def _connected(
     world: LaneWorld,
     sampling: Sampling,
-    search: Search,
+    search: TreeSearch,
     clearance: float,
     resolution: float,
     tree: int,
@@ -97,7 +97,7 @@ def _connected(
 
 
 @lane_part
-def _taken(search: Search, tree: int) -> int:
+def _taken(search: TreeSearch, tree: int) -> int:
     """Mask of the sixteen samples that are extended to: those in the domains of their nodes, and some others."""
     near, domains, first, refused, taken = search.near, search.domains, tree * search.capacity, 0, 0
     refused = search.counters[REFUSED]
@@ -111,7 +111,7 @@ def _taken(search: Search, tree: int) -> int:
 
 
 @lane_part
-def way_of(search: Search, drawn: int) -> Way:
+def way_of(search: TreeSearch, drawn: int) -> Way:
     """What the next samples are near: the way between a start and a goal, every pair of which has its turns."""
     counters, capacity, motions = search.counters, search.capacity, search.counters[MOTIONS]
     turn = counters[ITERATION] + drawn
@@ -122,7 +122,7 @@ def way_of(search: Search, drawn: int) -> Way:
 
 
 @lane_step(int64(SAMPLING, SEARCH, int64))
-def _choose(sampling: Sampling, search: Search, batch: int) -> int:
+def _choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
     """Write a batch of extensions: from which node of which tree, and where they would end; how many samples it took.
 
     Samples come sixteen at a time, towards one tree. One outside of the domain of the node nearest to it is passed by,
@@ -157,7 +157,7 @@ def _choose(sampling: Sampling, search: Search, batch: int) -> int:
 
 
 @lane_part
-def _extension_free(world: LaneWorld, search: Search, clearance: float, resolution: float, slot: int) -> bool:
+def _extension_free(world: LaneWorld, search: TreeSearch, clearance: float, resolution: float, slot: int) -> bool:
     """Whether an extension of the batch is free; what it reaches is then what is reached."""
     for j in range(search.nv):
         search.origin[j] = search.origins[j * LANES + slot]
@@ -166,7 +166,7 @@ def _extension_free(world: LaneWorld, search: Search, clearance: float, resoluti
 
 
 @lane_part
-def _begin(search: Search, starts: np.ndarray, goals: np.ndarray) -> None:
+def _begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
     """Leave only the roots of both trees, shapes (k, nv) and (m, nv), and nothing counted."""
     for k in range(COUNTERS):
         search.counters[k] = 0
@@ -181,7 +181,7 @@ def _begin(search: Search, starts: np.ndarray, goals: np.ndarray) -> None:
 def _gone_on(
     world: LaneWorld,
     sampling: Sampling,
-    search: Search,
+    search: TreeSearch,
     clearance: float,
     resolution: float,
     slot: int,
@@ -207,7 +207,7 @@ def _gone_on(
 def _grown(
     world: LaneWorld,
     sampling: Sampling,
-    search: Search,
+    search: TreeSearch,
     clearance: float,
     resolution: float,
     iterations: int,
@@ -265,7 +265,7 @@ def grow(
     Args:
         world: Robot and obstacles, a packed `LaneWorld`.
         sampling: Where samples come from, a packed `Sampling`.
-        search: The trees, a packed `Search`; changed. Its places say where the sequence of samples begins.
+        search: The trees, a packed `TreeSearch`; changed. Its places say where the sequence of samples begins.
         starts: Roots of the first tree, chart points, shape (k, nv).
         goals: Roots of the second, shape (m, nv).
         clearance: What to keep from obstacles [m].

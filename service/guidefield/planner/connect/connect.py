@@ -97,7 +97,7 @@ def connect(
 
 
 def _unconnected(
-    problem: Problem, z_start: np.ndarray, found: tree_search.Found, goals: int, refused: int
+    problem: Problem, z_start: np.ndarray, found: tree_search.FoundPath, goals: int, refused: int
 ) -> Connection:
     """A connection that was not found, and why; how many paths the certificate refused before."""
     spent = problem.budget.spent()

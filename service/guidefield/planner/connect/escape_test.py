@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 
 LENGTHS = 0.3, 0.1, 0.03, 0.01
 """How far the motions go that are tried [rad or m]."""
@@ -13,7 +13,9 @@ DIRECTIONS = 1024
 """How many directions of each length, beside those along one coordinate."""
 
 
-def can_be_left(lanes: Lanes, roots: np.ndarray, clearance: float, resolution: float, rng: np.random.Generator) -> bool:
+def can_be_left(
+    lanes: BatchCollision, roots: np.ndarray, clearance: float, resolution: float, rng: np.random.Generator
+) -> bool:
     """Whether any of many short motions out of some configurations is free.
 
     Args:

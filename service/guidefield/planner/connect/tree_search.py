@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.simd.f32x16 import LANES
 from guidefield.kernels.simd.packing import Words, packed
@@ -35,7 +35,7 @@ FIRST_CAPACITY = 512
 """Nodes that each tree has room for at first; doubled when it is full."""
 
 
-class Found(NamedTuple):
+class FoundPath(NamedTuple):
     """What a search came to.
 
     Attributes:
@@ -47,7 +47,7 @@ class Found(NamedTuple):
 
     path: np.ndarray | None
     counters: np.ndarray
-    search: lane_nodes.Search
+    search: lane_nodes.TreeSearch
     enclosed: int | None = None
 
     @property
@@ -79,7 +79,7 @@ class Found(NamedTuple):
 
 
 def grow(
-    lanes: Lanes,
+    lanes: BatchCollision,
     starts: np.ndarray,
     goals: np.ndarray,
     resolution: float,
@@ -89,7 +89,7 @@ def grow(
     *,
     within: float = math.inf,
     most_motions: int = MOST_MOTIONS,
-) -> Found:
+) -> FoundPath:
     """Grow two trees towards each other until they meet.
 
     Args:
@@ -121,7 +121,7 @@ def grow(
         if ended == kernel.MET:
             # samples are float32: rounding may take one beyond a limit
             path = np.clip(room.path[: counters[lane_nodes.ROWS]], lanes.world.group.lower, lanes.world.group.upper)
-            return Found(path, counters.copy(), room.search)
+            return FoundPath(path, counters.copy(), room.search)
         begins = False
         if ended == kernel.FULL:
             room = room.roomier()
@@ -130,16 +130,16 @@ def grow(
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
             if size == len(roots) and not can_be_left(lanes, roots, clearance, resolution, rng):
-                return Found(None, counters.copy(), room.search, tried)
+                return FoundPath(None, counters.copy(), room.search, tried)
         if (
             piece == 0
             or counters[lane_nodes.ITERATION] >= MOST_ITERATIONS
             or counters[lane_nodes.MOTIONS] >= most_motions
         ):
-            return Found(None, counters.copy(), room.search)
+            return FoundPath(None, counters.copy(), room.search)
 
 
-def held_by(search: lane_nodes.Search) -> tuple[np.ndarray, ...]:
+def held_by(search: lane_nodes.TreeSearch) -> tuple[np.ndarray, ...]:
     """Nodes, parents, domains and failures, tree by tree: shapes (2, nv, capacity) and (2, capacity) each."""
     nodes = search.nodes[:-LANES].reshape(2, search.nv, search.capacity)
     return nodes, *(array.reshape(2, -1) for array in (search.parents, search.domains, search.failed))
@@ -163,7 +163,7 @@ class _Room:
         path: Where the path is written, shape (2 * capacity, nv).
     """
 
-    search: lane_nodes.Search
+    search: lane_nodes.TreeSearch
     words: Words
     path: np.ndarray
 
@@ -173,7 +173,7 @@ class _Room:
         ends_of = np.cumsum((nv, nv, nv, 2)) * LANES
         samples, origins, ends, near, longest = np.split(_from_a_line((3 * nv + 3) * LANES), ends_of)
         # sixteen more: the nearest node is looked for sixteen at a time
-        search = lane_nodes.Search(
+        search = lane_nodes.TreeSearch(
             nv=nv,
             capacity=capacity,
             nodes=np.zeros(2 * nv * capacity + LANES, np.float32),
@@ -199,7 +199,7 @@ class _Room:
         return cls.of(search)
 
     @classmethod
-    def of(cls, search: lane_nodes.Search) -> _Room:
+    def of(cls, search: lane_nodes.TreeSearch) -> _Room:
         """The memory of some trees."""
         return cls(search, packed(search), search.path.reshape(-1, search.nv))
 

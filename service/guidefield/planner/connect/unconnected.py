@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.collision.lanes.lanes import Lanes
-from guidefield.planner.connect.tree_search import MOST_MOTIONS, Found
+from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.planner.connect.tree_search import MOST_MOTIONS, FoundPath
 from guidefield.robot.model.chart import ANGLE
 
 FEW = 0.01
 """An end is hard to get away from if its tree has less configurations than this share of the motions tried there."""
 
 
-def no_way(lanes: Lanes, start: np.ndarray, goals: np.ndarray, resolution: float, clearance: float) -> str | None:
+def no_way(
+    lanes: BatchCollision, start: np.ndarray, goals: np.ndarray, resolution: float, clearance: float
+) -> str | None:
     """Why a group of one coordinate can't get to any goal, or None where it can or has several coordinates.
 
     Whatever it does, it passes what is between; so one sample in contact on each way is proof.
@@ -37,7 +39,7 @@ def no_way(lanes: Lanes, start: np.ndarray, goals: np.ndarray, resolution: float
     return f"joint {joint.name} can't get to the goal: {which} it comes to what it must not touch"
 
 
-def why_not(found: Found, goals: int, *, in_time: bool) -> str:
+def why_not(found: FoundPath, goals: int, *, in_time: bool) -> str:
     """Why a search ended without a path, for a person.
 
     Args:

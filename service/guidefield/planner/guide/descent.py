@@ -10,7 +10,7 @@ from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
 from guidefield.kernels.guide.descent import ENDED, UNDECIDED, Settings, descend as descend_kernel
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.robot.group.mover import mover_of, planned_values
 
 REGULARIZATION = 1e-2
@@ -46,33 +46,33 @@ class Descent:
         return self.potentials[-1]
 
 
-def settings_of(walker: Walker, tolerance: float) -> Settings:
+def settings_of(guided: GuidedPath, tolerance: float) -> Settings:
     """How descents go, for the kernels."""
-    exact = int(swept_world(walker.problem.world).exact)
+    exact = int(swept_world(guided.problem.world).exact)
     return Settings(
-        REGULARIZATION, ON_CONSTRAINT, tolerance, FINE, CLOSE, walker.margin, SELF_MARGIN, FLOOR, exact
+        REGULARIZATION, ON_CONSTRAINT, tolerance, FINE, CLOSE, guided.margin, SELF_MARGIN, FLOOR, exact
     )  # fmt: skip
 
 
 def descend(
-    walker: Walker,
+    guided: GuidedPath,
     constraint: TipConstraint,
     guard: TipGuard,
     tolerance: float = TOLERANCE,
     most_steps: int = MOST_STEPS,
 ) -> Descent:
-    """Reduce U while the tip keeps a constraint, from where a walker stands; it takes no step itself.
+    """Reduce U while the tip keeps a constraint, from where a guided path stands; it takes no step itself.
 
     Args:
-        walker: The robot, on the constraint; it judges motions.
+        guided: The robot, on the constraint; it judges motions.
         constraint: What the tip has to keep.
         guard: Where the tip may be.
         tolerance: It ends where a step promises, or brings, less than this share of U.
         most_steps: It ends after so many steps.
     """
-    problem, group = walker.problem, walker.problem.group
+    problem, group = guided.problem, guided.problem.group
     swept, field = swept_world(problem.world), problem.robot_field
-    q, planned, longest = group.expand(walker.q), planned_values(group), 1.0
+    q, planned, longest = group.expand(guided.q), planned_values(group), 1.0
     path: list[np.ndarray] = []
     potentials: list[float] = []
     trial, counts = np.empty(2), np.zeros(3, np.int64)
@@ -81,7 +81,7 @@ def descend(
         values = np.empty(len(found) + 1)
         answer = descend_kernel(
             mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard,
-            settings_of(walker, tolerance), q, longest, found, values, trial, counts,
+            settings_of(guided, tolerance), q, longest, found, values, trial, counts,
         )  # fmt: skip
         steps = int(counts[0])
         field.evaluations += int(counts[1])
@@ -91,11 +91,11 @@ def descend(
         q, longest = found[steps - 1] if steps else q, 1.0
         if answer == UNDECIDED:
             before = potentials[-1]
-            if walker.judged(path[-1] if path else walker.q, found[steps][planned]):
+            if guided.judged(path[-1] if path else guided.q, found[steps][planned]):
                 q = found[steps]
                 path.append(q[planned])
                 potentials.append(float(trial[1]))
-                if before - potentials[-1] < tolerance * before and walker.keeps(path[-1], path[-1], CLOSE):
+                if before - potentials[-1] < tolerance * before and guided.keeps(path[-1], path[-1], CLOSE):
                     answer = ENDED
             else:
                 longest = 0.5 * float(trial[0])

@@ -16,7 +16,7 @@ import numpy as np
 from guidefield.collision.swept import swept_world
 from guidefield.errors import Status
 from guidefield.planner.guide.aim import Aim
-from guidefield.planner.guide.guided_path import MARGIN, Walker
+from guidefield.planner.guide.guided_path import MARGIN, GuidedPath
 from guidefield.planner.guide.projected import Blocks, Projected
 from guidefield.planner.guide.rounds import FIRST_STEP, Attempt, Round, rounds
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
@@ -91,17 +91,17 @@ def cross(
 def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
     """Rounds until the tip is on the plane or a reason to give up turns up."""
     aim = Aim(plane, inset_of(problem, plane))
-    walker = Walker(problem, q, margin_at(problem, q), index)
+    guided = GuidedPath(problem, q, margin_at(problem, q), index)
     problem.tell(Step("start", q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
     creeping = 0
     while True:
         if (spent := problem.budget.spent()) is not None:
-            return _given_up(spent, stopped_before(spent, plane.name, aim.distance(walker.tip)), walker, aim, index)
-        for made in rounds(walker, aim, attempt):
+            return _given_up(spent, stopped_before(spent, plane.name, aim.distance(guided.tip)), guided, aim, index)
+        for made in rounds(guided, aim, attempt):
             if made.ended is Round.BLOCKED:
-                return _blocked(walker, aim, index)
+                return _blocked(guided, aim, index)
             if made.ended is Round.ARRIVED:
-                return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(walker.path))
+                return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(guided.path))
             little = made.before - made.after < CREEPING * min(attempt.step, made.before)
             creeping = creeping + 1 if little else 0
             if creeping >= CREEPING_ROUNDS:
@@ -109,31 +109,31 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
                     Status.STUCK_IN_MINIMUM,
                     f"stuck in a minimum of the potential {1000 * made.before:.0f} mm before guide plane"
                     f" {plane.name!r}",
-                    walker, aim, index,
+                    guided, aim, index,
                 )  # fmt: skip
 
 
-def _blocked(walker: Walker, aim: Aim, index: int) -> Crossing:
+def _blocked(guided: GuidedPath, aim: Aim, index: int) -> Crossing:
     """No advance is possible: held by an obstacle it is stuck, out of reach the plane is unreachable from here."""
-    plane, left = aim.plane, 1000 * aim.distance(walker.tip)
-    refusal = walker.refusal()
+    plane, left = aim.plane, 1000 * aim.distance(guided.tip)
+    refusal = guided.refusal()
     if refusal is None:
         return _given_up(
             Status.GUIDE_PLANE_UNREACHABLE,
             f"guide plane {plane.name!r} is {left:.0f} mm away and the tip can't get nearer: joint limits or reach",
-            walker, aim, index,
+            guided, aim, index,
         )  # fmt: skip
     pair = " and ".join(refusal.pair) if refusal.pair else "two bodies"
     return _given_up(
         Status.STUCK_IN_MINIMUM,
         f"stuck in a minimum of the potential {left:.0f} mm before guide plane {plane.name!r}: {pair} would touch",
-        walker, aim, index,
+        guided, aim, index,
     )  # fmt: skip
 
 
-def _given_up(status: Status, message: str, walker: Walker, aim: Aim, index: int) -> Crossing:
-    group, refusal = walker.problem.group, walker.refusal()
-    z = group.chart(walker.q)
+def _given_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index: int) -> Crossing:
+    group, refusal = guided.problem.group, guided.refusal()
+    z = group.chart(guided.q)
     at_limit = [
         j.name for j in group.joints if min(z[j.idx_v] - group.lower[j.idx_v], group.upper[j.idx_v] - z[j.idx_v]) < 1e-6
     ]
@@ -141,13 +141,13 @@ def _given_up(status: Status, message: str, walker: Walker, aim: Aim, index: int
         "stage": "guide",
         "plane": index,
         "guide_plane": aim.plane.name,
-        "distance": aim.distance(walker.tip),
-        "tip": walker.tip.tolist(),
-        "potential": walker.problem.robot_field.potential(walker.q),
+        "distance": aim.distance(guided.tip),
+        "tip": guided.tip.tolist(),
+        "potential": guided.problem.robot_field.potential(guided.q),
         "pair": list(refusal.pair) if refusal is not None and refusal.pair else None,
         "joints_at_limit": at_limit,
     }
-    return Crossing(status, message, np.array(walker.path), details)
+    return Crossing(status, message, np.array(guided.path), details)
 
 
 def margin_at(problem: Problem, q: np.ndarray) -> float:

@@ -47,7 +47,7 @@ class Moved:
     step: float
 
 
-class Walker:
+class GuidedPath:
     """Takes steps for one problem and keeps every accepted configuration: they are the path.
 
     Args:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from guidefield.kernels.guide.tip_guard import TipGuard
-from guidefield.planner.guide.guided_path import Walker
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.task.problem import Problem
 
 MOST_ROUNDS = 6
@@ -33,11 +33,11 @@ class Minimizer(Protocol):
             point: Where its tip shall be, shape (3,) [m, world].
         """
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
-        """Slide and reorient on a plane until U falls no more; the walker takes every step.
+    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+        """Slide and reorient on a plane until U falls no more; the guided path takes every step.
 
         Args:
-            walker: The robot, with its tip on the plane.
+            guided: The robot, with its tip on the plane.
             point: A point of the plane, shape (3,) [m, world].
             normal: The plane's unit normal, shape (3,), in the world.
             guard: Where the tip may be.

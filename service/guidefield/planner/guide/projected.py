@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.descent import MOST_STEPS, TOLERANCE, descend
-from guidefield.planner.guide.guided_path import Walker, reach_point
+from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.guide.tip_constraints import on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
@@ -58,23 +58,23 @@ class Projected:
         if reached is not None:
             yield reached
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane until U falls no more; see `Minimizer`, with the same shapes."""
-        problem = walker.problem
+        problem = guided.problem
         if self.blocks is Blocks.ONE:
-            self._descend(walker, on_plane(point, normal), guard, "descend")
+            self._descend(guided, on_plane(point, normal), guard, "descend")
             return
-        before = problem.robot_field.potential(walker.q)
+        before = problem.robot_field.potential(guided.q)
         for _ in range(MOST_ROUNDS):
-            rotation = problem.kinematics.frame_placement(walker.q, problem.group.tip_id).rotation
-            self._descend(walker, sliding(point, normal, rotation), guard, "slide")
-            after = self._descend(walker, reorienting(walker.tip), guard, "reorient")
+            rotation = problem.kinematics.frame_placement(guided.q, problem.group.tip_id).rotation
+            self._descend(guided, sliding(point, normal, rotation), guard, "slide")
+            after = self._descend(guided, reorienting(guided.tip), guard, "reorient")
             if before - after < NEGLIGIBLE * before or problem.budget.spent():
                 return
             before = after
 
-    def _descend(self, walker: Walker, constraint: TipConstraint, guard: TipGuard, kind: str) -> float:
-        descent = descend(walker, constraint, guard, self.tolerance, self.most_steps)
+    def _descend(self, guided: GuidedPath, constraint: TipConstraint, guard: TipGuard, kind: str) -> float:
+        descent = descend(guided, constraint, guard, self.tolerance, self.most_steps)
         for q, potential in zip(descent.path, descent.potentials[1:], strict=True):
-            walker.take(q, kind, f"{kind} to U = {potential:.4g}", potential)
+            guided.take(q, kind, f"{kind} to U = {potential:.4g}", potential)
         return descent.potential

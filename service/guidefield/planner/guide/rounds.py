@@ -17,7 +17,7 @@ from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.descent import settings_of
-from guidefield.planner.guide.guided_path import COMFORTABLE, WIDE_MARGINS, Walker
+from guidefield.planner.guide.guided_path import COMFORTABLE, WIDE_MARGINS, GuidedPath
 from guidefield.planner.guide.minimizer import Minimizer
 from guidefield.planner.guide.projected import Blocks, Projected
 from guidefield.robot.group.mover import mover_of, planned_values
@@ -70,50 +70,50 @@ class Made:
     after: float
 
 
-def rounds(walker: Walker, aim: Aim, attempt: Attempt) -> Iterator[Made]:
-    """One round towards a guide plane, or some; the walker takes the steps of each as it is asked for."""
+def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
+    """One round towards a guide plane, or some; the guided path takes the steps of each as it is asked for."""
     minimizer = attempt.minimizer
     at_once = isinstance(minimizer, Projected) and minimizer.blocks is Blocks.ONE
-    if at_once and swept_world(walker.problem.world).exact:
+    if at_once and swept_world(guided.problem.world).exact:
         assert isinstance(minimizer, Projected)
-        yield from _in_kernel(walker, aim, minimizer, attempt.step)
+        yield from _in_kernel(guided, aim, minimizer, attempt.step)
         return
-    before = aim.distance(walker.tip)
-    yield Made(approach(walker, aim, attempt), before, aim.distance(walker.tip))
+    before = aim.distance(guided.tip)
+    yield Made(approach(guided, aim, attempt), before, aim.distance(guided.tip))
 
 
-def approach(walker: Walker, aim: Aim, attempt: Attempt) -> Round:
-    """One round towards a guide plane: advance, slide and reorient; the walker takes every step."""
-    distance = aim.distance(walker.tip)
+def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
+    """One round towards a guide plane: advance, slide and reorient; the guided path takes every step."""
+    distance = aim.distance(guided.tip)
     if distance <= ON_PLANE:
         return Round.ARRIVED
-    direction = (aim.closest_point(walker.tip) - walker.tip) / distance
-    since = len(walker.path) - 1
+    direction = (aim.closest_point(guided.tip) - guided.tip) / distance
+    since = len(guided.path) - 1
     step, smallest = min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance)
-    moved = walker.advance(direction, step, smallest, attempt.minimizer.reach)
+    moved = guided.advance(direction, step, smallest, attempt.minimizer.reach)
     if moved.q is None:
         return Round.BLOCKED
     arrived = moved.step >= distance - ON_PLANE
     if arrived:  # minimise in the guide plane itself, inside its polygon
         plane = aim.plane
-        attempt.minimizer.settle(walker, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
+        attempt.minimizer.settle(guided, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
     else:
-        gained = distance - aim.distance(walker.tip)
-        attempt.minimizer.settle(walker, walker.tip, direction, aim.within(distance - GUARD * gained))
-    walker.straighten(since)
-    if attempt.careful and step > SHORT and walker.dips(since):
-        walker.undo(since)
-        return approach(walker, aim, replace(attempt, step=0.5 * step))
+        gained = distance - aim.distance(guided.tip)
+        attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - GUARD * gained))
+    guided.straighten(since)
+    if attempt.careful and step > SHORT and guided.dips(since):
+        guided.undo(since)
+        return approach(guided, aim, replace(attempt, step=0.5 * step))
     return Round.ARRIVED if arrived else Round.NEARER
 
 
 _ENDED = {kernel.NEARER: Round.NEARER, kernel.ARRIVED: Round.ARRIVED, kernel.BLOCKED: Round.BLOCKED}
 
 
-def _in_kernel(walker: Walker, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
+def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
     """Up to `AT_ONCE` rounds of `approach` in one kernel."""
-    problem, group = walker.problem, walker.problem.group
-    field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(walker.q)
+    problem, group = guided.problem, guided.problem.group
+    field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(guided.q)
     rows = AT_ONCE * (minimizer.most_steps + 1)
     record = kernel.Record(
         steps=np.empty((rows, len(q))), values=np.empty(rows), kinds=np.empty(rows, np.int64),
@@ -122,35 +122,35 @@ def _in_kernel(walker: Walker, aim: Aim, minimizer: Projected, step: float) -> I
     )  # fmt: skip
     ended = kernel.approach(
         mover_of(group), field.charged, field.tables, swept.robot, swept.tables, aim.table,
-        settings_of(walker, minimizer.tolerance), _going(aim, step), minimizer.most_steps, q, record,
+        settings_of(guided, minimizer.tolerance), _going(aim, step), minimizer.most_steps, q, record,
     )  # fmt: skip
     made, evaluations, judged, steps, refused = record.counts.tolist()
     field.evaluations += evaluations
     problem.counters.collision_checks += judged
     problem.counters.iterations += steps
     planned = planned_values(group)
-    walker.refused_between(*(q[planned] for q in record.refused[:refused]))
+    guided.refused_between(*(q[planned] for q in record.refused[:refused]))
     past = record.ends[:made].tolist()
     for k, (before, after) in enumerate(record.rounds[:made].tolist()):
-        _take(walker, record, planned, past[k - 1] if k else 0, past[k])
+        _take(guided, record, planned, past[k - 1] if k else 0, past[k])
         arrived = k == made - 1 and ended == kernel.ARRIVED
         yield Made(Round.ARRIVED if arrived else Round.NEARER, before, after)
     if ended == kernel.BLOCKED or not made:
-        distance = aim.distance(walker.tip)
+        distance = aim.distance(guided.tip)
         yield Made(_ENDED[ended], distance, distance)
 
 
-def _take(walker: Walker, record: kernel.Record, planned: np.ndarray, first: int, past: int) -> None:
-    """Have the walker take the steps of a round."""
+def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first: int, past: int) -> None:
+    """Have the guided path take the steps of a round."""
     rows = slice(first, past)
     steps = record.steps[rows].take(planned, axis=1)
     for q, value, kind, kept in zip(
         steps, record.values[rows].tolist(), record.kinds[rows].tolist(), record.kept[rows].tolist(), strict=True
     ):
         if kind == kernel.ADVANCED:
-            walker.take(q, "advance", f"tip {1000 * value:.0f} mm towards the plane", kept=bool(kept))
+            guided.take(q, "advance", f"tip {1000 * value:.0f} mm towards the plane", kept=bool(kept))
         else:
-            walker.take(q, "descend", f"descend to U = {value:.4g}", value, kept=bool(kept))
+            guided.take(q, "descend", f"descend to U = {value:.4g}", value, kept=bool(kept))
 
 
 def _going(aim: Aim, step: float) -> kernel.Rounds:

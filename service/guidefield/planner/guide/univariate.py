@@ -19,10 +19,10 @@ from guidefield.kernels.guide.coordinate_descent import Searching, sweep
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.kernels.kinematics.chain_angles import chain_configuration
 from guidefield.kernels.kinematics.link_chain import close_chain
-from guidefield.planner.guide.guided_path import Walker, reach_point
+from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.task.problem import Problem
-from guidefield.robot.group.link_chain import Chain
+from guidefield.robot.group.link_chain import SerialChain
 from guidefield.robot.group.mover import mover_of
 
 FIRST_TURN, LAST_TURN = np.deg2rad(5.0), np.deg2rad(0.5)
@@ -43,7 +43,7 @@ class Univariate:
         most_rounds: It ends after so many rounds.
     """
 
-    chain: Chain
+    chain: SerialChain
     negligible: float = NEGLIGIBLE
     most_rounds: int = MOST_ROUNDS
 
@@ -77,38 +77,38 @@ class Univariate:
         if not self.chain.leads and (reached := reach_point(problem, q, point)) is not None:
             yield reached
 
-    def settle(self, walker: Walker, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
+    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:  # noqa: ARG002
         """Slide and reorient on a plane until U falls by next to nothing, or rounds are over.
 
         Every step is parallel to the plane: its point is not needed. See `Minimizer`, with the same shapes.
         """
-        problem, field = walker.problem, walker.problem.robot_field
-        before = field.potential(walker.q)
+        problem, field = guided.problem, guided.problem.robot_field
+        before = field.potential(guided.q)
         for _ in range(self.most_rounds):
-            taken = self._swept(walker, normal, guard)
+            taken = self._swept(guided, normal, guard)
             if not len(taken):
                 return
             after = field.potential(taken[-1])
             if after >= before:  # U is the referee: the round is undone
                 return
-            if len(taken) > 1 and walker.free(walker.q, taken[-1]):
+            if len(taken) > 1 and guided.free(guided.q, taken[-1]):
                 taken = taken[-1:]
             for q in taken:
-                walker.take(q, "sweep", f"sweep to U = {after:.4g}", after)
+                guided.take(q, "sweep", f"sweep to U = {after:.4g}", after)
             fallen, before = before - after, after
             if fallen < self.negligible * (before + fallen) or problem.budget.spent():
                 return
 
-    def _swept(self, walker: Walker, normal: np.ndarray, guard: TipGuard) -> np.ndarray:
+    def _swept(self, guided: GuidedPath, normal: np.ndarray, guard: TipGuard) -> np.ndarray:
         """One round: configurations (n, nq) after every step that was taken."""
-        problem, chain, mover = walker.problem, self.chain, mover_of(self.chain.group)
+        problem, chain, mover = guided.problem, self.chain, mover_of(self.chain.group)
         swept = swept_world(problem.world)
-        searching = Searching(FIRST_TURN, LAST_TURN, FIRST_SLIDE, LAST_SLIDE, walker.margin, SELF_MARGIN, FLOOR)
-        path, counts = np.empty((MOST_STEPS, len(walker.q))), np.zeros(2, np.int64)
+        searching = Searching(FIRST_TURN, LAST_TURN, FIRST_SLIDE, LAST_SLIDE, guided.margin, SELF_MARGIN, FLOOR)
+        path, counts = np.empty((MOST_STEPS, len(guided.q))), np.zeros(2, np.int64)
         taken = sweep(
             chain.table, chain.joints, chain.carriers, int(chain.leads), problem.robot_field.charged,
             problem.robot_field.tables, swept.robot, swept.tables, guard, searching, mover.values, mover.lower,
-            mover.upper, normal, walker.q, path, counts,
+            mover.upper, normal, guided.q, path, counts,
         )  # fmt: skip
         problem.robot_field.evaluations += int(counts[0])
         problem.counters.collision_checks += int(counts[1])

@@ -11,7 +11,7 @@ from guidefield.planner.motion.within_limits import bezier
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class MotionSamples:
     """States of a motion at given times: for reporting and drawing.
 
     A curve laid through samples is another curve than the one they were taken from; certificates and limits speak about
@@ -116,7 +116,7 @@ class Trajectory:
         accelerations[outside] = 0.0
         return q, velocities, accelerations
 
-    def resampled(self, rate: float) -> Samples:
+    def resampled(self, rate: float) -> MotionSamples:
         """States at a uniform rate, and at the very end.
 
         Args:
@@ -130,7 +130,7 @@ class Trajectory:
         ticks = np.arange(math.ceil(self.duration * rate)) / rate
         # a tick that rounding put at the end, or beyond it, gives way to the end
         times = np.append(ticks[ticks < self.duration * (1.0 - 1e-12)], self.duration) + self.times[0]
-        return Samples(times, *self.evaluate(times))
+        return MotionSamples(times, *self.evaluate(times))
 
 
 def piece_accelerations(

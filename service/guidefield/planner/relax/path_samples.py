@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from guidefield.kernels.relax.relaxation import Samples
+from guidefield.kernels.relax.relaxation import PathSamples
 
 RANGE = 0.08
 """Range of the barrier [m]."""
@@ -24,7 +24,7 @@ EXTRA_WEIGHT = 10.0
 """Weight on top of the full one at a waypoint that stays, against the tighter range."""
 
 
-def path_samples(segments: int, held: list[int]) -> Samples:
+def path_samples(segments: int, held: list[int]) -> PathSamples:
     """Samples at waypoints and midpoints, and `DENSE` ones of the same weight next to waypoints that stay.
 
     Links are looked at against each other at waypoints only, and once on a segment next to a waypoint that stays.
@@ -40,7 +40,7 @@ def path_samples(segments: int, held: list[int]) -> Samples:
 
 
 @functools.lru_cache(maxsize=256)
-def _samples(segments: int, held: tuple[int, ...]) -> Samples:
+def _samples(segments: int, held: tuple[int, ...]) -> PathSamples:
     """`path_samples`: the same for all paths of so many segments, of which mostly the ends alone stay."""
     stays = np.zeros(segments + 1, bool)
     stays[list(held)] = True
@@ -60,7 +60,7 @@ def _samples(segments: int, held: tuple[int, ...]) -> Samples:
     at, weights, shares = at[order], weights[order], shares[order]
     near = np.minimum(np.abs(at[:, None] - np.flatnonzero(stays)).min(axis=1) / RAMP, 1.0)
     chosen = np.minimum(at.astype(np.int64), segments - 1)
-    samples = Samples(
+    samples = PathSamples(
         segments=chosen,
         fractions=at - chosen,
         weights=weights / weights.sum() * (1.0 + EXTRA_WEIGHT * (1.0 - near)),

@@ -26,7 +26,7 @@ from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.waypoints import cut, length_of
 from guidefield.planner.relax.kept_waypoints import KeptWaypoints
 from guidefield.planner.relax.sampled_robot import sampled_robot
-from guidefield.planner.relax.waypoint_chain import Chain, Shape, WaypointKeeper
+from guidefield.planner.relax.waypoint_chain import Shape, WaypointChain, WaypointKeeper
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.scene.distance_tables import distance_tables
@@ -140,7 +140,7 @@ def relax(
 
 def _spread(
     problem: Problem, robot: SampledRobot, path: np.ndarray, kept: KeptWaypoints, segment: float
-) -> tuple[Chain, Shape, KeptWaypoints]:
+) -> tuple[WaypointChain, Shape, KeptWaypoints]:
     """The chain of a path's waypoints, spread evenly."""
     most = int(MOST_SEGMENTS * SEGMENT / segment)
     segments = int(np.clip(np.ceil(length_of(path) / segment), LEAST_SEGMENTS, most))
@@ -151,7 +151,7 @@ def _spread(
         free = sorted(set(range(len(points))) - set(kept.held))
         keepers.update(dict.fromkeys(free, keeper))
         _bring_back(keeper, points, free)
-    chain = Chain.of(problem, robot, points, kept.held, keepers)
+    chain = WaypointChain.of(problem, robot, points, kept.held, keepers)
     return chain, chain.at(points), kept
 
 
@@ -173,7 +173,9 @@ def _bring_back(keeper: Keeper, points: np.ndarray, which: list[int]) -> None:
         points[k] = points[k] if back is None else back
 
 
-def _descend(problem: Problem, chain: Chain, shape: Shape, iterations: int) -> tuple[Shape, int, Outcome | None]:
+def _descend(
+    problem: Problem, chain: WaypointChain, shape: Shape, iterations: int
+) -> tuple[Shape, int, Outcome | None]:
     """Take steps as long as they bring something.
 
     Returns:

@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.linalg.block_tridiagonal import solve_free
 from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
-from guidefield.kernels.relax.relaxation import Samples, objective
+from guidefield.kernels.relax.relaxation import PathSamples, objective
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
 from guidefield.planner.motion.waypoints import length_of
@@ -75,7 +75,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class WaypointChain:
     """What a chain of waypoints descends, and how it may move.
 
     Attributes:
@@ -96,7 +96,7 @@ class Chain:
     length: float
     robot: SampledRobot
     tables: DistanceTables
-    samples: Samples
+    samples: PathSamples
     stiffness: np.ndarray
     units: np.ndarray
     clearance: float
@@ -115,7 +115,7 @@ class Chain:
         path: np.ndarray,
         held: list[int],
         crossings: Mapping[int, WaypointKeeper],
-    ) -> Chain:
+    ) -> WaypointChain:
         """The chain of a problem's path (n, nv), whose length isn't zero.
 
         Args:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.task.trace import Event, Observer, Silent
@@ -124,9 +124,9 @@ class Problem:
     counters: Counters = field(default_factory=Counters)
 
     @cached_property
-    def lanes(self) -> Lanes:
+    def lanes(self) -> BatchCollision:
         """The world for the lane kernels."""
-        return Lanes.build(self.world)
+        return BatchCollision.build(self.world)
 
     def at(self, time: float) -> Problem:
         """The same with every obstacle at rest where it is at a time [s]."""

@@ -19,7 +19,7 @@ from guidefield.robot.catalog.summary import summarize, summarize_sent
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
-from guidefield.robot.model.yourdfpy_crosscheck import read_again
+from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
 from guidefield.robot.urdf.meshes import MeshResolver
 
 MAX_CACHED = 32
@@ -76,11 +76,11 @@ class Catalog:
         if isinstance(reference, SentRobot):
             source = RobotSource(reference.urdf, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
-            return read_again(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
+            return crosschecked(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
         if isinstance(reference, UrdfText):
             source = RobotSource(reference.text, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs)
-            return read_again(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
+            return crosschecked(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
         return _from_file(reference)
 
     def _from_catalog(self, name: str) -> RobotModel:
@@ -112,7 +112,7 @@ def _from_file(reference: UrdfFile) -> RobotModel:
         raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
     resolver = MeshResolver.for_file(path, [Path(folder).expanduser().resolve() for folder in reference.package_dirs])
     source = RobotSource(path.read_text(), path, reference.root_joint)
-    return read_again(load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver))
+    return crosschecked(load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver))
 
 
 def _key(reference: RobotReference | SentRobot) -> str:

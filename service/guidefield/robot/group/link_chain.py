@@ -23,7 +23,7 @@ SQUARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class SerialChain:
     """A group of joints as a chain of links.
 
     Attributes:
@@ -60,7 +60,7 @@ class Chain:
         return np.vstack([links[:, :, 3], end]), rotations
 
 
-def link_chain(group: PlanningGroup) -> Chain:
+def link_chain(group: PlanningGroup) -> SerialChain:
     """A group of joints as a chain of links.
 
     Raises:
@@ -96,7 +96,7 @@ def link_chain(group: PlanningGroup) -> Chain:
         array.setflags(write=False)
     carriers = np.array(ends, np.int64)
     carriers.setflags(write=False)
-    return Chain(group, table, chain, leads, carriers)
+    return SerialChain(group, table, chain, leads, carriers)
 
 
 def _links_of(group: PlanningGroup) -> tuple[list[int], list[int], list[tuple[int, int]]]:

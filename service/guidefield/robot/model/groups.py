@@ -7,7 +7,7 @@ from typing import Any
 
 from guidefield.robot.model.frames import moving_joint
 from guidefield.robot.model.model import Joint
-from guidefield.robot.urdf.srdf import Chain, Srdf
+from guidefield.robot.urdf.srdf import Srdf, SrdfChain
 
 
 def resolve_groups(model: Any, described: Srdf, joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
@@ -42,5 +42,5 @@ def _members(model: Any, described: Srdf, name: str, visiting: frozenset[str]) -
     return members
 
 
-def _chain_joints(model: Any, chain: Chain) -> set[str]:
+def _chain_joints(model: Any, chain: SrdfChain) -> set[str]:
     return set(joints_to(model, chain.tip)) - set(joints_to(model, chain.base))

@@ -26,7 +26,7 @@ _UNREAD = ("visual", "collision", "transmission", "gazebo")
 _SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
 
-def read_again(robot: RobotModel) -> RobotModel:
+def crosschecked(robot: RobotModel) -> RobotModel:
     """The robot, with a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
 
     Compared are the joints that can be given, and the placement of each link with every joint bent, followers where

@@ -14,7 +14,7 @@ from guidefield.robot.urdf.xml import root_of
 
 
 @dataclass(frozen=True)
-class Chain:
+class SrdfChain:
     """All joints from a base link to a tip link."""
 
     base: str
@@ -27,7 +27,7 @@ class SrdfGroup:
 
     joints: tuple[str, ...] = ()
     links: tuple[str, ...] = ()
-    chains: tuple[Chain, ...] = ()
+    chains: tuple[SrdfChain, ...] = ()
     groups: tuple[str, ...] = ()
 
 
@@ -73,7 +73,7 @@ def _group(element: etree._Element) -> SrdfGroup:
     return SrdfGroup(
         joints=tuple(e.get("name", "") for e in element.findall("joint")),
         links=tuple(e.get("name", "") for e in element.findall("link")),
-        chains=tuple(Chain(e.get("base_link", ""), e.get("tip_link", "")) for e in element.findall("chain")),
+        chains=tuple(SrdfChain(e.get("base_link", ""), e.get("tip_link", "")) for e in element.findall("chain")),
         groups=tuple(e.get("name", "") for e in element.findall("group")),
     )
 
