@@ -6,6 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Protocol
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.messages import codec
 from guidefield.messages.replies import Progress
 
@@ -103,7 +104,7 @@ class ProgressTold:
         """The clearance of the last step, once."""
         if self._world is None or self._q is None:
             return
-        distance = self._world.clearance(self._q).obstacle_distance
+        distance = clearance_at(self._world, self._q).obstacle_distance
         self._q = None
         if math.isfinite(distance):
             self._clearance = distance

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
@@ -24,14 +26,16 @@ def test_pairs_are_counted_and_the_most_frequent_told(world):
     assert met.told().startswith("most often l1 and right, 2 of 4 times")
     details = met.details()
     assert details["pair"] == ["l1", "right"]
-    assert details["depth"] == pytest.approx(max(c.depth for c in world.contacts(right) if c.pair == ("l1", "right")))
+    assert details["depth"] == pytest.approx(
+        max(c.depth for c in contacts_at(world, right) if c.pair == ("l1", "right"))
+    )
     assert details["counts"] == sorted(details["counts"], reverse=True)
 
 
 def test_where_a_clearance_is_asked_the_nearest_counts(world):
     up, leaning = np.zeros(2), np.array([0.3, 0.0])
     met = blocking_pairs(world, [up, leaning], 0.3)
-    distances = [world.clearance(q).obstacle_distance for q in (up, leaning)]
+    distances = [clearance_at(world, q).obstacle_distance for q in (up, leaning)]
     assert met.clearest == pytest.approx(max(distances))
     assert sum(met.counts.values()) == 2
     assert f"the most that one keeps is {1000 * max(distances):.1f} mm" in met.told()

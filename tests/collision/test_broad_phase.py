@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.broad_phase import thickened
+from guidefield.collision.clearance import clearance_at
 from guidefield.messages import scene as messages
 from guidefield.scene.mesh import bvh
 from tests.collision.scenery import box, panda_in, world_of
@@ -59,8 +60,8 @@ def test_thickening_changes_flat_shapes_by_a_hair_and_others_not_at_all():
 def test_a_distance_has_the_same_bits_whatever_was_asked_before():
     world = panda_in("bookshelf")
     qs = [random_configuration(world.group, seed) for seed in range(20)]
-    forwards = [world.clearance(q) for q in qs]
-    backwards = [world.clearance(q) for q in qs[::-1]][::-1]
+    forwards = [clearance_at(world, q) for q in qs]
+    backwards = [clearance_at(world, q) for q in qs[::-1]][::-1]
     for a, b in zip(forwards, backwards, strict=True):
         assert a.obstacle_distance == b.obstacle_distance
         assert a.self_distance == b.self_distance

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.collision.clearance import clearance_at
 from tests.collision.plain import panda_among
 from tests.collision.scenery import box, panda_in, world_of
 from tests.collision.test_world import SCENES, pair_distances
@@ -24,7 +25,7 @@ def test_smallest_distances_are_those_of_all_pairs(name, seed):
     q = random_configuration(world.group, seed)
     distances = pair_distances(world, q)
     distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
-    at = world.clearance(q)
+    at = clearance_at(world, q)
     assert at.self_distance == pytest.approx(distances[: world.n_self].min(), abs=ACCURACY)
     assert at.obstacle_distance == pytest.approx(distances[world.n_self :].min(), abs=ACCURACY)
     named = [k for k in range(world.n_self, len(world.pairs)) if world.pair_names(k) == at.obstacle_pair]
@@ -39,7 +40,7 @@ def test_hulls_hide_no_mesh_that_is_closer(seed):
     assert not world.signed.all()
     q = random_configuration(world.group, seed)
     distances = np.maximum(pair_distances(world, q), np.where(world.signed, -np.inf, 0.0))
-    at = world.clearance(q)
+    at = clearance_at(world, q)
     assert at.self_distance == pytest.approx(distances[: world.n_self].min(), abs=ACCURACY)
     assert at.obstacle_distance == pytest.approx(distances[world.n_self :].min(), abs=ACCURACY)
 
@@ -48,7 +49,7 @@ def test_hulls_hide_no_mesh_that_is_closer(seed):
 @given(st.integers(0, 10**6))
 def test_witness_points_are_as_far_apart_as_the_distance(seed):
     world = panda_in("bookshelf")
-    at = world.clearance(random_configuration(world.group, seed))
+    at = clearance_at(world, random_configuration(world.group, seed))
     if at.obstacle_distance > 1e-4:
         assert np.linalg.norm(at.witness[0] - at.witness[1]) == pytest.approx(at.obstacle_distance, abs=1e-5)
         obstacle = world.scene.obstacle(at.obstacle_pair[1])
@@ -63,27 +64,27 @@ def test_hulls_are_as_far_away_as_the_meshes():
     for q in [rest(world.group), *(rest(world.group) + rng.uniform(-0.4, 0.4, (12, 7)))]:
         distances = plain.distances(q)[plain.self_pairs :]
         if distances.min() > 0:
-            assert 0 <= distances.min() - world.clearance(q).obstacle_distance + ACCURACY <= HULL
+            assert 0 <= distances.min() - clearance_at(world, q).obstacle_distance + ACCURACY <= HULL
 
 
 def test_contact_with_a_surface_is_zero():
     arm = group("panda")
     vertices, triangles = l_prism()
     world = world_of(arm, [mesh_message(0.1 * vertices, triangles, position=(0.25, -0.05, 0.55))])
-    assert world.clearance(rest(arm)).obstacle_distance == 0.0
+    assert clearance_at(world, rest(arm)).obstacle_distance == 0.0
 
 
 def test_depth_counts_where_both_are_convex():
     arm = group("panda")
     world = world_of(arm, [box("crate", (0.4, 0.4, 0.4), (0.307, 0, 0.5))])
-    at = world.clearance(rest(arm))
+    at = clearance_at(world, rest(arm))
     assert at.obstacle_distance == pytest.approx(pair_distances(world, rest(arm))[world.n_self :].min(), abs=ACCURACY)
     assert at.obstacle_distance < -0.1
 
 
 def test_without_obstacles_the_distance_is_infinite():
-    at = world_of(group("panda"), []).clearance(rest(group("panda")))
+    at = clearance_at(world_of(group("panda"), []), rest(group("panda")))
     assert at.obstacle_distance == np.inf
     assert at.obstacle_pair is None
     assert at.witness is None
-    assert at.self_distance == pytest.approx(panda_in("table").clearance(rest(group("panda"))).self_distance)
+    assert at.self_distance == pytest.approx(clearance_at(panda_in("table"), rest(group("panda"))).self_distance)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.enclosure import winding_number
+from guidefield.collision.enclosure import enclosed, winding_number
 from guidefield.messages import scene as messages
 from guidefield.scene.mesh import bvh
 from tests.collision.scenery import box, world_of
@@ -22,8 +22,8 @@ def test_a_robot_inside_a_solid_mesh_touches_nothing_but_is_enclosed():
     around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
     world = world_of(arm, [box("far", (0.1, 0.1, 0.1), (3, 0, 0)), around])
     assert not world.in_collision(rest(arm))
-    assert world.enclosed(rest(arm)) is not None
-    assert world.enclosed(rest(arm))[1] == "m"
+    assert enclosed(world, rest(arm)) is not None
+    assert enclosed(world, rest(arm))[1] == "m"
 
 
 def test_a_robot_in_the_notch_is_not_enclosed():
@@ -32,15 +32,15 @@ def test_a_robot_in_the_notch_is_not_enclosed():
     beside = mesh_message(4.0 * vertices, triangles, position=(-6.0, -6.0, -1.0))
     world = world_of(arm, [beside])
     assert not world.in_collision(rest(arm))
-    assert world.enclosed(rest(arm)) is None
+    assert enclosed(world, rest(arm)) is None
 
 
 def test_a_robot_in_a_hollow_is_free_and_one_in_its_wall_is_not():
     arm = group("panda")
-    assert world_of(arm, [mesh_message(*room(5.0, 3.0))]).enclosed(rest(arm)) is None
+    assert enclosed(world_of(arm, [mesh_message(*room(5.0, 3.0))]), rest(arm)) is None
     walled = mesh_message(*room(9.0, 1.0), position=(0.0, 0.0, 2.8))
     assert not world_of(arm, [walled]).in_collision(rest(arm))
-    assert world_of(arm, [walled]).enclosed(rest(arm)) is not None
+    assert enclosed(world_of(arm, [walled]), rest(arm)) is not None
 
 
 def test_a_robot_in_a_box_of_single_triangles_is_enclosed():
@@ -49,7 +49,7 @@ def test_a_robot_in_a_box_of_single_triangles_is_enclosed():
     corners = vertices[triangles].reshape(-1, 3)
     corners += np.random.default_rng(0).uniform(-5e-6, 5e-6, corners.shape)
     world = world_of(arm, [mesh_message(corners, np.arange(len(corners)).reshape(-1, 3))])
-    assert world.enclosed(rest(arm)) is not None
+    assert enclosed(world, rest(arm)) is not None
     assert "cracks" in world.scene.warnings[0]
 
 
@@ -57,7 +57,7 @@ def test_an_open_mesh_encloses_nothing():
     arm = group("panda")
     vertices, triangles = box_mesh(6.0)
     world = world_of(arm, [mesh_message(vertices, triangles[1:])])
-    assert world.enclosed(rest(arm)) is None
+    assert enclosed(world, rest(arm)) is None
 
 
 def test_an_obstacle_inside_a_robots_mesh_is_noticed():
@@ -72,7 +72,7 @@ def test_an_obstacle_inside_a_robots_mesh_is_noticed():
         pebble = messages.Sphere(name="pebble", radius=0.05, position=position)
         world = world_of(hollowed, [pebble])
         assert not world.in_collision(q)
-        assert (world.enclosed(q) is not None) is expected
+        assert (enclosed(world, q) is not None) is expected
 
 
 def test_allowed_pairs_may_be_enclosed():
@@ -80,7 +80,7 @@ def test_allowed_pairs_may_be_enclosed():
     vertices, triangles = l_prism()
     around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
     allowed = [(link, "m") for link in arm.robot.links]
-    assert world_of(arm, [around], allowed).enclosed(rest(arm)) is None
+    assert enclosed(world_of(arm, [around], allowed), rest(arm)) is None
 
 
 @settings(deadline=None, max_examples=40)

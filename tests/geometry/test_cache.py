@@ -89,7 +89,9 @@ def test_other_inputs_are_another_entry(monkeypatch: pytest.MonkeyPatch) -> None
 def test_an_edit_of_what_computes_is_another_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "guidefield"
     for name, text in {
-        "robot/bodies/sphere_cover": "from guidefield.geometry import cover\nfrom guidefield.robot.model.model import Robot",
+        "robot/bodies/sphere_cover": (
+            "from guidefield.geometry import cover\nfrom guidefield.robot.model.model import Robot"
+        ),
         "robot/model/model": "",
         "geometry/cover": "import guidefield.kernels.greedy",
         "geometry/other": "",

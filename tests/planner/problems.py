@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import codec, scene as messages
 from guidefield.planner.task.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
@@ -102,6 +103,6 @@ def densely_free(made_for: Problem, path: np.ndarray, step: float = 2e-3) -> boo
     """Whether no sample of a polyline in the chart collides, by Pinocchio's own test of all pairs."""
     for a, b in pairwise(path):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / step))):
-            if made_for.world.contacts(made_for.group.from_chart(a + t * (b - a))):
+            if contacts_at(made_for.world, made_for.group.from_chart(a + t * (b - a))):
                 return False
     return True

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certify.certificate import certify
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import plan
@@ -30,14 +32,14 @@ def pressed(depth: float) -> Problem:
     low, high = tip[2] - 0.3, tip[2] + 0.2
     for _ in range(30):
         middle = 0.5 * (low + high)
-        deep = with_top(middle).world.clearance(start).obstacle_distance < -depth
+        deep = clearance_at(with_top(middle).world, start).obstacle_distance < -depth
         low, high = (low, middle) if deep else (middle, high)
     return with_top(low)
 
 
 def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
     made = pressed(0.003)
-    contacts = made.world.contacts(made.q_start)
+    contacts = contacts_at(made.world, made.q_start)
     assert contacts
     assert plan(dataclasses.replace(made, leave_start_contact=False)).status is Status.START_STATE_IN_COLLISION
     result = plan(made)
@@ -49,14 +51,14 @@ def test_a_slight_contact_is_left_and_the_rest_certified() -> None:
     np.testing.assert_allclose(motion.positions[0], made.q_start)
     times = np.linspace(0.0, motion.duration, 400)
     qs = motion.evaluate(times)[0]
-    distances = np.array([made.world.clearance(q).obstacle_distance for q in qs])
+    distances = np.array([clearance_at(made.world, q).obstacle_distance for q in qs])
     leaving = times <= result.judged_from
     assert distances[0] == pytest.approx(-0.003, abs=5e-4)
     assert (np.diff(distances[leaving]) > -1e-5).all()
     assert (distances[~leaving] > 0.0).all()
     assert not any(made.world.in_collision(q) for q in qs[~leaving])
     pairs = {contact.pair for contact in contacts}
-    assert all({contact.pair for contact in made.world.contacts(q)} <= pairs for q in qs[leaving])
+    assert all({contact.pair for contact in contacts_at(made.world, q)} <= pairs for q in qs[leaving])
     k = int(np.searchsorted(motion.times, result.judged_from))
     np.testing.assert_array_equal(motion.velocities[k], 0.0)
     assert certify(made.world, motion.bezier()[k:]).free

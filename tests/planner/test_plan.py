@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.certify.certificate import certify
+from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
@@ -217,7 +218,7 @@ def test_min_clearance_is_certified_or_refused_with_the_place() -> None:
     result = plan(made)
     check_success(made, result)
     near = problem("panda", scene_of(messages.Sphere(name="ball", radius=0.1, position=(0.5, 0.0, 0.62))))
-    distance = near.world.clearance(near.q_start).obstacle_distance
+    distance = clearance_at(near.world, near.q_start).obstacle_distance
     assert 0.0 < distance < 0.1
     refusal = plan(problem("panda", near.scene, min_clearance=distance + 0.01))
     assert refusal.status is Status.CLEARANCE_BELOW_MINIMUM

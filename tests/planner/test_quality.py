@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.smallest import TOLERANCE
 from guidefield.errors import Status
 from guidefield.handlers.plan import answer_plan
@@ -183,7 +184,7 @@ def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
     z = made.group.chart(rest(group("panda")))
     still = Trajectory(np.array([0.0]), z[None], np.zeros_like(z[None]))
     measured = clearance(still, made)
-    there = made.world.clearance(made.q_start)
+    there = clearance_at(made.world, made.q_start)
     assert measured.obstacle.distance == there.obstacle_distance
     assert measured.own.distance == there.self_distance
     assert (measured.mean, measured.ends, measured.inner) == (there.obstacle_distance, there.obstacle_distance, None)

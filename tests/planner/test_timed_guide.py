@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
@@ -27,7 +28,7 @@ def touches(made: Problem, found: Plan, count: int = 80, frozen: float | None = 
     assert found.trajectory is not None
     for time in np.linspace(0.0, found.trajectory.duration, count):
         z = found.trajectory.evaluate(np.array([time]))[0][0]
-        if made.at(time if frozen is None else frozen).world.contacts(made.group.from_chart(z)):
+        if contacts_at(made.at(time if frozen is None else frozen).world, made.group.from_chart(z)):
             return True
     return False
 

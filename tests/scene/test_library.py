@@ -5,6 +5,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.errors import SceneInvalid
 from guidefield.scene import library, mesh
@@ -84,8 +86,8 @@ def test_obstacles_do_not_overlap(name):
 def test_the_ready_panda_keeps_ten_centimetres(name):
     panda = group("panda")
     world = World.build(panda, build(library.read(name)))
-    assert world.clearance(rest(panda)).obstacle_distance > 0.1
-    assert world.enclosed(rest(panda)) is None
+    assert clearance_at(world, rest(panda)).obstacle_distance > 0.1
+    assert enclosed(world, rest(panda)) is None
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -100,4 +102,4 @@ def test_a_panda_reaches_the_last_plane_with_its_hand_horizontal(name):
     assert abs(plane.signed_height(tip.translation)) < 2e-3  # the angles are rounded
     assert plane.contains(tip.translation, inset=0.05)
     assert tip.rotation[:, 2] == pytest.approx([1, 0, 0], abs=5e-3)
-    assert World.build(panda, scene).clearance(q).obstacle_distance > 0.05
+    assert clearance_at(World.build(panda, scene), q).obstacle_distance > 0.05

@@ -17,6 +17,8 @@ import pinocchio as pin
 
 from benchmarks.posed import posed
 from benchmarks.problems import Problems, scene_of
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.guide.attempts import ATTEMPTS
@@ -45,7 +47,7 @@ def solved(problems: Problems, declared: dict) -> tuple[bool, bool, float, float
     start, goal = (group.from_chart(z) for z in problems.ends(declared))
     problem = posed(group, scene_of(declared), start, LastPlaneGoal())
     world = problem.world
-    kept = all(world.clearance(q).obstacle_distance >= KEPT and not world.contacts(q) for q in (start, goal))
+    kept = all(clearance_at(world, q).obstacle_distance >= KEPT and not contacts_at(world, q) for q in (start, goal))
     last = square_about(problem.kinematics.frame_placement(goal, group.tip_id), SIDE * tip_radius(problem))
     begin = time.process_time()
     derived = derive(problem, last)

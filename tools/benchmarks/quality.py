@@ -26,6 +26,7 @@ from benchmarks import peers
 from benchmarks.along import smallest_along
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.errors import Status
@@ -188,7 +189,7 @@ def judged(world: World, curve: Curve) -> Judged:
         since, until = np.interp([END_STRETCH, lengths[-1] - END_STRETCH], lengths, fine).tolist()
         spans.append((since, until))
     minimum, *inner = smallest_along(world, curve, spans)
-    ends = [world.clearance(world.group.from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
+    ends = [clearance_at(world, world.group.from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
     return Judged(
         minimum=minimum,
         inner=inner[0] if inner else np.nan,

@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from benchmarks.along import smallest_along
 from benchmarks.posed import posed
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.curve import Curve
 from guidefield.errors import Status
 from guidefield.messages import codec
@@ -136,7 +137,7 @@ def clearance(problem: Problem, path: np.ndarray) -> tuple[float, float]:
     found = []
     for a, b in pairwise(zs):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / 0.02)), endpoint=False):
-            found.append(problem.world.clearance(problem.group.from_chart(a + t * (b - a))).obstacle_distance)
+            found.append(clearance_at(problem.world, problem.group.from_chart(a + t * (b - a))).obstacle_distance)
     curve = Curve(polyline(zs), np.arange(max(2.0, len(zs))))
     (least,) = smallest_along(problem.world, curve, [(0.0, float(curve.times[-1]))])
     return 1000.0 * least, 1000.0 * float(np.mean(found))

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import PairNames, World
 
 MOST_LOOKED_AT = 64
@@ -68,16 +71,16 @@ def blocking_pairs(world: World, qs: Sequence[np.ndarray], clearance: float = 0.
     counts: Counter[PairNames] = Counter()
     depths: dict[PairNames, float] = {}
     for q in qs[:MOST_LOOKED_AT]:
-        contacts = world.contacts(q)
+        contacts = contacts_at(world, q)
         counts.update({contact.pair for contact in contacts})
         for contact in contacts:
             if contact.depth is not None:
                 depths[contact.pair] = max(contact.depth, depths.get(contact.pair, 0.0))
         if contacts:
             continue
-        if (inside := world.enclosed(q)) is not None:
+        if (inside := enclosed(world, q)) is not None:
             counts[inside] += 1
-        elif clearance > 0.0 and (near := world.clearance(q)).obstacle_pair is not None:
+        elif clearance > 0.0 and (near := clearance_at(world, q)).obstacle_pair is not None:
             counts[near.obstacle_pair] += 1
             clearest = max(near.obstacle_distance, clearest or 0.0)
     ordered = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))

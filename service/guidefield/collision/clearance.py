@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-if TYPE_CHECKING:
-    from guidefield.collision.world import World
-
+from guidefield.collision.world import World
 
 HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
@@ -36,7 +34,7 @@ class ClearanceAt:
     self_pair: tuple[str, str] | None
 
 
-def clearance(world: World, q: np.ndarray) -> ClearanceAt:
+def clearance_at(world: World, q: np.ndarray) -> ClearanceAt:
     """Smallest distances at a configuration.
 
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is

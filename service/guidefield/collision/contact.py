@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-if TYPE_CHECKING:
-    from guidefield.collision.world import World
+from guidefield.collision.world import World
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class Contact:
     depth: float | None
 
 
-def contacts(world: World, q: np.ndarray) -> list[Contact]:
+def contacts_at(world: World, q: np.ndarray) -> list[Contact]:
     """Every pair that touches at a configuration of the group, shape (nq,), in the order of the world's pairs."""
     expanded = world.group.expand(q)
     world.set_margins(world.hulls, world.hull_margin_data, 0.0)

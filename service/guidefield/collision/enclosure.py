@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.world import World
 from guidefield.geometry.closed import connected_pieces
 from guidefield.kept import kept_with
 from guidefield.robot.model.model import RobotModel
@@ -17,15 +18,13 @@ from guidefield.robot.model.shapes import triangulation
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from guidefield.collision.world import World
-
 
 def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
     """Names of the first robot body and obstacle, one wholly inside the other's closed mesh, or None.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
     tells. A body that touches may be reported too: it is partly inside.
+    A motion without contact can't change the answer: it is asked for once, at the start.
 
     Args:
         world: The robot among obstacles.

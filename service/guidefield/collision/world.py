@@ -13,9 +13,6 @@ import pinocchio as pin
 
 from guidefield.collision.bodies import Bodies, bodies, joint_placements
 from guidefield.collision.broad_phase import broad_phase, thickened
-from guidefield.collision.clearance import ClearanceAt, clearance
-from guidefield.collision.contact import Contact, contacts
-from guidefield.collision.enclosure import enclosed
 from guidefield.collision.hulls import with_hulls
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.errors import SceneInvalid, UnknownObject
@@ -202,24 +199,6 @@ class World:
     def in_collision(self, q: np.ndarray) -> bool:
         """Whether any pair touches at a configuration of the group, shape (nq,)."""
         return bool(pin.computeCollisions(self.model, self.data, self.broad_phase, self.group.expand(q), True))
-
-    def contacts(self, q: np.ndarray) -> list[Contact]:
-        """Every pair that touches at a configuration of the group, shape (nq,)."""
-        return contacts(self, q)
-
-    def clearance(self, q: np.ndarray) -> ClearanceAt:
-        """Exact smallest distances [m] at a configuration of the group, shape (nq,)."""
-        return clearance(self, q)
-
-    def enclosed(self, q: np.ndarray) -> PairNames | None:
-        """A pair of which one body lies wholly inside the other, a closed mesh that Coal judges as a surface; or None.
-
-        A motion without contact can't change this: it is asked once, at the start.
-
-        Args:
-            q: Configuration of the group, shape (nq,).
-        """
-        return enclosed(self, q)
 
 
 def _require_other_names(group: PlanningGroup, scene: Scene) -> None:

@@ -142,7 +142,7 @@ def _faces(
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Rows of kernels/field/faces and corners; charge and whether it is a sliver of every triangle, then of every quad."""
+    """Rows as `faces` has them, and corners; charge, and whether it is a sliver, of each triangle, then each quad."""
 
     triangles: Floats
     triangle_corners: Floats
@@ -200,7 +200,7 @@ def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.n
 
 
 def _halves(corners: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
-    """Of triangles (n, 3, 3): unit normals, halves of kernels/field/faces, corners, longest edge first, who is ordinary.
+    """Of triangles (n, 3, 3): unit normals, halves as `faces` has them, corners, longest edge first, who is ordinary.
 
     In extended precision where the machine has it, and normal and area from the two shortest edges: from the others
     a sliver would lose its length over its width in digits.

@@ -11,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.blocking_pairs import blocking_pairs
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
@@ -116,7 +118,7 @@ def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> C
     group = _whole_group(robot, request.robot_placement)
     world = World.build(group, scene)
     found = [
-        world.clearance(group.part_of(configuration_from_wire(robot, positions)))
+        clearance_at(world, group.part_of(configuration_from_wire(robot, positions)))
         for positions in request.configurations
     ]
     return ClearanceReply(
@@ -179,7 +181,7 @@ def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
 def _are_free(world: World, zs: np.ndarray) -> np.ndarray:
     """Which chart points (n, nv) touch nothing: (n,), bool."""
     qs = map(world.group.from_chart, zs)
-    return np.array([not world.in_collision(q) and world.enclosed(q) is None for q in qs], bool)
+    return np.array([not world.in_collision(q) and enclosed(world, q) is None for q in qs], bool)
 
 
 def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str) -> None:

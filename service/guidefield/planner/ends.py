@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.blocking_pairs import blocking_pairs
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
+from guidefield.collision.enclosure import enclosed
 from guidefield.errors import Status
 from guidefield.planner.leaving import SLIGHT
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
@@ -76,7 +79,7 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     result = _solved(problem, target, starts, _keep_some_distance)
     if not result.solutions and result.rejected:
         result = _solved(problem, target, starts, _touch_nothing, MOST_STARTS)
-    qs = [q for q in result.solutions if problem.world.enclosed(q) is None]
+    qs = [q for q in result.solutions if enclosed(problem.world, q) is None]
     if result.solutions and not qs:  # all that were chosen are inside of something: choose among the others
         result = _solved(problem, target, starts, _are_outside)
         qs = list(result.solutions)
@@ -128,7 +131,7 @@ def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
 def _are_outside(problem: Problem, zs: np.ndarray) -> np.ndarray:
     """Which chart points (n, nv) surely touch nothing and are inside of nothing: (n,), bool."""
     free = _touch_nothing(problem, zs)
-    free[free] = [problem.world.enclosed(problem.group.from_chart(z)) is None for z in zs[free]]
+    free[free] = [enclosed(problem.world, problem.group.from_chart(z)) is None for z in zs[free]]
     return free
 
 
@@ -146,7 +149,7 @@ def _touch_nothing(problem: Problem, zs: np.ndarray, beyond: float = 0.0) -> np.
 
 
 def _keeps_off(problem: Problem, q: np.ndarray) -> bool:
-    return not problem.world.in_collision(q) and problem.world.enclosed(q) is None and _keeps_clearance(problem, q)
+    return not problem.world.in_collision(q) and enclosed(problem.world, q) is None and _keeps_clearance(problem, q)
 
 
 def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
@@ -156,7 +159,7 @@ def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | N
         problem: Robot and world.
         q: Configuration of the group, shape (nq,).
     """
-    contacts = problem.world.contacts(q)
+    contacts = contacts_at(problem.world, q)
     if contacts:
         worst = max(contacts, key=lambda contact: contact.depth or 0.0)
         pairs = list(dict.fromkeys(contact.pair for contact in contacts))
@@ -167,7 +170,7 @@ def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | N
             "depth": worst.depth,
             "pairs": [list(pair) for pair in pairs],
         }
-    inside = problem.world.enclosed(q)
+    inside = enclosed(problem.world, q)
     if inside is not None:
         return f"{inside[0]} and {inside[1]}, one wholly inside the other", {"pair": list(inside), "depth": None}
     return None
@@ -221,13 +224,13 @@ def _violated(problem: Problem, z: np.ndarray) -> tuple[str, dict[str, Any]] | N
 
 def _keeps_clearance(problem: Problem, q: np.ndarray) -> bool:
     asked = problem.min_clearance
-    return asked <= 0.0 or problem.world.clearance(q).obstacle_distance >= asked
+    return asked <= 0.0 or clearance_at(problem.world, q).obstacle_distance >= asked
 
 
 def _check_clearance(problem: Problem, q: np.ndarray, end: str) -> None:
     if _keeps_clearance(problem, q):
         return
-    found = problem.world.clearance(q)
+    found = clearance_at(problem.world, q)
     pair = list(found.obstacle_pair) if found.obstacle_pair else None
     raise StageFailed(
         Status.CLEARANCE_BELOW_MINIMUM,

@@ -16,6 +16,7 @@ import numpy as np
 from guidefield.collision.certify.certificate import Verdict, certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.position_limits import TOLERANCE
+from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.jerk import parameterize_gently
 from guidefield.planner.motion.spline import CubicSpline, interpolate
@@ -158,7 +159,7 @@ def _refused_at(problem: Problem, z: np.ndarray, reason: str) -> bool:
         return bool(((z < problem.group.lower - TOLERANCE) | (z > problem.group.upper + TOLERANCE)).any())
     q = problem.group.from_chart(z)
     if reason == "too close":
-        return problem.world.clearance(q).obstacle_distance < problem.min_clearance
+        return clearance_at(problem.world, q).obstacle_distance < problem.min_clearance
     return reason == "contact" and problem.world.in_collision(q)
 
 

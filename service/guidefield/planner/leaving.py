@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.certificate import motion_free
-from guidefield.collision.contact import Contact
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.finish import through, timed
@@ -63,7 +64,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
     Raises:
         StageFailed: START_STATE_IN_COLLISION if a contact is deep, or no short motion leads out of all of them.
     """
-    contacts = tuple(problem.world.contacts(problem.q_start))
+    contacts = tuple(contacts_at(problem.world, problem.q_start))
     if not contacts:
         return None
     with stages.entered("ends", "out of the contact at the start") as stage:
@@ -112,7 +113,7 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: np.ndarray) -
         q = group.from_chart(end)
         if (distances(end) < enough).any() or world.in_collision(q):
             return False
-        if problem.min_clearance > 0.0 and world.clearance(q).obstacle_distance < problem.min_clearance:
+        if problem.min_clearance > 0.0 and clearance_at(world, q).obstacle_distance < problem.min_clearance:
             return False
         along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, SAMPLES)])
         if (np.diff(along, axis=0) < -1e-6).any():

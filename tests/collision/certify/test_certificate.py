@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.certificate import certify, motion_free
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
 from guidefield.messages import scene as messages
 from tests.collision.plain import dense, panda_among
 from tests.collision.scenery import box, panda_in, scattered, world_of
@@ -69,7 +71,7 @@ def test_a_refusal_shows_where(place, seed):
     verdict = certify(world, motions(world, seed)[None])
     if verdict.free:
         return
-    contacts = {contact.pair for contact in world.contacts(verdict.configuration)}
+    contacts = {contact.pair for contact in contacts_at(world, verdict.configuration)}
     assert (verdict.reason == "contact") == (verdict.pair in contacts)
     control = motions(world, seed)
     at = dense(control, 1e-4)
@@ -141,12 +143,12 @@ def test_the_clearance_asked_for_is_kept(place, seed, share):
     if not certify(world, control[None]).free:
         return
     samples = dense(control, 2e-3)
-    least = min(world.clearance(q).obstacle_distance for q in samples)
+    least = min(clearance_at(world, q).obstacle_distance for q in samples)
     verdict = certify(world, control[None], min_clearance=share * least)
     if share > 1.0:
         assert not verdict.free
         assert verdict.reason in ("too close", "undecided")
-        assert world.clearance(verdict.configuration).obstacle_distance <= share * least + 2e-4
+        assert clearance_at(world, verdict.configuration).obstacle_distance <= share * least + 2e-4
     # Between samples the clearance may be less by what two millirad move, and the certificate needs its floor.
     elif (1.0 - share) * least > 4e-3:
         assert verdict.free
@@ -155,10 +157,10 @@ def test_the_clearance_asked_for_is_kept(place, seed, share):
 def test_the_clearance_is_about_obstacles_only():
     world = panda_in("bookshelf")
     q = rest(world.group)
-    at = world.clearance(q)
+    at = clearance_at(world, q)
     assert at.self_distance < 0.14
     folded = np.array([0, -0.785, 0, -2.9, 0, 1.571, 0.785])
-    close = world.clearance(folded)
+    close = clearance_at(world, folded)
     asked = 0.5 * (close.self_distance + close.obstacle_distance)
     assert close.self_distance < asked < close.obstacle_distance
     assert motion_free(world, folded, folded + 1e-4, min_clearance=asked).free

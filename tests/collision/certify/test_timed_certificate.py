@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certify.timed_certificate import TimedWorld, certify_timed
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
@@ -43,7 +45,7 @@ def sampled_free(scene: Scene, times: np.ndarray, clearance: float) -> bool:
         share = 3.0 * s**2 - 2.0 * s**3
         world = World.build(PANDA, scene.at(times[0] + s * (times[1] - times[0])))
         q = PANDA.from_chart(START + share * (END - START))
-        if world.contacts(q) or world.clearance(q).obstacle_distance < clearance:
+        if contacts_at(world, q) or clearance_at(world, q).obstacle_distance < clearance:
             return False
     return True
 

@@ -9,7 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.enclosure import winding_number
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
+from guidefield.collision.enclosure import enclosed, winding_number
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
@@ -56,7 +58,7 @@ def draw(world: World, count: int, seed: int) -> np.ndarray:
 
 def narrowest(world: World, z: np.ndarray) -> float:
     """Smallest distance of all pairs."""
-    clearance = world.clearance(world.group.from_chart(z))
+    clearance = clearance_at(world, world.group.from_chart(z))
     return min(clearance.obstacle_distance, clearance.self_distance)
 
 
@@ -68,7 +70,7 @@ def test_touching_is_what_coal_says(robot: str) -> None:
     by_coal = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
     assert 0.2 < by_coal.mean() < 0.9
     for z in zs[mine & ~by_coal]:  # Coal sees a link's surface: a ball may be wholly inside
-        assert narrowest(world, z) <= BAND or world.enclosed(world.group.from_chart(z)) is not None
+        assert narrowest(world, z) <= BAND or enclosed(world, world.group.from_chart(z)) is not None
     assert not (by_coal & ~mine).any()
 
 
@@ -88,7 +90,7 @@ def test_close_to_contact_too(robot: str) -> None:
         by_coal = np.array([world.in_collision(world.group.from_chart(row)) for row in rows])
         assert not (by_coal & ~mine).any() or max(narrowest(world, row) for row in rows[by_coal & ~mine]) <= BAND
         for row in rows[mine & ~by_coal]:
-            assert narrowest(world, row) <= BAND or world.enclosed(world.group.from_chart(row)) is not None
+            assert narrowest(world, row) <= BAND or enclosed(world, world.group.from_chart(row)) is not None
 
 
 def test_a_cloud_is_as_so_many_spheres() -> None:
@@ -105,20 +107,22 @@ def test_a_cloud_is_as_so_many_spheres() -> None:
     for z in zs[:100]:
         q = cloud.group.from_chart(z)
         assert cloud.in_collision(q) == spheres.in_collision(q)
-        of_cloud, of_spheres = cloud.clearance(q), spheres.clearance(q)
+        of_cloud, of_spheres = clearance_at(cloud, q), clearance_at(spheres, q)
         assert of_cloud.obstacle_distance == pytest.approx(max(of_spheres.obstacle_distance, 0.0), abs=1e-5)
         if of_cloud.obstacle_distance > 0.0:
             between = np.subtract(*of_cloud.witness)
             assert np.linalg.norm(between) == pytest.approx(of_cloud.obstacle_distance, abs=1e-5)
-        links = {contact.pair[0] for contact in spheres.contacts(q) if contact.pair[1] not in cloud.group.robot.links}
-        assert {contact.pair[0] for contact in cloud.contacts(q) if contact.pair[1] == "cloud"} == links
+        links = {
+            contact.pair[0] for contact in contacts_at(spheres, q) if contact.pair[1] not in cloud.group.robot.links
+        }
+        assert {contact.pair[0] for contact in contacts_at(cloud, q) if contact.pair[1] == "cloud"} == links
 
 
 def test_a_clearance_is_kept() -> None:
     world, lanes = world_of("panda")
     zs = draw(world, 300, 6)
     for z, touches in zip(zs, lanes.touching(zs, 0.05), strict=True):
-        clearance = world.clearance(world.group.from_chart(z))
+        clearance = clearance_at(world, world.group.from_chart(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
             assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)
 
@@ -152,7 +156,7 @@ def test_a_point_inside_a_link_is_told_though_it_touches_nothing() -> None:
             there = data.oMi[shape.parentJoint].act(shape.placement.act(point))
             dots = np.array([there, [9.0, 9.0, 9.0]])
             world = World.build(planned, build(messages.Scene(name="s", obstacles=[packed("dots", dots, 1e-5)])))
-            found = world.enclosed(q)
+            found = enclosed(world, q)
             assert world.in_collision(q) or (found is not None and found[1] == "dots")
             told += found is not None
     assert told > 0

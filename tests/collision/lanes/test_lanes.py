@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
@@ -80,7 +81,7 @@ def draw(planned: PlanningGroup, count: int, seed: int) -> np.ndarray:
 
 def narrowest(world: World, z: np.ndarray) -> float:
     """Smallest signed distance of all pairs."""
-    clearance = world.clearance(world.group.from_chart(z))
+    clearance = clearance_at(world, world.group.from_chart(z))
     return min(clearance.obstacle_distance, clearance.self_distance)
 
 
@@ -147,7 +148,7 @@ def test_a_clearance_is_kept_from_obstacles_but_not_from_itself() -> None:
     zs = draw(world.group, 600, 4)
     mine = lanes.touching(zs, 0.05)
     for z, touches in zip(zs, mine, strict=True):
-        clearance = world.clearance(world.group.from_chart(z))
+        clearance = clearance_at(world, world.group.from_chart(z))
         if min(abs(clearance.obstacle_distance - 0.05), abs(clearance.self_distance)) > BAND:
             assert touches == (clearance.obstacle_distance < 0.05 or clearance.self_distance < 0.0)
 

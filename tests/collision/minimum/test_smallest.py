@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.places import Surveyor
@@ -88,7 +89,7 @@ def check(place: World, trajectory: Trajectory, answers: list[Smallest], span: t
     least = [np.inf, np.inf, np.inf]
     for time in np.linspace(0.0, trajectory.duration, count):
         there = place if not place.scene.moves else World.build(place.group, place.scene.at(time))
-        clearance = there.clearance(at(place.group, trajectory, time))
+        clearance = clearance_at(there, at(place.group, trajectory, time))
         least[0] = min(least[0], clearance.obstacle_distance)
         if span[0] <= time <= span[1]:
             least[1] = min(least[1], clearance.obstacle_distance)
@@ -131,7 +132,7 @@ def test_a_motion_that_goes_nowhere_is_one_place() -> None:
     still = Trajectory(np.array([0.0]), z[None], z[None])
     surveyor = surveyor_of(place, still)
     (answer,) = smallest(surveyor, surveyor.places(np.zeros(1)), [Question(place.is_obstacle_pair, 0.0, 0.0)])
-    assert answer.distance == place.clearance(place.group.from_chart(z)).obstacle_distance
+    assert answer.distance == clearance_at(place, place.group.from_chart(z)).obstacle_distance
 
 
 def test_nothing_to_measure_is_infinite() -> None:
@@ -212,7 +213,7 @@ def test_a_polyline_turns_at_its_points() -> None:
     surveyor = Surveyor(TimedWorld.of(place, place), curve)
     (answer,) = smallest(surveyor, surveyor.places(np.arange(6.0)), [Question(place.is_obstacle_pair, 0.0, 5.0)])
     zs = curve.at(np.linspace(0.0, 5.0, SAMPLES))[0]
-    least = min(place.clearance(place.group.from_chart(z)).obstacle_distance for z in zs)
+    least = min(clearance_at(place, place.group.from_chart(z)).obstacle_distance for z in zs)
     assert least - TOLERANCE - COAL_ACCURACY <= answer.distance <= least + TOLERANCE
 
 

@@ -75,7 +75,8 @@ def test_another_place_of_the_same_sources_shares_the_machine_code(package: Path
 def test_other_packages_keep_numbas_own_folders(package: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.py"
     other.write_text(
-        "import guidefield.kernels.jit.signatures, numba\n@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n"
+        "import guidefield.kernels.jit.signatures, numba\n"
+        "@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n"
     )
     script = "import other; print(other.f._cache.cache_path)"
     used = run(f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {script}", package, HOME=str(tmp_path)).strip()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.kernels.simd.f32x16 import LANES
 from guidefield.kernels.tree.sphere_rejection import SIEVE
 from tests.collision.lanes.test_lanes import draw, world_of
@@ -23,7 +24,7 @@ def test_what_is_hit_touches(robot: str, clearance: float) -> None:
         hit = np.array([mask >> k & 1 for k in range(LANES)], bool)
         assert not (hit & ~touches).any()
         for z in block[hit][:2]:
-            assert world.clearance(world.group.from_chart(z)).obstacle_distance < clearance + 1e-5
+            assert clearance_at(world, world.group.from_chart(z)).obstacle_distance < clearance + 1e-5
         seen += hit.sum()
         missed += (touches & ~hit).sum()
     assert seen > 100

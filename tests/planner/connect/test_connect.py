@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
@@ -141,7 +142,7 @@ def test_min_clearance_is_kept_all_along() -> None:
     assert connection.status is Status.SUCCESS
     for a, b in zip(connection.path, connection.path[1:], strict=False):
         for t in np.linspace(0, 1, 20):
-            assert careful.world.clearance(a + t * (b - a)).obstacle_distance >= 0.03
+            assert clearance_at(careful.world, a + t * (b - a)).obstacle_distance >= 0.03
 
 
 def test_a_body_that_flies_free_goes_round_a_wall_far_from_where_it_starts() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numba import int64, void
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT
@@ -57,7 +58,7 @@ def test_samples_of_what_is_found_are_free(seed: int) -> None:
         count = 1 + int(32.0 * np.linalg.norm(b - a))
         for t in np.linspace(0.0, 1.0, count)[1:]:
             z = a + t * (b - a)
-            assert not lanes.world.in_collision(z) or lanes.world.clearance(z).obstacle_distance > -0.02
+            assert not lanes.world.in_collision(z) or clearance_at(lanes.world, z).obstacle_distance > -0.02
     assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
 
 

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.aim import ANYWHERE
@@ -98,7 +100,7 @@ def test_motions_that_capsules_cannot_tell_are_judged_by_the_certificate() -> No
     """Where nearly all of the distance at the start is to be kept, capsules about a Panda are too thick."""
     made = problem("panda", "bookshelf")
     q = rest(made.group)
-    guided = GuidedPath(made, q, made.world.clearance(q).obstacle_distance - 0.005, 0)
+    guided = GuidedPath(made, q, clearance_at(made.world, q).obstacle_distance - 0.005, 0)
     asked: list[bool] = []
     judged = guided.judged
     guided.judged = lambda q0, q1: asked.append(judged(q0, q1)) or asked[-1]  # type: ignore[method-assign]
@@ -107,7 +109,7 @@ def test_motions_that_capsules_cannot_tell_are_judged_by_the_certificate() -> No
     assert sum(asked) <= len(descent.path)
     q = guided.q
     for p in descent.path:
-        assert made.world.contacts(p) == []
+        assert contacts_at(made.world, p) == []
         assert judged(q, p)
         q = p
 
@@ -132,5 +134,5 @@ def test_close_to_obstacles_it_goes_on_for_clearance() -> None:
         for a, b in pairwise(zs):
             for t in np.linspace(0.0, 1.0, 20):
                 at = made.group.from_chart(a + t * (b - a))
-                nearest = min(nearest, made.world.clearance(at).obstacle_distance)
+                nearest = min(nearest, clearance_at(made.world, at).obstacle_distance)
     assert nearest > 0.0145  # without: 0.0116

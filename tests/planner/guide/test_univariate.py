@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.guide.aim import ANYWHERE
 from guidefield.planner.guide.attempts import ATTEMPTS
@@ -80,7 +81,7 @@ def test_rounds_that_come_near_obstacles_on_the_way_are_made_in_shorter_advances
             a = group.chart(start)
             b = group.unwrapped(group.chart(end), a)
             between = [group.from_chart(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 8)]
-            assert min(made.world.clearance(p).obstacle_distance for p in between) >= least
+            assert min(clearance_at(made.world, p).obstacle_distance for p in between) >= least
 
 
 @pytest.mark.parametrize("title", ["seed_a_gates", "seed_e_L_3"])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certify.certificate import certify
+from guidefield.collision.clearance import clearance_at
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.guide.guide import cross
@@ -60,7 +61,7 @@ def smallest_clearance(made: Problem, path: np.ndarray, ends: float = 0.0) -> fl
     step = np.linalg.norm(points[1] - points[0])
     skip = int(np.ceil(ends / step))
     inner = points[skip : len(points) - skip]
-    return min(made.world.clearance(made.group.from_chart(z)).obstacle_distance for z in inner)
+    return min(clearance_at(made.world, made.group.from_chart(z)).obstacle_distance for z in inner)
 
 
 def length(path: np.ndarray) -> float:
@@ -73,7 +74,7 @@ def test_a_grazing_path_comes_free_and_gets_no_longer() -> None:
     assert relaxed.outcome is Outcome.CONVERGED
     assert relaxed.energy_after < 0.5 * relaxed.energy_before
     before, after = smallest_clearance(made, path, 0.3), smallest_clearance(made, relaxed.path, 0.3)
-    ends = min(made.world.clearance(made.group.from_chart(z)).obstacle_distance for z in path[[0, -1]])
+    ends = min(clearance_at(made.world, made.group.from_chart(z)).obstacle_distance for z in path[[0, -1]])
     assert after > before + 0.01
     assert after > 0.03
     assert smallest_clearance(made, relaxed.path) >= min(ends, 0.03) - 1e-3
@@ -165,7 +166,7 @@ def test_where_the_ends_are_far_from_everything_the_middle_stays_as_far() -> Non
     post = messages.Sphere(name="post", radius=0.03, position=(tip[0] + 0.11, tip[1], tip[2]))
     made = problem(planned, scene_of(post), planes=())
     path = np.array([start, goal])
-    ends = min(made.world.clearance(planned.from_chart(z)).obstacle_distance for z in path)
+    ends = min(clearance_at(made.world, planned.from_chart(z)).obstacle_distance for z in path)
     assert ends > 2.0 * RANGE
     assert smallest_clearance(made, path) < RANGE
     assert smallest_clearance(made, relax(made, path, {}).path) > 1.5 * RANGE
@@ -323,7 +324,7 @@ def beside_the_way(planned: PlanningGroup, path: np.ndarray) -> Problem:
         place = middle + 0.15 * rng.normal(size=3)
         post = messages.Sphere(name="post", radius=0.03, position=tuple(place.tolist()))
         made = problem(planned, scene_of(post), planes=())
-        ends = [made.world.clearance(planned.from_chart(z)).obstacle_distance for z in path]
+        ends = [clearance_at(made.world, planned.from_chart(z)).obstacle_distance for z in path]
         if min(ends) > 0.06 and 0.003 < smallest_clearance(made, path) < 0.02:
             return made
     raise AssertionError("no place for a post")
@@ -354,7 +355,7 @@ def test_links_are_not_driven_together() -> None:
             ends.append(planned.chart(q))
     relaxed = relax(made, np.array(ends), {})
     straight, after = (
-        min(made.world.clearance(planned.from_chart(z)).self_distance for z in resampled(path, 0.05))
+        min(clearance_at(made.world, planned.from_chart(z)).self_distance for z in resampled(path, 0.05))
         for path in (np.array(ends), relaxed.path)
     )
     assert after >= min(straight, 0.02) - 1e-3

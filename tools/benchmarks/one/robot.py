@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.certificate import motion_free
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.preparation import prepare
 from guidefield.collision.world import World
 from guidefield.engine import Engine
@@ -126,7 +127,7 @@ def free_walk(group: PlanningGroup) -> list[np.ndarray]:
     for _ in range(LEGS):
         for share in np.linspace(1.0, 0.05, TRIES):
             leg = between(group, walk[-1], group.interpolate(walk[-1], group.random(rng), share))
-            if any(world.in_collision(q) for q in leg) or world.enclosed(leg[-1]) is not None:
+            if any(world.in_collision(q) for q in leg) or enclosed(world, leg[-1]) is not None:
                 continue
             if motion_free(world, *group.chart_path([walk[-1], leg[-1]])).free:
                 walk += leg

@@ -1,8 +1,8 @@
 """Rounds of advance, slide and reorient towards a guide plane by Projected, where capsules judge every motion.
 
 service/docs/algorithm.md, "Crossing a guide plane", with the additions of "What the thesis leaves open". What these
-kernels do step by step stands in guide.py and guided_path.py of planner/guide too, for the minimizers and the robots whose
-motions are judged elsewhere.
+kernels do step by step stands in guide.py and guided_path.py of planner/guide too, for the minimizers and the robots
+whose motions are judged elsewhere.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Compile every kernel that has no machine code yet, in several processes, and tell how far that is.
 
 Run as ``python -m guidefield.kernels.jit.compile_ahead`` it prints a line before each file; with ``--child`` it
-compiles the files that it reads the names of, and answers each with its name. A process of its own: a program that only plans doesn't
-share its memory with the compiler.
+compiles the files that it reads the names of, and answers each with its name. A process of its own: a program that only
+plans doesn't share its memory with the compiler.
 """
 
 from __future__ import annotations

@@ -74,7 +74,8 @@ def _as_lanes(context: Any, builder: Any, value: Any, kind: Any, lanes: VectorTy
 
 
 _OPERANDS = (
-    (VectorType, VectorType), (VectorType, types.Float), (types.Float, VectorType), (VectorType, types.Integer), (types.Integer, VectorType),
+    (VectorType, VectorType), (VectorType, types.Float), (types.Float, VectorType),
+    (VectorType, types.Integer), (types.Integer, VectorType),
 )  # fmt: skip
 
 
@@ -213,7 +214,8 @@ def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 _register_plain(load, _load_type, [(types.Array, types.Integer)], _load)
 _register_plain(
-    store, lambda a, i, v: types.none, [(types.Array, types.Integer, VectorType), (types.Array, types.Integer, types.Float)],
+    store, lambda a, i, v: types.none,
+    [(types.Array, types.Integer, VectorType), (types.Array, types.Integer, types.Float)],
     _store,
 )  # fmt: skip
 

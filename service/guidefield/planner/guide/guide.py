@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.swept import swept_world
 from guidefield.errors import Status
 from guidefield.planner.guide.aim import Aim
@@ -159,5 +160,5 @@ def margin_at(problem: Problem, q: np.ndarray) -> float:
     """
     if swept_world(problem.world).keeps(q, 2.0 * MARGIN):
         return max(problem.min_clearance, MARGIN)
-    start = max(problem.world.clearance(q).obstacle_distance, 0.0)
+    start = max(clearance_at(problem.world, q).obstacle_distance, 0.0)
     return max(problem.min_clearance, min(MARGIN, 0.5 * start))

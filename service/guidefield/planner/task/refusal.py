@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from guidefield.collision.certify.certificate import Verdict
+from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.planner.task.problem import Problem
 
@@ -47,7 +48,7 @@ def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, 
         )
         limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
         return status, message, details | limits | {"excess": fault.excess}
-    distance = problem.world.clearance(group.from_chart(verdict.configuration)).obstacle_distance
+    distance = clearance_at(problem.world, group.from_chart(verdict.configuration)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
         status = Status.CLEARANCE_BELOW_MINIMUM
         message = (

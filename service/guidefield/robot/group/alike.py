@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 from guidefield.kept import kept_by
-
-if TYPE_CHECKING:
-    from guidefield.robot.group.group import PlanningGroup
 
 Rest = ParamSpec("Rest")
 Found = TypeVar("Found")
@@ -18,9 +15,20 @@ class Alike:
     """Stands for groups of a robot that differ in where they start and in the limits of their rates, and in no more."""
 
 
+class OneOfAlike(Protocol):
+    """A group that others may be alike."""
+
+    @property
+    def alike(self) -> Alike:
+        """What stands for all of them."""
+
+
+Group = TypeVar("Group", bound=OneOfAlike)
+
+
 def kept_with_alike(
-    find: Callable[Concatenate[PlanningGroup, Rest], Found],
-) -> Callable[Concatenate[PlanningGroup, Rest], Found]:
+    find: Callable[Concatenate[Group, Rest], Found],
+) -> Callable[Concatenate[Group, Rest], Found]:
     """Call a function once for groups that are alike and the same further arguments; see `kept_with`.
 
     Args:
