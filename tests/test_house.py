@@ -148,6 +148,37 @@ def test_no_file_speaks_of_somebodys_home() -> None:
     assert {path: paths for path, paths in told.items() if paths} == {}
 
 
+def _layers(container: str) -> list[set[str]]:
+    """The layers of the import contract for what is in a package, from the top down."""
+    contracts = PROJECT["tool"]["importlinter"]["contracts"]
+    (contract,) = (one for one in contracts if one.get("containers") == [container])
+    return [set(re.findall(r"\w+", layer)) for layer in contract["layers"]]
+
+
+def test_the_picture_of_the_layers_is_that_of_the_contract() -> None:
+    page = (HOUSE / "CONTRIBUTING.md").read_text()
+    pictured = {
+        key: set(re.findall(r"<b>(\w+)</b>", words)) for key, words in re.findall(r"^    (\w+)\[(.*)\]$", page, re.M)
+    }
+    (order,) = re.findall(r"^    (\w+ -->.*)$", page, re.MULTILINE)
+    assert [pictured[key] for key in order.split(" --> ")] == _layers("guidefield")[1:]  # less __main__
+
+
+@pytest.mark.parametrize("package", ["planner", "collision", "robot", "kernels"])
+def test_the_rooms_of_a_package_are_told_in_the_order_of_the_contract(package: str) -> None:
+    (row,) = re.findall(rf"^\| `{package}` \| (.*) \|$", (HOUSE / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    rooms = {path.parent.name for path in (PACKAGE / package).glob("*/__init__.py")}
+    told = [set(re.findall(r"`(\w+)`", layer)) & rooms for layer in row.split(";")]
+    ordered = [layer & rooms for layer in _layers(f"guidefield.{package}")]
+    assert [layer for layer in told if layer] == [layer for layer in ordered if layer]
+    assert set().union(*told) == rooms
+
+
+def test_every_room_says_its_idea() -> None:
+    for path in PACKAGE.rglob("__init__.py"):
+        assert ast.get_docstring(ast.parse(path.read_text())), path
+
+
 @pytest.mark.parametrize("page", PAGES, ids=_relative)
 def test_commands_and_tools_on_a_page_exist(page: Path) -> None:
     commands = get_command(app).commands  # type: ignore[attr-defined]

@@ -35,5 +35,5 @@ def results() -> dict[str, np.ndarray]:
 
 
 if __name__ == "__main__":
-    keep_kernels_of("tests", Path(__file__).parents[1])
+    keep_kernels_of("tests", Path(__file__).parents[2])
     np.savez(sys.argv[1], **results())

@@ -16,7 +16,7 @@ from guidefield.first_start import PLAIN, kernel_compiler, kernels_fingerprint, 
 from tests.kernels.jit.plain_slice import results
 
 KERNELS = Path(kernels.__file__).parent
-HOUSE = Path(__file__).parents[2]
+HOUSE = Path(__file__).parents[3]
 
 CHANGES = {"guidefield.kernels.jit.patched_compiler", "guidefield.kernels.jit.typing_cache"}
 """The files that change numba."""

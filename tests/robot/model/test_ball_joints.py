@@ -15,7 +15,7 @@ from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.model import JointKind
 from tests.robots import box_arm, load, robot
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_marked_joints_only_turn_and_the_rest_stays_as_it_is() -> None:
