@@ -123,7 +123,7 @@ def _name(file: Path, folder: Path) -> str:
 @functools.cache
 def sources() -> Sources:
     """The kernels' sources as they are when they are first asked for."""
-    return Sources(KERNELS, __package__)
+    return Sources(KERNELS, "guidefield.kernels")
 
 
 @functools.cache
