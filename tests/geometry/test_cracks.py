@@ -30,12 +30,22 @@ BODIES = {
 }
 
 
+def test_corners_may_be_as_far_apart_as_is_said() -> None:
+    """Three at a distance of 0.95 mm from each other: the box about them has a longer diagonal."""
+    vertices, triangles = apart(solids.box((0.4, 0.3, 0.2)), 0.0)
+    corner = np.flatnonzero((vertices == vertices[0]).all(axis=1))[:3]
+    vertices[corner] += 0.95e-3 / np.sqrt(2.0) * np.eye(3)
+    joined, found = seams(vertices, triangles)
+    assert len(np.unique(joined)) == 8
+    assert found == pytest.approx(0.95e-3 * np.sqrt(1.5))
+
+
 @pytest.mark.parametrize("body", sorted(BODIES))
 @pytest.mark.parametrize("width", [1e-9, 1e-5, 9e-4])
 def test_corners_that_nearly_coincide_are_closed_by_thin_lids(body: str, width: float) -> None:
     vertices, triangles = apart(BODIES[body], width)
     joined, found = seams(vertices, triangles)
-    assert 0.0 < found <= WIDEST_CRACK
+    assert 0.0 < found <= np.sqrt(3.0) * WIDEST_CRACK
     lids = crack_lids(triangles, joined)
     assert not len(boundary(np.concatenate([triangles, lids]), len(vertices)))
     assert _least_heights(vertices[lids]).max() <= found * (1.0 + 1e-9)

@@ -10,9 +10,9 @@ from guidefield.geometry.closed import boundary, connected_pieces
 from guidefield.geometry.surfaces import Floats, Integers
 
 WIDEST_CRACK = 1e-3
-"""Cracks up to this width are closed [m]: the diagonal of a box about the corners that should be one."""
+"""Corners at most so far apart along each axis may be one [m]: the sides of a box about those that should be."""
 
-_STEPS = 1e-4, 1e-3, 1e-2, 1e-1, 1.0
+_STEPS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0
 """Widths that are tried, as shares of the widest: the corners of small triangles must not be taken for one."""
 
 
@@ -22,11 +22,12 @@ def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -
     Args:
         vertices: Shape (v, 3) [m], no two at one place.
         triangles: Shape (t, 3), each with three different vertices.
-        widest: Largest width of a crack [m].
+        widest: How far apart along each axis corners may be that should be one [m].
 
     Returns:
         For each vertex the one that it should be, shape (v,), itself where it is none of those; and the width of the
-        widest crack [m]. Where the surface has no such edge, or joining leaves some, each is itself and the width 0.
+        widest crack [m], the diagonal of the box about its corners. Where the surface has no such edge, or joining
+        leaves some, each is itself and the width 0.
     """
     alone = np.arange(len(vertices))
     loose = _loose(triangles, len(vertices))
@@ -91,6 +92,6 @@ def _joined(points: Floats, indices: Integers, width: float) -> tuple[Integers, 
     low, high = np.full((len(points), 3), np.inf), np.full((len(points), 3), -np.inf)
     np.minimum.at(low, labels, points)
     np.maximum.at(high, labels, points)
-    widths = np.linalg.norm(high[labels] - low[labels], axis=1)
-    fit = widths <= width
-    return np.where(fit, indices[labels], indices), np.where(fit, widths, 0.0)
+    sides = high[labels] - low[labels]
+    fit = (sides <= width).all(axis=1)
+    return np.where(fit, indices[labels], indices), np.where(fit, np.linalg.norm(sides, axis=1), 0.0)

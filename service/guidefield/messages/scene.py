@@ -118,7 +118,7 @@ class Capsule(_Placed, tag="capsule", kw_only=True):
 class Mesh(_Placed, tag="mesh", kw_only=True):
     """A triangle mesh in its own frame [m]; triangles counter-clockwise from outside. Closed, it is solid.
 
-    Cracks up to 1 mm wide, between corners that nearly coincide, are closed; an open mesh is a thin wall that something
+    Cracks between corners at most 1 mm apart are closed; an open mesh is a thin wall that something
     may be inside of. A warning in the reply says either.
     """
 

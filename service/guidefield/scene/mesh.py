@@ -46,8 +46,8 @@ class MeshSurface:
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     """Judge a triangle mesh; None if its triangles have no area.
 
-    Vertices at the same place become one. Cracks up to `WIDEST_CRACK` wide are closed by thin lids, as long as nothing
-    else is open. Where the mesh is closed then, triangles that face inwards are turned.
+    Vertices at the same place become one. Cracks between corners at most `WIDEST_CRACK` apart are closed by thin lids,
+    as long as nothing else is open. Where the mesh is closed then, triangles that face inwards are turned.
 
     Args:
         vertices: Shape (v, 3) [m], in any frame; the result is in the same.
