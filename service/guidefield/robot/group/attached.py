@@ -61,13 +61,14 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
                 message = f"the attached object {one.name!r} has the name of {what}: give it another"
                 raise UnknownObject(message, object=one.name)
         carrier = model.frames[frame_index(model, one.link)]
-        placement = carrier.placement * one.placement
-        frame = model.addFrame(pin.Frame(one.name, carrier.parentJoint, placement, pin.FrameType.OP_FRAME), False)
-        shape = pin.GeometryObject(one.name, carrier.parentJoint, frame, placement, one.shape)
+        joint, placement = carrier.parentJoint, carrier.placement * one.placement
+        del carrier  # it lies among the model's frames, which move when one is added
+        frame = model.addFrame(pin.Frame(one.name, joint, placement, pin.FrameType.OP_FRAME), False)
+        shape = pin.GeometryObject(one.name, joint, frame, placement, one.shape)
         index = geometry.addGeometryObject(shape)
         apart = {one.link, *one.touch_links}
         for other, choice in enumerate(choices):
-            if choice.link not in apart and geometry.geometryObjects[other].parentJoint != carrier.parentJoint:
+            if choice.link not in apart and geometry.geometryObjects[other].parentJoint != joint:
                 geometry.addCollisionPair(pin.CollisionPair(other, index))
         links = (*links, one.name)
         choices = (*choices, GeometryChoice(one.name, one.name, *_judged(one.shape)))
