@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.verdict import Reason
 from guidefield.errors import Status
 from guidefield.planner import finish as module
 from guidefield.planner.finish import FINER, HURRIED, finish
@@ -112,7 +113,7 @@ def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> N
     refused = finish(made, beyond, {}, stages, proven=False).verdict
     # a spline that is drawn closer to a path that is beyond a limit would be, too: it is not tried
     assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["beyond limits"] * 2
-    assert (refused.reason, refused.piece) == ("beyond limits", 0)
+    assert (refused.reason, refused.piece) == (Reason.BEYOND_LIMITS, 0)
     status, message, details = refusal(made, refused)
     assert status is Status.INVALID_MOTION_PLAN
     assert f"joint {joint.name} reaches {upper + 0.01:.6g}, 0.01 beyond its limits" in message

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import Verdict, certify
+from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.position_limits import TOLERANCE
+from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.jerk import parameterize_gently
@@ -80,8 +81,10 @@ def finish(
         return finished
     unrelaxed = _certified(problem, path, crossings, stages)
     if not unrelaxed.verdict.free:
-        return finished if finished.verdict.reason != "contact" else unrelaxed
-    warning = f"the relaxed motion was not certified ({finished.verdict.reason}); this is the motion as it was found"
+        return unrelaxed if finished.verdict.reason is Reason.CONTACT else finished
+    warning = (
+        f"the relaxed motion was not certified ({finished.verdict.reason.value}); this is the motion as it was found"
+    )
     return Finished(unrelaxed.trajectory, unrelaxed.verdict, unrelaxed.path, unrelaxed.crossings, (warning,))
 
 
@@ -111,7 +114,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
             verdict = _judged(problem, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
-            stage.outcome = verdict.reason
+            stage.outcome = verdict.reason.value
         hopeless = repair == REPAIRS or verdict.piece is None or len(knots) < 2
         if verdict.free or hopeless or problem.budget.spent():
             break
@@ -153,14 +156,17 @@ def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
     return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
 
 
-def _refused_at(problem: Problem, z: np.ndarray, reason: str) -> bool:
+def _refused_at(problem: Problem, z: np.ndarray, reason: Reason) -> bool:
     """Whether a chart point (nv,) itself is refused for a reason: contact, less than the clearance, beyond limits."""
-    if reason == "beyond limits":
-        return bool(((z < problem.group.lower - TOLERANCE) | (z > problem.group.upper + TOLERANCE)).any())
     q = problem.group.from_chart(z)
-    if reason == "too close":
-        return clearance_at(problem.world, q).obstacle_distance < problem.min_clearance
-    return reason == "contact" and problem.world.in_collision(q)
+    match reason:
+        case Reason.BEYOND_LIMITS:
+            return bool(((z < problem.group.lower - TOLERANCE) | (z > problem.group.upper + TOLERANCE)).any())
+        case Reason.TOO_CLOSE:
+            return clearance_at(problem.world, q).obstacle_distance < problem.min_clearance
+        case Reason.CONTACT:
+            return problem.world.in_collision(q)
+    return False
 
 
 def _nearest(path: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray]:

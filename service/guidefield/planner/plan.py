@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import Verdict, certify
+from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.timed_certificate import certify_timed
+from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
 from guidefield.planner.fallback_connection import PathSoFar, connect_to_goal, connect_to_plane
@@ -171,7 +172,7 @@ def _plan_in_time(problem: Problem, found: PathSoFar, stages: Stages, attempts: 
             verdict = certify_timed(
                 problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
             )
-            stage.outcome = verdict.reason
+            stage.outcome = verdict.reason.value
         return _failed(found, failure, verdict, stages)
     trajectory = timed.trajectory()
     with stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
@@ -179,7 +180,7 @@ def _plan_in_time(problem: Problem, found: PathSoFar, stages: Stages, attempts: 
             problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
         )
         problem.counters.collision_checks += verdict.evaluations
-        stage.outcome = verdict.reason
+        stage.outcome = verdict.reason.value
     finished = Finished(trajectory, verdict, np.array(timed.points), timed.crossings)
     return _finished(problem, finished, stages)
 
@@ -220,7 +221,7 @@ def _partial(problem: Problem, found: PathSoFar, failure: StageFailed, stages: S
     """The best motion so far, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = certify(problem.world, polyline(found.path), problem.min_clearance)
-        stage.outcome = verdict.reason
+        stage.outcome = verdict.reason.value
     return _failed(found, failure, verdict, stages)
 
 

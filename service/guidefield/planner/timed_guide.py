@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import Verdict
 from guidefield.collision.certify.timed_certificate import certify_moving
+from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.guide.aim import ANYWHERE, Aim
 from guidefield.planner.guide.guide import margin_at

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.certificate import certify, motion_free
+from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.messages import scene as messages
@@ -57,11 +58,11 @@ def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
     verdict = certify(world, control[None])
     samples = dense(control, STEP)
     if verdict.free:
-        assert verdict.reason == "free"
+        assert verdict.reason is Reason.FREE
         assert not any(judge.collides(q) for q in samples)
         assert not any(world.in_collision(q) for q in samples)
     if not any(world.in_collision(q) for q in samples):
-        assert verdict.reason in ("free", "undecided") or world.in_collision(verdict.configuration)
+        assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.configuration)
 
 
 @settings(deadline=None, max_examples=60)
@@ -72,7 +73,7 @@ def test_a_refusal_shows_where(place, seed):
     if verdict.free:
         return
     contacts = {contact.pair for contact in contacts_at(world, verdict.configuration)}
-    assert (verdict.reason == "contact") == (verdict.pair in contacts)
+    assert (verdict.reason is Reason.CONTACT) == (verdict.pair in contacts)
     control = motions(world, seed)
     at = dense(control, 1e-4)
     assert np.abs(at - verdict.configuration).max(axis=1).min() < 1e-3
@@ -147,7 +148,7 @@ def test_the_clearance_asked_for_is_kept(place, seed, share):
     verdict = certify(world, control[None], min_clearance=share * least)
     if share > 1.0:
         assert not verdict.free
-        assert verdict.reason in ("too close", "undecided")
+        assert verdict.reason in (Reason.TOO_CLOSE, Reason.UNDECIDED)
         assert clearance_at(world, verdict.configuration).obstacle_distance <= share * least + 2e-4
     # Between samples the clearance may be less by what two millirad move, and the certificate needs its floor.
     elif (1.0 - share) * least > 4e-3:
@@ -174,7 +175,7 @@ def test_contact_within_a_motion_whose_ends_are_free_is_found():
     assert not world.in_collision(start)
     assert not world.in_collision(end)
     verdict = motion_free(world, start, end)
-    assert verdict.reason == "contact"
+    assert verdict.reason is Reason.CONTACT
     assert verdict.pair[1] == "pole"
     assert 0.2 < verdict.parameter < 0.8
     assert verdict.evaluations < 30
@@ -197,7 +198,7 @@ def test_a_motion_that_is_none_is_judged_too():
     q = rest(world.group)
     assert motion_free(world, q, q).free
     inside = world_of(world.group, [box("crate", (0.1, 0.1, 0.1), (0.307, 0, 0.55))])
-    assert motion_free(inside, q, q).reason == "contact"
+    assert motion_free(inside, q, q).reason is Reason.CONTACT
     assert certify(world, np.empty((0, 4, 7))).free
 
 
@@ -210,7 +211,7 @@ def sliding_along(gap: float):
 def test_what_passes_closer_than_the_floor_is_undecided():
     start, end = np.array([0.05]), np.array([0.12])
     verdict = motion_free(sliding_along(5e-6), start, end)
-    assert verdict.reason == "undecided"
+    assert verdict.reason is Reason.UNDECIDED
     assert not verdict.free
     assert verdict.pair == ("l1", "wall")
     assert motion_free(sliding_along(5e-6), start, end, floor=1e-6).free
@@ -236,9 +237,9 @@ def test_other_joints_are_certified_as_soundly(joints, seed):
         if verdict.free:
             for z in dense(control, STEP):
                 assert (pair_distances(world, arm.from_chart(z)) > 0.0).all()
-        elif verdict.reason == "contact":
+        elif verdict.reason is Reason.CONTACT:
             assert world.in_collision(arm.from_chart(verdict.configuration))
-    assert outcomes & {"free", "contact"}
+    assert outcomes & {Reason.FREE, Reason.CONTACT}
 
 
 def test_a_whole_turn_of_a_continuous_joint_is_judged_as_a_turn():
@@ -270,7 +271,7 @@ def test_surfaces_are_kept_away_from():
         outcomes.append(verdict.reason)
         if verdict.free:
             assert not any(world.in_collision(q) for q in dense(control, STEP))
-    assert {"free", "contact"} <= set(outcomes)
+    assert {Reason.FREE, Reason.CONTACT} <= set(outcomes)
 
 
 def test_questions_before_do_not_change_an_answer():
@@ -293,7 +294,7 @@ def test_a_judgement_that_is_stopped_certifies_what_comes_before():
     for rounds in range(2):
         left = iter([None] * rounds)
         verdict = certify(world, pieces, stopped=lambda left=left: next(left, "enough"))
-        assert verdict.reason == "stopped"
+        assert verdict.reason is Reason.STOPPED
         assert not verdict.free
         assert verdict.evaluations < whole.evaluations
         assert (verdict.piece > 0) == (rounds > 0)

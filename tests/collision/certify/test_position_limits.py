@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.certificate import certify, motion_free
 from guidefield.collision.certify.position_limits import EXACT, TOLERANCE, excesses
+from guidefield.collision.certify.verdict import Reason
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
@@ -68,7 +69,7 @@ def test_the_certificate_refuses_what_is_beyond_a_limit_between_the_samples():
     world = world_of(ARM, [])
     verdict = certify(world, np.array([UNDER, OVER]))
     assert not verdict.free
-    assert verdict.reason == "beyond limits"
+    assert verdict.reason is Reason.BEYOND_LIMITS
     assert (verdict.piece, verdict.free_until, verdict.pair) == (1, 0.0, None)
     assert verdict.parameter == pytest.approx(0.5, abs=1e-5)
     assert verdict.beyond is not None
@@ -84,16 +85,16 @@ def test_control_points_may_be_beyond_limits_where_the_curve_is_not():
 def test_only_rounding_is_tolerated():
     world = world_of(ARM, [])
     assert motion_free(world, np.zeros(2), np.array([0.0, 2.0 + 0.9 * TOLERANCE])).free
-    assert motion_free(world, np.zeros(2), np.array([-2.0 - 1.1 * TOLERANCE, 0.0])).reason == "beyond limits"
+    assert motion_free(world, np.zeros(2), np.array([-2.0 - 1.1 * TOLERANCE, 0.0])).reason is Reason.BEYOND_LIMITS
 
 
 def test_whichever_comes_first_is_told():
     above = box("above", (0.1, 0.1, 0.1), (0.0, 0.0, 0.85))  # where the upright arm ends
     world = world_of(ARM, [above])
     upright, aside, beyond = np.zeros(2), np.array([1.5, 0.0]), np.array([1.5, 2.5])
-    assert certify(world, np.array([[aside, upright], [aside, beyond]])).reason == "contact"
+    assert certify(world, np.array([[aside, upright], [aside, beyond]])).reason is Reason.CONTACT
     refused = certify(world, np.array([[aside, beyond], [aside, upright]]))
-    assert (refused.reason, refused.piece) == ("beyond limits", 0)
+    assert (refused.reason, refused.piece) == (Reason.BEYOND_LIMITS, 0)
     assert certify(world, np.array([[aside, aside]])).free
 
 

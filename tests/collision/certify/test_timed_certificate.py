@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certify.timed_certificate import TimedWorld, certify_timed
+from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
@@ -59,7 +60,7 @@ def test_it_says_what_dense_samples_say(since: float, until: float, clearance: f
     if not verdict.free:
         assert verdict.pair is not None
         assert verdict.pair[1] == "ball"
-        assert verdict.reason in ("contact", "too close")
+        assert verdict.reason in (Reason.CONTACT, Reason.TOO_CLOSE)
         assert verdict.configuration is not None
 
 

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
 from guidefield.collision.certify.position_limits import TOLERANCE, excesses
-from guidefield.collision.world import PairNames, World
+from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.collision.world import World
 from guidefield.robot.model.configuration import LimitFault
 
 COAL_ACCURACY = 1e-6
@@ -34,36 +35,6 @@ MOST_PAIRS = 30_000
 
 BATCH = 64
 """At most so many segments have their bounds computed together."""
-
-
-@dataclass(frozen=True, eq=False)
-class Verdict:
-    """What the certificate says about a motion.
-
-    Attributes:
-        free: Whether no pair touches, robot and obstacles keep the clearance asked for, and the joints their position
-            limits, all along the motion.
-        reason: free; contact: a pair touches; too close: robot and obstacle come closer than the clearance asked for;
-            beyond limits: a joint leaves its position limits; undecided: a pair comes so close that the floor was
-            reached; stopped: there was no time to tell.
-        piece: Index of the piece that was refused; None if free.
-        parameter: Where on it, from 0 to 1: the place that was judged; None if free.
-        free_until: Parameter of that piece up to which the motion is certified, as all pieces before are; None if free.
-        pair: Names of the pair that was refused; None if free, or where all pairs are left.
-        configuration: Chart coordinates (nv,) of the place that was judged; None if free.
-        evaluations: Configurations at which Coal was asked.
-        beyond: The joint that is beyond its limits, and its value there; None unless that is the reason.
-    """
-
-    free: bool
-    reason: str
-    piece: int | None
-    parameter: float | None
-    free_until: float | None
-    pair: PairNames | None
-    configuration: np.ndarray | None
-    evaluations: int
-    beyond: LimitFault | None = None
 
 
 def certify(
@@ -109,7 +80,7 @@ def certify(
         level = finer
     if refusal is not None:
         return replace(refusal, evaluations=judge.evaluations)
-    return Verdict(True, "free", None, None, None, None, None, judge.evaluations)
+    return Verdict(Reason.FREE, judge.evaluations)
 
 
 def motion_free(
@@ -132,7 +103,7 @@ def _beyond_limits(world: World, pieces: np.ndarray) -> Verdict | None:
     z = _point(pieces[piece], parameter)
     joint = next(joint for joint in group.joints if joint.idx_v <= at < joint.idx_v + joint.nv)
     fault = LimitFault(joint.name, float(z[at]), float(group.lower[at]), float(group.upper[at]))
-    return Verdict(False, "beyond limits", piece, parameter, 0.0, None, z, 0, fault)
+    return Verdict(Reason.BEYOND_LIMITS, 0, piece, parameter, 0.0, None, z, fault)
 
 
 def _point(controls: np.ndarray, parameter: float) -> np.ndarray:
@@ -153,7 +124,7 @@ def _unfinished(world: World, first: CurveSegment, evaluations: int) -> Verdict:
     """The verdict of a judgement that was stopped, the first segment that is left in it."""
     pair = world.pair_names(first.pairs[0]) if first.pairs else None
     at = first.start
-    return Verdict(False, "stopped", first.piece, at, at, pair, first.controls[0, 0], evaluations)
+    return Verdict(Reason.STOPPED, evaluations, first.piece, at, at, pair, first.controls[0, 0])
 
 
 class _Judge:
@@ -259,11 +230,11 @@ class _Judge:
             undecided = [pair for pair in left if bounds[pair] <= self.floor]
             if not undecided:
                 return None
-            found = ("undecided", undecided[0])
+            found = Reason.UNDECIDED, undecided[0]
         names = self.world.pair_names(found[1])
-        return Verdict(False, found[0], rest.piece, rest.start, free_until, names, z, self.evaluations)
+        return Verdict(found[0], self.evaluations, rest.piece, rest.start, free_until, names, z)
 
-    def _touching(self, z: np.ndarray, pairs: list[int]) -> tuple[str, int] | None:
+    def _touching(self, z: np.ndarray, pairs: list[int]) -> tuple[Reason, int] | None:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""
         world, group = self.world, self.world.group
         self.evaluations += 1
@@ -271,12 +242,12 @@ class _Judge:
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
         for pair in pairs:
             if pin.computeCollision(world.geometry, world.geometry_data, pair):
-                return "contact", pair
+                return Reason.CONTACT, pair
         wanting = [pair for pair in pairs if self._kept[pair] > 0.0]
         if wanting:
             world.set_margins(world.geometry, world.margin_data, self._kept)
             pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
         for pair in wanting:
             if pin.computeCollision(world.geometry, world.margin_data, pair):
-                return "too close", pair
+                return Reason.TOO_CLOSE, pair
         return None

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import Verdict
 from guidefield.collision.certify.curve_segments import halved
+from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 
 FLOOR = 1e-5
@@ -37,7 +37,7 @@ def certify_constraints(
     while waiting:
         index, start, end, control = waiting.popleft()
         if evaluations % 64 == 0 and stopped():
-            return Verdict(False, "stopped", index, start, start, None, control[0], evaluations)
+            return Verdict(Reason.STOPPED, evaluations, index, start, start, None, control[0])
         evaluations += 1
         low, high = control.min(axis=0), control.max(axis=0)
         middle, e = 0.5 * (low + high), widths @ (0.5 * (high - low))
@@ -53,9 +53,9 @@ def certify_constraints(
             continue
         first = control[0]
         if (frames.values(first) > frames.limits).any() or (high - low).max() <= FLOOR:
-            return Verdict(False, "violates a path constraint", index, start, start, None, first, evaluations)
+            return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, start, None, first)
         one, other = halved(control[None])
         half = 0.5 * (start + end)
         waiting.appendleft((index, half, end, other))
         waiting.appendleft((index, start, half, one))
-    return Verdict(True, "free", None, None, None, None, None, evaluations)
+    return Verdict(Reason.FREE, evaluations)

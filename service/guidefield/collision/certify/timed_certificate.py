@@ -14,7 +14,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.certificate import COAL_ACCURACY, Verdict, certify
+from guidefield.collision.certify.certificate import COAL_ACCURACY, certify
+from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
 from guidefield.scene.obstacle import Obstacle
 
@@ -93,7 +94,7 @@ def certify_moving(
         )
         if refusal is not None:
             return refusal
-    return Verdict(True, "free", None, None, None, None, None, judge.evaluations)
+    return Verdict(Reason.FREE, judge.evaluations)
 
 
 def _place(verdict: Verdict) -> tuple[float, float]:
@@ -202,20 +203,18 @@ class _Judge:
             undecided = [k for k in left if bounds[k] <= self.floor]
             if not undecided:
                 return None
-            found = ("undecided", undecided[0])
+            found = Reason.UNDECIDED, undecided[0]
         names = self.worlds.moving.pair_names(int(self.worlds.pairs[found[1]]))
-        return Verdict(
-            False, found[0], rest.piece, rest.start, free_until, names, rest.control[0], self.evaluations
-        )  # fmt: skip
+        return Verdict(found[0], self.evaluations, rest.piece, rest.start, free_until, names, rest.control[0])
 
-    def _touching(self, time: float, pairs: list[int]) -> tuple[str, int] | None:
+    def _touching(self, time: float, pairs: list[int]) -> tuple[Reason, int] | None:
         """What is wrong where the robot was placed last, contact or too close, and with which pair; or None."""
         for k in pairs:
             if self._within(k, time, 0.0):
-                return "contact", k
+                return Reason.CONTACT, k
         for k in pairs:
             if self.kept > 0.0 and self._within(k, time, self.kept):
-                return "too close", k
+                return Reason.TOO_CLOSE, k
         return None
 
 

@@ -11,7 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import Verdict, motion_free
+from guidefield.collision.certify.certificate import motion_free
+from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.planner.task.problem import Problem

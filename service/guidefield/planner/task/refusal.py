@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from guidefield.collision.certify.certificate import Verdict
+from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.planner.task.problem import Problem
@@ -32,13 +32,13 @@ def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, 
     status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""
-    message = f"the certificate refused the motion: {verdict.reason}{between}"
+    message = f"the certificate refused the motion: {verdict.reason.value}{between}"
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
     if verdict.configuration is None:
         return status, message, details
     group = problem.group
     details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
-    if verdict.reason == "stopped":
+    if verdict.reason is Reason.STOPPED:
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
         return status, f"{why} before the motion was certified", details
     if (fault := verdict.beyond) is not None:

@@ -1,0 +1,60 @@
+"""The verdict of a certificate: whether a motion is free, and where and why it is refused."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.world import PairNames
+from guidefield.robot.model.configuration import LimitFault
+
+
+class Reason(enum.Enum):
+    """Why a motion is judged as it is; the values are the words of replies."""
+
+    FREE = "free"
+    """No pair touches, and all that was asked for is kept, all along the motion."""
+    CONTACT = "contact"
+    """A pair touches."""
+    TOO_CLOSE = "too close"
+    """Robot and obstacle come closer than the clearance asked for."""
+    BEYOND_LIMITS = "beyond limits"
+    """A joint leaves its position limits."""
+    PATH_CONSTRAINT = "violates a path constraint"
+    """A frame leaves what a path constraint allows."""
+    UNDECIDED = "undecided"
+    """A pair comes so close that the floor was reached."""
+    STOPPED = "stopped"
+    """There was no time to tell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What a certificate says about a motion.
+
+    Attributes:
+        reason: FREE, or why the motion is refused.
+        evaluations: Configurations at which Coal, or a constraint, was asked.
+        piece: Index of the piece that was refused; None if free.
+        parameter: Where on it, from 0 to 1: the place that was judged; None if free.
+        free_until: Parameter of that piece up to which the motion is certified, as all pieces before are; None if free.
+        pair: Names of the pair that was refused; None if free, or where no single pair is to blame.
+        configuration: Chart coordinates (nv,) of the place that was judged; None if free.
+        beyond: The joint that is beyond its limits, and its value there; None unless that is the reason.
+    """
+
+    reason: Reason
+    evaluations: int
+    piece: int | None = None
+    parameter: float | None = None
+    free_until: float | None = None
+    pair: PairNames | None = None
+    configuration: np.ndarray | None = None
+    beyond: LimitFault | None = None
+
+    @property
+    def free(self) -> bool:
+        """Whether the motion is certified over its whole length."""
+        return self.reason is Reason.FREE
