@@ -12,6 +12,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import GOAL_SOLUTIONS, check_start, goal_points
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Budget, ConfigurationGoal, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.pose_target import PoseTarget
@@ -29,10 +30,10 @@ def ball(radius: float, *position: float) -> messages.Sphere:
     return messages.Sphere(name="ball", radius=radius, position=position)
 
 
-def refused(made) -> StageFailed:
+def refused(made) -> Ending:
     with pytest.raises(StageFailed) as failure:
         goal_points(made)
-    return failure.value
+    return failure.value.ending
 
 
 def test_a_pose_has_free_configurations_far_from_each_other() -> None:
@@ -114,4 +115,5 @@ def test_a_slight_contact_at_the_start_can_be_left_and_that_is_said() -> None:
         touching = problem("panda", scene_of(ball(radius, *near)), ConfigurationGoal((rest(made.group),)))
         with pytest.raises(StageFailed) as failure:
             check_start(touching)
-        assert ("leave_start_contact" in failure.value.message) is (slight and failure.value.details["depth"] <= 0.01)
+        ending = failure.value.ending
+        assert ("leave_start_contact" in ending.message) is (slight and ending.details["depth"] <= 0.01)

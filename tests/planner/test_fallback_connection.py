@@ -11,8 +11,9 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import fallback_connection
 from guidefield.planner.connect.connect import Connection
-from guidefield.planner.fallback_connection import PathSoFar, connect_to_goal
+from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.guide.guide import Crossing
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.stages import Stage, StageFailed
 from tests.planner.problems import problem, scene_of
 
@@ -36,19 +37,44 @@ def test_a_connection_begins_where_derived_planes_led_then_at_the_start(made) ->
     planned, asked = made
     start, led, goal = np.zeros(7), np.full(7, 0.1), np.full(7, 0.2)
     found = PathSoFar(np.array([start, led]), {0: 1})
-    connect_to_goal(dataclasses.replace(planned, derived_planes=1), found, goal[None], Stage())
+    reached = connect_to_goal(dataclasses.replace(planned, derived_planes=1), found, goal[None], Stage())
     assert [z.tolist() for z in asked] == [led.tolist(), start.tolist()]
-    assert found.path.tolist() == [start.tolist(), goal.tolist()]
-    assert found.crossings == {}
+    assert reached.failure is None
+    assert reached.path.tolist() == [start.tolist(), goal.tolist()]
+    assert reached.crossings == {}
+    assert found.path.tolist() == [start.tolist(), led.tolist()]
+    assert found.crossings == {0: 1}
 
 
 def test_planes_that_were_given_are_not_forgotten(made) -> None:
     planned, asked = made
     found = PathSoFar(np.array([np.zeros(7), np.full(7, 0.1)]), {0: 1})
-    with pytest.raises(StageFailed, match="nothing leads on"):
-        connect_to_goal(planned, found, np.full((1, 7), 0.2), Stage())
+    reached = connect_to_goal(planned, found, np.full((1, 7), 0.2), Stage())
+    assert reached.failure is not None
+    assert (reached.failure.message, reached.failure.details) == ("nothing leads on", {"stage": "connect"})
     assert len(asked) == 1
-    assert found.crossings == {0: 1}
+    assert reached.crossings == {0: 1}
+    assert reached.path.tolist() == found.path.tolist()
+
+
+def test_a_plane_that_nothing_leads_to_leaves_the_path_as_far_as_the_approach_came(made, monkeypatch) -> None:
+    """Also where the connection began anew at the start: the approach went on from where derived planes led."""
+    planned, _ = made
+    corners = [(0.7, -0.2, 0.3), (0.7, 0.25, 0.3), (0.7, 0.1, 0.7), (0.7, -0.1, 0.7)]
+    given = problem("panda", scene_of(planes=[messages.GuidePlane(name="GP", vertices=corners)]))
+    planned = dataclasses.replace(planned, guide_planes=given.guide_planes * 2, derived_planes=1)
+    start, led, came = np.full(7, 0.05), np.full(7, 0.1), np.full(7, 0.15)
+    stuck = Crossing(Status.STUCK_IN_MINIMUM, "stuck", np.array([led, came]), {"plane": 1})
+    monkeypatch.setattr(fallback_connection, "tip_points", lambda *_: np.full((1, 7), 0.2))
+    stage = Stage()
+    reached = fallback_connection.connect_to_plane(planned, PathSoFar(np.array([start, led]), {0: 1}), stuck, 1, stage)
+    assert reached.failure is not None
+    assert reached.failure.status is Status.STUCK_IN_MINIMUM
+    assert reached.failure.message == "stuck; the tree got no further either: nothing leads on"
+    assert reached.failure.details == {"plane": 1}
+    assert stage.outcome == "nothing leads on"
+    assert reached.path.tolist() == [start.tolist(), led.tolist(), came.tolist()]
+    assert reached.crossings == {0: 1}
 
 
 def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_on_it(made, monkeypatch) -> None:

@@ -13,6 +13,7 @@ from guidefield.collision.certify.verdict import Reason
 from guidefield.errors import Status
 from guidefield.planner import finish as module
 from guidefield.planner.finish import FINER, HURRIED, finish
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import SEGMENT, Outcome, Relaxed, relax
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
@@ -40,7 +41,7 @@ def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(module, "relax", misled)
     stages = Stages(made)
-    finished = finish(made, path, {}, stages, proven=False)
+    finished = finish(made, PathSoFar(path, proven=False), stages)
     assert asked == [SEGMENT, FINER * SEGMENT]
     assert finished.verdict.free
     assert finished.warnings == ()
@@ -63,7 +64,7 @@ def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pyt
         return dataclasses.replace(relaxed, outcome=Outcome.OUT_OF_TIME)
 
     monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, path, {}, Stages(made), proven=False)
+    finished = finish(made, PathSoFar(path, proven=False), Stages(made))
     assert finished.verdict.free
     assert finished.warnings == (HURRIED,)
 
@@ -76,11 +77,11 @@ def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: py
         return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path))
 
     monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, path, {}, Stages(made))
+    finished = finish(made, PathSoFar(path), Stages(made))
     assert finished.verdict.free
     np.testing.assert_array_equal(finished.path[[0, -1]], path[[0, -1]])
     assert "as it was found" in finished.warnings[0]
-    assert not finish(made, path, {}, Stages(made), proven=False).verdict.free
+    assert not finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
 
 
 def test_shorter_segments_are_more() -> None:
@@ -99,7 +100,7 @@ def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.Mon
         return dataclasses.replace(relaxed, path=beyond)
 
     monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, path, {}, Stages(made))
+    finished = finish(made, PathSoFar(path), Stages(made))
     assert finished.verdict.free
     assert finished.trajectory.bezier()[:, :, 0].max() <= upper + 1e-12
 
@@ -110,13 +111,14 @@ def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> N
     beyond = path.copy()
     beyond[0, 0] = upper + 0.01
     stages = Stages(made)
-    refused = finish(made, beyond, {}, stages, proven=False).verdict
+    refused = finish(made, PathSoFar(beyond, proven=False), stages).verdict
     # a spline that is drawn closer to a path that is beyond a limit would be, too: it is not tried
     assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["beyond limits"] * 2
     assert (refused.reason, refused.piece) == (Reason.BEYOND_LIMITS, 0)
-    status, message, details = refusal(made, refused)
-    assert status is Status.INVALID_MOTION_PLAN
-    assert f"joint {joint.name} reaches {upper + 0.01:.6g}, 0.01 beyond its limits" in message
+    ending = refusal(made, refused)
+    details = ending.details
+    assert ending.status is Status.INVALID_MOTION_PLAN
+    assert f"joint {joint.name} reaches {upper + 0.01:.6g}, 0.01 beyond its limits" in ending.message
     assert (details["joint"], details["limits"]) == (joint.name, [made.group.lower[0], upper])
     assert details["value"] == pytest.approx(upper + 0.01)
     assert details["excess"] == pytest.approx(0.01)

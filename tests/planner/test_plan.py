@@ -13,7 +13,8 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.plan import Plan, Planner, plan, polyline, refused
+from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.relax.relaxation import Relaxed, relax
 from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft

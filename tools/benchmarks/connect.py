@@ -32,7 +32,7 @@ from guidefield.kernels.collide.motion_validation import EXACT
 from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
-from guidefield.planner.plan import polyline
+from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import Budget
 from guidefield.scene.scene import build
 

@@ -10,7 +10,7 @@ from benchmarks.problems import Problems, scene_message
 from benchmarks.timing import best
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.world import World
-from guidefield.planner.plan import polyline
+from guidefield.planner.motion.waypoints import polyline
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import build
 

@@ -30,7 +30,8 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.plan import Plan, plan, polyline
+from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.plan import Plan, plan
 from guidefield.planner.quality import END_STRETCH, figures
 from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft

@@ -33,7 +33,7 @@ from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import FIRST_STEP, Attempt
 from guidefield.planner.guide.univariate import Univariate
-from guidefield.planner.plan import polyline
+from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.planner.task.trace import Event, Step
 from guidefield.robot.catalog.catalog import Catalog

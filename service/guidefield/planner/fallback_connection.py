@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +14,8 @@ from guidefield.planner.connect.constrained_tree import Keeper, connect_constrai
 from guidefield.planner.ends import tip_points
 from guidefield.planner.guide.guide import Crossing
 from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stage, StageFailed
 from guidefield.planner.task.trace import Note
@@ -27,52 +28,46 @@ SHARE = 0.5
 guide planes led; with no more than contact avoided instead of with the clearance asked for."""
 
 
-@dataclass
-class PathSoFar:
-    """The motion found so far.
-
-    Attributes:
-        path: Chart points (n, nv).
-        crossings: By index of each guide plane in the request, its index in `path`.
-    """
-
-    path: np.ndarray
-    crossings: dict[int, int] = field(default_factory=dict)
-
-    def extend(self, points: np.ndarray) -> None:
-        """Go on along chart points, shape (n, nv), whose first is where the path ends."""
-        self.path = np.concatenate([self.path, points[1:]])
-
-
-def connect_to_plane(problem: Problem, found: PathSoFar, stuck: Crossing, index: int, stage: Stage) -> None:
+def connect_to_plane(problem: Problem, found: PathSoFar, stuck: Crossing, index: int, stage: Stage) -> PathSoFar:
     """Reach a guide plane, with any orientation, from where the approach to it began.
 
     Args:
         problem: Robot, world and guide planes.
-        found: The motion so far; extended, also by how far the approach came where this fails.
+        found: The motion so far.
         stuck: The approach that didn't arrive.
         index: Of the plane among the problem's.
         stage: What it is counted as.
 
-    Raises:
-        StageFailed: if no connection is found; with the approach's status and reason.
+    Returns:
+        The motion onto the plane. If there is no connection, the motion as far as the approach came, failed with the
+        approach's status and both reasons.
     """
-    plane = problem.guide_planes[index]
+    try:
+        reached = connect_to_goal(problem, found, _points_on(problem, problem.guide_planes[index], stuck), stage)
+    except StageFailed as failed:
+        reached = found.failed(failed.ending)
+    if reached.failure is None:
+        return reached
+    message = f"{stuck.message}; the tree got no further either: {reached.failure.message}"
+    stage.outcome = stage.outcome or message
+    approached = found.extended(problem.group.chart_path(list(stuck.path), found.path[-1]))
+    return approached.failed(Ending(stuck.status, message, stuck.details))
+
+
+def _points_on(problem: Problem, plane: GuidePlane, stuck: Crossing) -> np.ndarray:
+    """Chart points (m, nv) with the tip on a plane: next to where the approach got stuck, else in the plane's middle.
+
+    Raises:
+        StageFailed: as `tip_points`.
+    """
     tip = problem.kinematics.tip_position(stuck.path[-1])
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
-        try:
-            goals = tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
-        except StageFailed as failure:
-            if failure.status is not Status.NO_IK_SOLUTION:
-                raise
-            goals = tip_points(problem, _within(problem, plane))
-        connect_to_goal(problem, found, goals, stage)
-    except StageFailed as failure:
-        found.extend(problem.group.chart_path(list(stuck.path), found.path[-1]))
-        raise StageFailed(
-            stuck.status, f"{stuck.message}; the tree got no further either: {failure.message}", **stuck.details
-        ) from None
+        return tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
+    except StageFailed as failed:
+        if failed.ending.status is not Status.NO_IK_SOLUTION:
+            raise
+    return tip_points(problem, _within(problem, plane))
 
 
 def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
@@ -87,31 +82,32 @@ def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
     return PoseTarget(pin.SE3(rotation, centre), np.array([half, half, 0.0]), np.full(3, np.inf))
 
 
-def connect_to_goal(problem: Problem, found: PathSoFar, goals: np.ndarray, stage: Stage, *, prove: bool = True) -> bool:
-    """Go on to a goal; whether that motion is certified.
+def connect_to_goal(
+    problem: Problem, found: PathSoFar, goals: np.ndarray, stage: Stage, *, prove: bool = True
+) -> PathSoFar:
+    """Go on to a goal.
 
     Args:
         problem: Robot and world.
-        found: The motion so far; extended. If nothing leads on from where guide planes led that nobody gave, it
-            begins anew at the start.
+        found: The motion so far. If nothing leads on from where guide planes led that nobody gave, a connection begins
+            anew at the start.
         goals: Chart points of which one is to be reached, shape (m, nv).
         stage: What it is counted as.
         prove: Whether the connection is to be certified.
 
-    Raises:
-        StageFailed: if no connection is found, or time is up.
+    Returns:
+        The motion to a goal; failed where it ends if no connection is found, or time is up.
     """
     led = len(found.path) > 1 and max(found.crossings, default=-1) < problem.derived_planes
     connection = _tried(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
     if led and connection.status is not Status.SUCCESS and not problem.budget.spent():
         problem.tell(Note("nothing leads on from where derived guide planes led: the connection begins at the start"))
-        found.path, found.crossings = found.path[:1], {}
+        found = found.back_at_start()
         connection = _tried(problem, found, goals, prove)
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
-        raise StageFailed(connection.status, connection.message, stage="connect")
-    found.extend(connection.path)
-    return connection.proven
+        return found.failed(Ending(connection.status, connection.message, {"stage": "connect"}))
+    return found.extended(connection.path, proven=connection.proven)
 
 
 def _tried(problem: Problem, found: PathSoFar, goals: np.ndarray, prove: bool) -> Connection:

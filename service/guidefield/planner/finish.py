@@ -8,7 +8,7 @@ see what was overlooked; and where that can't be certified either, the path that
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.position_limits import TOLERANCE
+from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.constrained_tree import Keeper
@@ -23,9 +24,13 @@ from guidefield.planner.motion.jerk import parameterize_gently
 from guidefield.planner.motion.spline import CubicSpline, interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import SEGMENT, Outcome, Relaxed, relax
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
+from guidefield.planner.timed_guide import TimedPath
 
 REPAIRS = 12
 """How often the spline is drawn closer to the path where the certificate refused it."""
@@ -42,59 +47,90 @@ HURRIED = "time was up while the motion was relaxed: with a longer `allowed_plan
 
 @dataclass(frozen=True, eq=False)
 class Finished:
-    """The trajectory, the verdict about it, and the path that it follows.
+    """A motion at the end of planning, and the certificate's verdict about it.
 
     Attributes:
-        trajectory: What the robot would execute.
-        verdict: The certificate's judgement of it.
+        verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
         path: Chart points that it runs through, shape (n, nv) [rad or m].
-        crossings: By index of each guide plane, its index in `path`.
+        crossings: By index of each guide plane that was reached, its index in `path`.
+        trajectory: What the robot would execute; None where a stage failed before.
+        failure: Why a stage failed; None where none did.
         warnings: What was odd but harmless.
+        judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
     """
 
-    trajectory: Trajectory
     verdict: Verdict
     path: np.ndarray
-    crossings: dict[int, int]
+    crossings: Mapping[int, int]
+    trajectory: Trajectory | None = None
+    failure: Ending | None = None
     warnings: tuple[str, ...] = ()
+    judged_from: float = 0.0
 
 
-def finish(
-    problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages, *, proven: bool = True
-) -> Finished:
-    """Make a certified trajectory of a path whose straight pieces are free.
+def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
     Args:
         problem: Robot, world, limits and budget.
-        path: Chart points, shape (n, nv).
-        crossings: By index of each guide plane, its index in `path`; kept.
+        found: The path. Only one that is proven itself is worth a try where the relaxed one is refused.
         stages: Where time is counted.
-        proven: Whether the path itself is certified: only then is it worth a try where the relaxed one is refused.
     """
-    with stages.entered("relax", "to the middle of the free space") as stage:
-        relaxed = relax(problem, path, crossings)
-        stage.outcome = relaxed.outcome
-    finished = _of_relaxed(problem, relaxed, stages)
-    if not (finished.verdict.free or problem.budget.spent()):
-        finished = _repaired(problem, relaxed, stages) or finished
-    if finished.verdict.free or not proven:
+    if found.failure is not None:
+        return _as_far_as_it_got(problem, found, found.failure, stages)
+    finished = _relaxed(problem, found, stages)
+    if finished.verdict.free or not found.proven:
         return finished
-    unrelaxed = _certified(problem, path, crossings, stages)
+    unrelaxed = _certified(problem, found.path, found.crossings, stages)
+    why = finished.verdict.reason
     if not unrelaxed.verdict.free:
-        return unrelaxed if finished.verdict.reason is Reason.CONTACT else finished
-    warning = (
-        f"the relaxed motion was not certified ({finished.verdict.reason.value}); this is the motion as it was found"
-    )
-    return Finished(unrelaxed.trajectory, unrelaxed.verdict, unrelaxed.path, unrelaxed.crossings, (warning,))
+        return unrelaxed if why is Reason.CONTACT else finished
+    warning = f"the relaxed motion was not certified ({why.value}); this is the motion as it was found"
+    return replace(unrelaxed, warnings=(warning,))
 
 
-def _repaired(problem: Problem, refused: Relaxed, stages: Stages) -> Finished | None:
-    """The trajectory along a refused path that was relaxed again, with shorter segments; None if it is refused, too."""
-    with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
-        relaxed = relax(problem, refused.path, refused.crossings, segment=FINER * SEGMENT)
-        stage.outcome = relaxed.outcome
+def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished:
+    """Judge a motion among obstacles that move, whose schedule is the trajectory's.
+
+    Args:
+        problem: Robot, world and obstacles.
+        found: The motion, or how far it got.
+        stages: Where time is counted.
+    """
+    trajectory, failure = found.trajectory(), found.failure
+    whole = "on the exact geometry, in time, between samples too"
+    with stages.entered("certify", whole if failure is None else "the motion as far as it got, in time") as stage:
+        verdict = certify_timed(
+            problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
+        )
+        stage.outcome = verdict.reason.value
+    if failure is not None:
+        return Finished(verdict, np.array(found.points), found.crossings, failure=failure)
+    problem.counters.collision_checks += verdict.evaluations
+    return Finished(verdict, np.array(found.points), found.crossings, trajectory)
+
+
+def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stages: Stages) -> Finished:
+    """The best motion so far, without time, certified as far as it goes."""
+    with stages.entered("certify", "the motion as far as it got") as stage:
+        verdict = certify(problem.world, polyline(found.path), problem.min_clearance)
+        stage.outcome = verdict.reason.value
+    return Finished(verdict, found.path, found.crossings, failure=failure)
+
+
+def _relaxed(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """The trajectory along the relaxed path; where it is refused, along it relaxed again, if that one isn't."""
+    with stages.entered("relax", "to the middle of the free space") as stage:
+        relaxed = relax(problem, found.path, found.crossings)
+        stage.outcome = relaxed.outcome.value
     finished = _of_relaxed(problem, relaxed, stages)
-    return finished if finished.verdict.free else None
+    if finished.verdict.free or problem.budget.spent():
+        return finished
+    with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
+        relaxed = relax(problem, relaxed.path, relaxed.crossings, segment=FINER * SEGMENT)
+        stage.outcome = relaxed.outcome.value
+    again = _of_relaxed(problem, relaxed, stages)
+    return again if again.verdict.free else finished
 
 
 def _of_relaxed(problem: Problem, relaxed: Relaxed, stages: Stages) -> Finished:
@@ -103,7 +139,7 @@ def _of_relaxed(problem: Problem, relaxed: Relaxed, stages: Stages) -> Finished:
     return replace(finished, warnings=(HURRIED,)) if relaxed.outcome is Outcome.OUT_OF_TIME else finished
 
 
-def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], stages: Stages) -> Finished:
+def _certified(problem: Problem, path: np.ndarray, crossings: Mapping[int, int], stages: Stages) -> Finished:
     """Time and certify the spline through a path, drawing it closer to the path where it is refused."""
     knots, marks = path, dict(crossings)
     for repair in range(REPAIRS + 1):
@@ -123,7 +159,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: dict[int, int], st
         if _refused_at(problem, nearest, verdict.reason):
             break  # a spline that is drawn closer would be refused there, too
         knots, marks = _denser(problem, knots, marks, worst)
-    return Finished(trajectory, verdict, knots, marks)
+    return Finished(verdict, knots, marks, trajectory)
 
 
 def _judged(problem: Problem, pieces: np.ndarray) -> Verdict:

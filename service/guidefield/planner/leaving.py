@@ -15,7 +15,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.finish import through, timed
+from guidefield.planner.finish import Finished, through, timed
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
@@ -86,8 +86,30 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
         raise _refusal(contacts[0], "and no short motion leads out of it")
 
 
-def joined(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
-    """The motion out of contact, from rest to rest, and what comes after it; and how long it takes [s]."""
+def joined(problem: Problem, left: Left, rest: Finished) -> Finished:
+    """The motion out of contact, from rest to rest, and after it the rest of the motion, from where it was left.
+
+    Args:
+        problem: Limits.
+        left: The contact that is left.
+        rest: What is judged; where it has no trajectory it gets the warning only.
+    """
+    warnings = (left.warning, *rest.warnings)
+    if rest.trajectory is None:
+        return dataclasses.replace(rest, warnings=warnings)
+    trajectory, begun = _with_way_out(problem, left, rest.trajectory)
+    return dataclasses.replace(
+        rest,
+        trajectory=trajectory,
+        path=np.concatenate([trajectory.positions[:1], rest.path]),
+        crossings={plane: index + 1 for plane, index in rest.crossings.items()},
+        warnings=warnings,
+        judged_from=begun,
+    )
+
+
+def _with_way_out(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
+    """A trajectory with the motion out of contact before it, and how long that takes [s]."""
     end = after.positions[0]  # whole turns may have been added
     first = timed(problem, through(problem, np.array([left.start + (end - left.end), end])))
     times = np.concatenate([first.times, first.duration + after.times[1:]])

@@ -9,12 +9,12 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import tip_points
-from guidefield.planner.fallback_connection import PathSoFar
 from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.guide.tip_reach import tip_radius
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem, TipGoal
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane, build
 
@@ -22,20 +22,23 @@ ROOM = 1.05
 """Half side of the square about the goal over the radius of the tip's body."""
 
 
-def led_goal_points(problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]) -> np.ndarray:
-    """Chart points (m, nv) that reach the goal's pose, looked for from where the guided planner gets to it.
+def led_goal_points(
+    problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
+) -> tuple[PathSoFar, np.ndarray]:
+    """Chart points that reach the goal's pose, looked for from where the guided planner gets to it.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
     configuration it arrives at is one that fits there, and the pose is looked for next to it.
 
     Args:
         problem: Robot, world and a `TipGoal`.
-        found: The motion so far, through all guide planes; it grows by the way to the goal's place.
+        found: The motion so far, through all guide planes.
         stages: Gets a stage for it.
         attempts: How the square is tried.
 
-    Raises:
-        StageFailed: NO_IK_SOLUTION with the reason.
+    Returns:
+        The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with
+        NO_IK_SOLUTION and the reason, TIMED_OUT or PREEMPTED.
     """
     assert isinstance(problem.goal, TipGoal)
     group, target = problem.group, problem.goal.target
@@ -45,8 +48,11 @@ def led_goal_points(problem: Problem, found: PathSoFar, stages: Stages, attempts
         crossing = cross(problem, q, square, len(problem.guide_planes), attempts)
         stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
     if crossing.status is Status.SUCCESS:
-        found.extend(group.chart_path(list(crossing.path), found.path[-1]))
-    return tip_points(problem, target, (crossing.path[-1], q))
+        found = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
+    try:
+        return found, tip_points(problem, target, (crossing.path[-1], q))
+    except StageFailed as failed:
+        return found.failed(failed.ending), np.empty((0, group.nv))
 
 
 def _square(problem: Problem, q: np.ndarray, place: np.ndarray) -> GuidePlane:

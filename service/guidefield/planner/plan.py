@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
-from guidefield.planner.fallback_connection import PathSoFar, connect_to_goal, connect_to_plane
-from guidefield.planner.finish import Finished, finish
+from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
+from guidefield.planner.finish import Finished, finish, finish_timed
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.leaving import Left, after, joined, leave
+from guidefield.planner.leaving import after, joined, leave
 from guidefield.planner.led_goal import led_goal_points
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
@@ -60,7 +59,7 @@ class Plan:
     verdict: Verdict
     path: np.ndarray
     trajectory: Trajectory | None = None
-    crossings: dict[int, int] = field(default_factory=dict)
+    crossings: Mapping[int, int] = field(default_factory=dict)
     stages: tuple[StageLeft, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
@@ -76,124 +75,74 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
         planner: Which stages find it.
         attempts: How each guide plane is tried.
     """
-    if not problem.leave_start_contact:
-        return _planned(problem, planner, attempts)
     stages = Stages(problem)
-    try:
-        left = leave(problem, stages)
-    except StageFailed as failure:
-        return _partial(problem, PathSoFar(problem.group.chart(problem.q_start)[None]), failure, stages)
-    if left is None:
-        return _planned(problem, planner, attempts)
-    return _with_left(problem, left, _planned(after(problem, left), planner, attempts), stages)
-
-
-def _with_left(problem: Problem, left: Left, rest: Plan, stages: Stages) -> Plan:
-    """A plan from where a contact at the start was left, with the motion out of it before."""
-    rest = dataclasses.replace(
-        rest,
-        stages=(*stages.left, *rest.stages),
-        seconds={**rest.seconds, "ends": stages.seconds["ends"] + rest.seconds["ends"]},
-        warnings=(left.warning, *rest.warnings),
-    )
-    if rest.trajectory is None:
-        return rest
-    trajectory, judged_from = joined(problem, left, rest.trajectory)
-    path = np.concatenate([trajectory.positions[:1], rest.path])
-    crossings = {plane: index + 1 for plane, index in rest.crossings.items()}
-    return dataclasses.replace(rest, trajectory=trajectory, path=path, crossings=crossings, judged_from=judged_from)
-
-
-def _planned(problem: Problem, planner: Planner, attempts: Sequence[Attempt]) -> Plan:
-    stages = Stages(problem)
-    found = PathSoFar(problem.group.chart(problem.q_start)[None])
-    try:
-        with stages.entered("ends", "start and goal") as stage:
-            check_start(problem)
-            goals, later = _goals_or_later(problem, planner)
-            if later:
-                stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
-            elif goals is None:
-                stage.outcome = "the start is free"
-            else:
-                stage.outcome = f"start free, free configurations at the goal: {len(goals)}"
-        if problem.scene.moves:
-            return _plan_in_time(problem, found, stages, attempts)
-        if planner is not Planner.TREE:
-            _cross_planes(problem, found, stages, planner, attempts)
-        if later:
-            goals = led_goal_points(problem, found, stages, attempts)
-        if goals is not None:
-            return _to_goal(problem, found, goals, stages)
-    except StageFailed as failure:
-        return _partial(problem, found, failure, stages)
-    return _finished(problem, finish(problem, found.path, found.crossings, stages), stages)
-
-
-def _goals_or_later(problem: Problem, planner: Planner) -> tuple[np.ndarray | None, bool]:
-    """Chart points of the goal, None where a plane is the goal; and whether to look for them again behind the planes.
-
-    Raises:
-        StageFailed: as `goal_points`, where no guide planes lead to the goal.
-    """
-    try:
-        return goal_points(problem), False
-    except StageFailed as failure:
-        leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
-        if not (leads and isinstance(problem.goal, TipGoal) and failure.status is Status.NO_IK_SOLUTION):
-            raise
-        return None, True
-
-
-def _to_goal(problem: Problem, found: PathSoFar, goals: np.ndarray, stages: Stages) -> Plan:
-    """Connect and finish: what is free at samples is relaxed at once; where that fails, it is proven before."""
-    before = found.path
-    with stages.entered("connect", "to the goal") as stage:
-        proven = connect_to_goal(problem, found, goals, stage, prove=False)
-    finished = finish(problem, found.path, found.crossings, stages, proven=proven)
-    if not (proven or finished.verdict.free or problem.budget.spent()):
-        problem.tell(Note("the relaxed motion was not certified: the connection is certified before it is relaxed"))
-        found.path = before
-        with stages.entered("connect", "to the goal, certified") as stage:
-            connect_to_goal(problem, found, goals, stage)
-        finished = finish(problem, found.path, found.crossings, stages)
-    return _finished(problem, finished, stages)
-
-
-def _plan_in_time(problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]) -> Plan:
-    """Among obstacles that move: the guided planner in time, whose schedule is the trajectory's."""
-    try:
-        timed = cross_planes_timed(problem, stages, attempts)
-    except StageFailed as failure:
-        timed = failure.details.pop("path")
-        found.path, found.crossings = np.array(timed.points), timed.crossings
-        trajectory = timed.trajectory()
-        with stages.entered("certify", "the motion as far as it got, in time") as stage:
-            verdict = certify_timed(
-                problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
-            )
-            stage.outcome = verdict.reason.value
-        return _failed(found, failure, verdict, stages)
-    trajectory = timed.trajectory()
-    with stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
-        verdict = certify_timed(
-            problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
-        )
-        problem.counters.collision_checks += verdict.evaluations
-        stage.outcome = verdict.reason.value
-    finished = Finished(trajectory, verdict, np.array(timed.points), timed.crossings)
-    return _finished(problem, finished, stages)
+    return _told(problem, _out_of_contact(problem, planner, attempts, stages), stages)
 
 
 def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
     """The plan of a problem that was not tried: nothing but the start, judged."""
-    start = PathSoFar(problem.group.chart(problem.q_start)[None])
-    return _partial(problem, start, StageFailed(status, message, **details), Stages(problem))
+    stages = Stages(problem)
+    return _told(problem, _not_begun(problem, Ending(status, message, details), stages), stages)
+
+
+def _out_of_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
+    """A contact at the start is left first, if that is asked for; the rest is planned from there."""
+    if not problem.leave_start_contact:
+        return _from_start(problem, planner, attempts, stages)
+    try:
+        left = leave(problem, stages)
+    except StageFailed as failed:
+        return _not_begun(problem, failed.ending, stages)
+    if left is None:
+        return _from_start(problem, planner, attempts, stages)
+    return joined(problem, left, _from_start(after(problem, left), planner, attempts, stages))
+
+
+def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
+    """The stages in order: each goes on from the path of those before; what the last one leaves is finished."""
+    try:
+        goals = _ends(problem, planner, stages)
+    except StageFailed as failed:
+        return _not_begun(problem, failed.ending, stages)
+    if problem.scene.moves:
+        return finish_timed(problem, cross_planes_timed(problem, stages, attempts), stages)
+    found = PathSoFar.at_start(problem)
+    if planner is not Planner.TREE:
+        found = _cross_planes(problem, found, stages, planner, attempts)
+    if goals is None and isinstance(problem.goal, TipGoal) and found.failure is None:
+        found, goals = led_goal_points(problem, found, stages, attempts)
+    if goals is None or found.failure is not None:
+        return finish(problem, found, stages)
+    return _to_goal(problem, found, goals, stages)
+
+
+def _ends(problem: Problem, planner: Planner, stages: Stages) -> np.ndarray | None:
+    """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes.
+
+    Raises:
+        StageFailed: as `check_start`; as `goal_points`, where no guide planes lead to the goal.
+    """
+    with stages.entered("ends", "start and goal") as stage:
+        check_start(problem)
+        try:
+            goals = goal_points(problem)
+        except StageFailed as failed:
+            leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
+            unreached = failed.ending.status is Status.NO_IK_SOLUTION
+            if not (leads and unreached and isinstance(problem.goal, TipGoal)):
+                raise
+            stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"
+            return None
+        if goals is None:
+            stage.outcome = "the start is free"
+        else:
+            stage.outcome = f"start free, free configurations at the goal: {len(goals)}"
+    return goals
 
 
 def _cross_planes(
     problem: Problem, found: PathSoFar, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
-) -> None:
+) -> PathSoFar:
     """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
     group = problem.group
     passed_by = False
@@ -203,68 +152,65 @@ def _cross_planes(
         with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
             crossing = cross(problem, group.from_chart(found.path[-1]), plane, index, attempts)
             stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
+        along = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
         if crossing.status is Status.SUCCESS:
-            found.extend(group.chart_path(list(crossing.path), found.path[-1]))
+            found = along
         elif planner is Planner.GUIDED or crossing.status in (Status.TIMED_OUT, Status.PREEMPTED):
-            found.extend(group.chart_path(list(crossing.path), found.path[-1]))
-            raise StageFailed(crossing.status, crossing.message, **crossing.details)
+            return along.failed(Ending(crossing.status, crossing.message, crossing.details))
         elif index < problem.derived_planes:  # nobody asked for it: go on without it and those that would follow
             passed_by = True
             continue
         else:
             with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
-                connect_to_plane(problem, found, crossing, index, stage)
-        found.crossings[index] = len(found.path) - 1
+                found = connect_to_plane(problem, found, crossing, index, stage)
+            if found.failure is not None:
+                return found
+        found = found.on_plane(index)
+    return found
 
 
-def _partial(problem: Problem, found: PathSoFar, failure: StageFailed, stages: Stages) -> Plan:
-    """The best motion so far, certified as far as it goes."""
-    with stages.entered("certify", "the motion as far as it got") as stage:
-        verdict = certify(problem.world, polyline(found.path), problem.min_clearance)
-        stage.outcome = verdict.reason.value
-    return _failed(found, failure, verdict, stages)
+def _to_goal(problem: Problem, found: PathSoFar, goals: np.ndarray, stages: Stages) -> Finished:
+    """Connect and finish: what is free at samples is relaxed at once; where that fails, it is proven before."""
+    with stages.entered("connect", "to the goal") as stage:
+        connected = connect_to_goal(problem, found, goals, stage, prove=False)
+    finished = finish(problem, connected, stages)
+    settled = connected.proven or finished.failure is not None or finished.verdict.free
+    if settled or problem.budget.spent():
+        return finished
+    problem.tell(Note("the relaxed motion was not certified: the connection is certified before it is relaxed"))
+    with stages.entered("connect", "to the goal, certified") as stage:
+        connected = connect_to_goal(problem, found, goals, stage)
+    return finish(problem, connected, stages)
 
 
-def _failed(found: PathSoFar, failure: StageFailed, verdict: Verdict, stages: Stages) -> Plan:
+def _not_begun(problem: Problem, failure: Ending, stages: Stages) -> Finished:
+    """Nothing but the start."""
+    return finish(problem, PathSoFar.at_start(problem).failed(failure), stages)
+
+
+def _told(problem: Problem, finished: Finished, stages: Stages) -> Plan:
+    """The plan: how it ended, with what."""
+    ended = finished.failure or _judgement(problem, finished.verdict)
     return Plan(
-        status=failure.status,
-        message=failure.message,
-        verdict=verdict,
-        path=found.path,
-        crossings=found.crossings,
-        stages=tuple(stages.left),
-        seconds=stages.seconds,
-        details=failure.details,
-    )
-
-
-def _finished(problem: Problem, finished: Finished, stages: Stages) -> Plan:
-    status, message = Status.SUCCESS, "found a motion and certified it free over its whole length"
-    details: dict[str, Any] = {}
-    verdict = finished.verdict
-    if verdict.free and problem.budget.cancelled():
-        status, message = Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length"
-    if not verdict.free:
-        status, message, details = refusal(problem, verdict)
-    return Plan(
-        status=status,
-        message=message,
-        verdict=verdict,
+        status=ended.status,
+        message=ended.message,
+        verdict=finished.verdict,
         path=finished.path,
         trajectory=finished.trajectory,
         crossings=finished.crossings,
         stages=tuple(stages.left),
         seconds=stages.seconds,
-        details=details,
+        details=ended.details,
         warnings=finished.warnings,
+        judged_from=finished.judged_from,
     )
 
 
-def polyline(path: np.ndarray) -> np.ndarray:
-    """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
-
-    A single point is one piece.
-    """
-    if len(path) == 1:
-        return np.repeat(path[None], 2, axis=1)
-    return np.stack([path[:-1], path[1:]], axis=1)
+def _judgement(problem: Problem, verdict: Verdict) -> Ending:
+    """How a plan ended that has a trajectory, by the verdict about that."""
+    if not verdict.free:
+        return refusal(problem, verdict)
+    if problem.budget.cancelled():
+        message = "cancelled; the motion by then is certified free over its whole length"
+        return Ending(Status.PREEMPTED, message)
+    return Ending(Status.SUCCESS, "found a motion and certified it free over its whole length")

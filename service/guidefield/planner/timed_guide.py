@@ -7,7 +7,8 @@ motions says that it is free of what moves meanwhile. Otherwise the robot waits,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -22,9 +23,10 @@ from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.rounds import ON_PLANE, Attempt, Round, approach
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
-from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step
 
 NOMINAL = 0.9
@@ -37,24 +39,38 @@ MARGIN = 2e-3
 """Distance from obstacles that move beyond what is asked for [m]."""
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class TimedPath:
-    """Chart points and when the robot is there, at rest.
+    """Chart points and when the robot is there, at rest; and why it goes no further where a plane was not reached.
 
     Attributes:
         points: Each of shape (nv,) [rad or m].
         times: Increasing [s].
         crossings: By index of each guide plane that was reached, its index in the path.
+        failure: Why the next plane was not reached; None while all were.
     """
 
-    points: list[np.ndarray]
-    times: list[float] = field(default_factory=lambda: [0.0])
-    crossings: dict[int, int] = field(default_factory=dict)
+    points: tuple[np.ndarray, ...]
+    times: tuple[float, ...] = (0.0,)
+    crossings: Mapping[int, int] = field(default_factory=dict)
+    failure: Ending | None = None
 
     @property
     def time(self) -> float:
         """When it ends [s]."""
         return self.times[-1]
+
+    def extended(self, points: Sequence[np.ndarray], times: Sequence[float]) -> TimedPath:
+        """Gone on to more chart points, each of shape (nv,), where the robot is at some times [s]."""
+        return dataclasses.replace(self, points=(*self.points, *points), times=(*self.times, *times))
+
+    def on_plane(self, index: int) -> TimedPath:
+        """The same, with the guide plane of an index reached where it ends."""
+        return dataclasses.replace(self, crossings={**self.crossings, index: len(self.points) - 1})
+
+    def failed(self, failure: Ending) -> TimedPath:
+        """The same, as far as it goes."""
+        return dataclasses.replace(self, failure=failure)
 
     def trajectory(self) -> Trajectory:
         """The motion: from rest to rest between one point and the next."""
@@ -65,79 +81,95 @@ class TimedPath:
 def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Attempt]) -> TimedPath:
     """Bring the tip onto the guide planes, one after the other, among obstacles that move.
 
-    Raises:
-        StageFailed: as `cross` gives up, where waiting does not help either; `details` hold the path so far.
+    Returns:
+        The motion through all planes; failed before the first one where `cross` gives up and waiting doesn't help.
     """
-    path = TimedPath([problem.group.chart(problem.q_start)])
+    path = TimedPath((problem.group.chart(problem.q_start),))
     for index, plane in enumerate(problem.guide_planes):
         aim = Aim(plane, inset_of(problem, plane))
         with stages.entered("guide", f"to guide plane {plane.name}, in time", index) as stage:
-            impossible = unreachable_at_once(problem.at(problem.scene.end), plane)
-            if impossible is not None:
-                message = f"guide plane {plane.name!r}: {impossible[0]}"
-                raise StageFailed(Status.GUIDE_PLANE_UNREACHABLE, message, path=path, **impossible[1])
-            problem.tell(Step("start", problem.group.from_chart(path.points[-1]), f"towards {plane.name}", None, index))
-            waited = _cross(problem, path, aim, index, attempts)
+            path, waited = _to_plane(problem, path, aim, index, attempts)
+            if path.failure is not None:
+                stage.outcome = path.failure.message
+                return path
             stage.outcome = f"reached at {path.time:.2f} s, {waited:.1f} s of it waiting"
-        path.crossings[index] = len(path.points) - 1
+        path = path.on_plane(index)
     return path
 
 
-def _cross(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]) -> float:
-    """Rounds, or waiting, until the tip is on the plane; how long it waited [s]."""
+def _to_plane(
+    problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]
+) -> tuple[TimedPath, float]:
+    """The path onto a guide plane, or failed before it; how long the robot waited [s]."""
+    impossible = unreachable_at_once(problem.at(problem.scene.end), aim.plane)
+    if impossible is not None:
+        reason, details = impossible
+        message = f"guide plane {aim.plane.name!r}: {reason}"
+        return path.failed(Ending(Status.GUIDE_PLANE_UNREACHABLE, message, details)), 0.0
+    problem.tell(Step("start", problem.group.from_chart(path.points[-1]), f"towards {aim.plane.name}", None, index))
     waited = 0.0
     while True:
         if (spent := problem.budget.spent()) is not None:
             message = stopped_before(spent, aim.plane.name, aim.distance(_tip(problem, path)))
-            raise StageFailed(spent, message, **_details(problem, path, aim, index))
-        ended = _round(problem, path, aim, index, attempts)
+            return _given_up(spent, message, problem, path, aim, index), waited
+        path, ended = _round(problem, path, aim, index, attempts)
         if ended is Round.ARRIVED:
-            return waited
-        if ended is Round.NEARER:
-            continue
-        if path.time > problem.scene.end:
-            distance = aim.distance(_tip(problem, path))
-            raise StageFailed(
-                Status.STUCK_IN_MINIMUM,
-                f"stuck {1000 * distance:.0f} mm before guide plane {aim.plane.name!r} after {path.time:.1f} s, when"
-                " all obstacles had come to rest",
-                **_details(problem, path, aim, index),
-            )
-        refused = _extended(problem, path, [path.points[-1]], [path.time + WAIT])
-        if refused is not None and not _gave_way(problem, path, index, attempts[0]):
-            names = " and ".join(refused.pair or ("a link", "an obstacle"))
-            raise StageFailed(
-                Status.STUCK_IN_MINIMUM,
-                f"stuck before guide plane {aim.plane.name!r}: at {path.time:.2f} s {names} would meet, and the robot"
-                " found no way to give way",
-                pair=list(refused.pair) if refused.pair else None,
-                **_details(problem, path, aim, index),
-            )
-        waited += WAIT
-        problem.tell(Note(f"waits at {path.time:.2f} s"))
+            return path, waited
+        if ended is Round.BLOCKED:
+            path = _waiting(problem, path, aim, index, attempts[0])
+            if path.failure is not None:
+                return path, waited
+            waited += WAIT
+            problem.tell(Note(f"waits at {path.time:.2f} s"))
 
 
-def _round(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]) -> Round:
+def _round(
+    problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]
+) -> tuple[TimedPath, Round]:
     """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now."""
     for attempt in attempts:
         for guided in _walkers(problem, path, (AHEAD, 0.0), index):
             ended = approach(guided, aim, attempt)
             if ended is Round.BLOCKED:
                 continue
-            if _kept(problem, path, guided) is None:
-                return ended
-    return Round.BLOCKED
+            if (longer := _along(problem, path, guided)) is not None:
+                return longer, ended
+    return path, Round.BLOCKED
 
 
-def _gave_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt) -> bool:
-    """Whether the robot got out of the way: it descends among the obstacles as they will stand, tip in its plane."""
+def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: Attempt) -> TimedPath:
+    """The path with the robot waiting at its end, or giving way; failed where neither helps."""
+    if path.time > problem.scene.end:
+        distance = aim.distance(_tip(problem, path))
+        message = (
+            f"stuck {1000 * distance:.0f} mm before guide plane {aim.plane.name!r} after {path.time:.1f} s, when"
+            " all obstacles had come to rest"
+        )
+        return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
+    waiting = path.extended([path.points[-1]], [path.time + WAIT])
+    verdict = _judged(problem, path, waiting)
+    if verdict.free:
+        return waiting
+    if (gave_way := _giving_way(problem, path, index, attempt)) is not None:
+        return gave_way
+    names = " and ".join(verdict.pair or ("a link", "an obstacle"))
+    message = (
+        f"stuck before guide plane {aim.plane.name!r}: at {path.time:.2f} s {names} would meet, and the robot"
+        " found no way to give way"
+    )
+    pair = list(verdict.pair) if verdict.pair else None
+    return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index, pair=pair)
+
+
+def _giving_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt) -> TimedPath | None:
+    """The path out of the way, if there is one: a descent among the obstacles as they will stand, tip in its plane."""
     for guided in _walkers(problem, path, (2.0 * WAIT, WAIT, 0.0), index):
         for normal in np.eye(3):
             since = guided.q
             attempt.minimizer.settle(guided, guided.tip, normal, ANYWHERE)
-            if guided.q is not since and _kept(problem, path, guided) is None:
-                return True
-    return False
+            if guided.q is not since and (longer := _along(problem, path, guided)) is not None:
+                return longer
+    return None
 
 
 def _walkers(problem: Problem, path: TimedPath, ahead: Sequence[float], index: int) -> Iterator[GuidedPath]:
@@ -148,8 +180,8 @@ def _walkers(problem: Problem, path: TimedPath, ahead: Sequence[float], index: i
         yield GuidedPath(seen, q, margin_at(seen, q), index)
 
 
-def _kept(problem: Problem, path: TimedPath, guided: GuidedPath) -> Verdict | None:
-    """Add a guided path's way to the path, if what moves lets it; else why not."""
+def _along(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedPath | None:
+    """The path with a guided path's way after it, if what moves lets it."""
     points = problem.group.chart_path(guided.path, path.points[-1])[1:]
     times, before = [], path.points[-1]
     time = path.time
@@ -158,22 +190,19 @@ def _kept(problem: Problem, path: TimedPath, guided: GuidedPath) -> Verdict | No
         times.append(time)
         before = point
     problem.robot_field.evaluations += guided.problem.robot_field.evaluations
-    return _extended(problem, path, list(points), times)
+    longer = path.extended(list(points), times)
+    return longer if _judged(problem, path, longer).free else None
 
 
-def _extended(problem: Problem, path: TimedPath, points: list[np.ndarray], times: list[float]) -> Verdict | None:
-    """Add points to the path if the motion through them is free of what moves; else why not."""
-    through = [path.points[-1], *points]
-    pieces = np.array([[a, b] for a, b in pairwise(through)])
+def _judged(problem: Problem, path: TimedPath, longer: TimedPath) -> Verdict:
+    """Whether a longer path is free of what moves, from where a path ends."""
+    since = len(path.points) - 1
+    pieces = np.array([[a, b] for a, b in pairwise(longer.points[since:])])
     margin = problem.min_clearance + MARGIN
     rest = np.array([_from_rest_to_rest(*piece) for piece in pieces])
-    verdict = certify_moving(problem.timed_world, rest, np.array([path.time, *times]), margin)
+    verdict = certify_moving(problem.timed_world, rest, np.array(longer.times[since:]), margin)
     problem.counters.collision_checks += verdict.evaluations
-    if not verdict.free:
-        return verdict
-    path.points += points
-    path.times += times
-    return None
+    return verdict
 
 
 def _from_rest_to_rest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -200,13 +229,16 @@ def _tip(problem: Problem, path: TimedPath) -> np.ndarray:
     return problem.kinematics.tip_position(problem.group.from_chart(path.points[-1]))
 
 
-def _details(problem: Problem, path: TimedPath, aim: Aim, index: int) -> dict[str, object]:
-    distance = max(aim.distance(_tip(problem, path)) - ON_PLANE, 0.0)
-    return {
+def _given_up(
+    status: Status, message: str, problem: Problem, path: TimedPath, aim: Aim, index: int, **more: object
+) -> TimedPath:
+    """The path, failed before a guide plane."""
+    details = {
+        **more,
         "stage": "guide",
         "plane": index,
         "guide_plane": aim.plane.name,
-        "distance": distance,
+        "distance": max(aim.distance(_tip(problem, path)) - ON_PLANE, 0.0),
         "time": path.time,
-        "path": path,
     }
+    return path.failed(Ending(status, message, details))

@@ -55,3 +55,13 @@ def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndar
     points = np.column_stack([np.interp(places, lengths, column) for column in path.T])
     points[indices] = path[kept]
     return points, indices
+
+
+def polyline(path: np.ndarray) -> np.ndarray:
+    """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
+
+    A single point is one piece.
+    """
+    if len(path) == 1:
+        return np.repeat(path[None], 2, axis=1)
+    return np.stack([path[:-1], path[1:]], axis=1)

@@ -62,7 +62,7 @@ FIRST_DAMPING, LEAST_DAMPING, HOPELESS_DAMPING = 1.0, 1e-6, 1e8
 """Of a step, in units of the stretch energy's stiffness."""
 
 
-class Outcome(enum.StrEnum):
+class Outcome(enum.Enum):
     """How a relaxation ended."""
 
     CONVERGED = "converged"
@@ -206,4 +206,4 @@ def _descend(
 
 def _report(problem: Problem, relaxed: Relaxed) -> None:
     fell = f"the objective fell from {relaxed.energy_before:.3g} to {relaxed.energy_after:.3g}"
-    problem.tell(Note(f"relaxed in {relaxed.iterations} steps ({relaxed.outcome}): {fell}"))
+    problem.tell(Note(f"relaxed in {relaxed.iterations} steps ({relaxed.outcome.value}): {fell}"))

@@ -7,6 +7,7 @@ from typing import Any
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 
 SLACK = 1e-3
@@ -27,33 +28,38 @@ def stopped_before(status: Status, plane: str, distance: float) -> str:
     return f"time was up {where}; a longer `allowed_planning_time` lets it go on"
 
 
-def refusal(problem: Problem, verdict: Verdict) -> tuple[Status, str, dict[str, Any]]:
-    """Why a motion is not certified: status, message, and the place."""
+def refusal(problem: Problem, verdict: Verdict) -> Ending:
+    """Why a motion is not certified, and where.
+
+    Args:
+        problem: What was planned.
+        verdict: Of the motion; not free.
+    """
     status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
     if verdict.configuration is None:
-        return status, message, details
+        return Ending(status, message, details)
     group = problem.group
     details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
     if verdict.reason is Reason.STOPPED:
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
-        return status, f"{why} before the motion was certified", details
+        return Ending(status, f"{why} before the motion was certified", details)
     if (fault := verdict.beyond) is not None:
         message = (
             f"the certificate refused the motion: joint {fault.joint} reaches {fault.value:.6g},"
             f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
         )
         limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
-        return status, message, details | limits | {"excess": fault.excess}
+        return Ending(status, message, details | limits | {"excess": fault.excess})
     distance = clearance_at(problem.world, group.from_chart(verdict.configuration)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
-        status = Status.CLEARANCE_BELOW_MINIMUM
         message = (
             f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
             f" within {1000 * distance:.1f} mm between {pair}"
         )
-        details |= {"clearance": distance, "min_clearance": problem.min_clearance}
-    return status, message, details
+        measured = {"clearance": distance, "min_clearance": problem.min_clearance}
+        return Ending(Status.CLEARANCE_BELOW_MINIMUM, message, details | measured)
+    return Ending(status, message, details)

@@ -9,22 +9,26 @@ from dataclasses import dataclass
 from typing import Any
 
 from guidefield.errors import Status
+from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StageEntered, StageLeft
 
 
 class StageFailed(Exception):
-    """A stage ended without success.
+    """An end of the motion is none: nothing was found, so no path belongs to it.
 
-    Attributes:
-        status: The outcome's code.
+    Args:
+        status: Code of the ending.
         message: One sentence that a person can act on.
         details: The values that the message speaks about.
+
+    Attributes:
+        ending: The three as a value.
     """
 
     def __init__(self, status: Status, message: str, **details: Any) -> None:
         super().__init__(message)
-        self.status, self.message, self.details = status, message, details
+        self.ending = Ending(status, message, details)
 
 
 @dataclass
@@ -55,8 +59,8 @@ class Stages:
         stage, begin = Stage(), time.perf_counter()
         try:
             yield stage
-        except StageFailed as failure:
-            stage.outcome = stage.outcome or failure.message
+        except StageFailed as failed:
+            stage.outcome = stage.outcome or failed.ending.message
             raise
         finally:
             seconds = time.perf_counter() - begin

@@ -1,0 +1,51 @@
+"""The motion found so far: what one stage of a plan hands to the next."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class PathSoFar:
+    """The motion found so far, and why it goes no further where a stage failed.
+
+    Attributes:
+        path: Chart points (n, nv).
+        crossings: By index of each guide plane that was reached, its index in `path`.
+        proven: Whether its straight pieces are certified, not only free at samples.
+        failure: Why the stage after it found nothing; None while none failed.
+    """
+
+    path: np.ndarray
+    crossings: Mapping[int, int] = field(default_factory=dict)
+    proven: bool = True
+    failure: Ending | None = None
+
+    @classmethod
+    def at_start(cls, problem: Problem) -> PathSoFar:
+        """Nothing but a problem's start."""
+        return cls(problem.group.chart(problem.q_start)[None])
+
+    def extended(self, points: np.ndarray, *, proven: bool = True) -> PathSoFar:
+        """Gone on along chart points, shape (n, nv), whose first is where the path ends; whether they are certified."""
+        path = np.concatenate([self.path, points[1:]])
+        return dataclasses.replace(self, path=path, proven=self.proven and proven)
+
+    def on_plane(self, index: int) -> PathSoFar:
+        """The same, with the guide plane of an index reached where the path ends."""
+        return dataclasses.replace(self, crossings={**self.crossings, index: len(self.path) - 1})
+
+    def back_at_start(self) -> PathSoFar:
+        """Nothing but the first point."""
+        return PathSoFar(self.path[:1])
+
+    def failed(self, failure: Ending) -> PathSoFar:
+        """The same, as far as it goes."""
+        return dataclasses.replace(self, failure=failure)
