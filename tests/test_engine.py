@@ -213,11 +213,13 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
     def answer_plan(request: Any, robot: Any, scene: Any, **about: Any) -> Any:
         asked.append(about)
-        about["record"](None, scene, ())
-        return plan_reply(about["run_id"])
+        reply = plan_reply(about["run_id"])
+        about["record"](None, scene, ()).finish(reply, None)
+        return reply
 
     monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)
     monkeypatch.setattr("guidefield.recorder.recorder.Recorder", _Recorder)
+    monkeypatch.setattr(_Recorder, "finished", [])
     return asked
 
 
@@ -230,7 +232,7 @@ def test_a_run_is_kept_with_its_recording(keeping: Engine, planned: list[dict[st
     kept = keeping.answer(requests.ReadRun("r1"))
     assert kept.reply == reply
     assert (tmp_path / "runs" / "r1" / "recording.rrd").read_bytes() == b"recording"
-    assert _Recorder.finished[-1] == reply.recording
+    assert _Recorder.finished == [reply.recording]
 
 
 def test_a_run_without_a_name_gets_one(keeping: Engine, planned: list[dict[str, Any]]) -> None:

@@ -77,7 +77,7 @@ class Run:
             self._progress.prepare(what)
 
     def record(self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]) -> _Observers:
-        """An observer of this run that tells its progress, and writes its recording when it is finished."""
+        """An observer of this run: tells its progress, and writes its recording when it is finished, once."""
         if self._progress is not None:
             self._progress.begin(group, scene)
         kept_at = self._runs.recording_path(self.run_id) if self._record_to is None else self._record_to
@@ -93,11 +93,8 @@ class Run:
         return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:
-        """The reply as it is sent, with its recording and with what could not be kept; keeps it."""
-        place = None
-        if self._recording is not None:
-            self._recording.finish(reply, None)
-            place = self._recording.written
+        """The reply as it is sent, with where its recording is and with what could not be kept; keeps it."""
+        place = None if self._recording is None else self._recording.written
         sent = msgspec.structs.replace(reply, recording=place, warnings=[*reply.warnings, *self._warnings.texts])
         try:
             self._runs.finish(self.run_id, sent)
@@ -185,14 +182,17 @@ class _Observers:
 
 
 class _Recording:
-    """A recorder that is finished once, and whose failure to write is told, not raised."""
+    """A recorder whose failure to write is told, not raised.
+
+    Attributes:
+        written: Where the recording is, for the reply; None until it is finished, and where it was not kept.
+    """
 
     def __init__(self, recorder: Recorder, path: Path, place: str, warnings: _Warnings) -> None:
         self._recorder = recorder
         self._path = path
         self._place = place
         self._warnings = warnings
-        self._finished = False
         self.written: str | None = None
 
     def observe(self, event: Event) -> None:
@@ -201,9 +201,6 @@ class _Recording:
 
     def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
         """Write the recording; the reply in it says where it is."""
-        if self._finished:
-            return
-        self._finished = True
         try:
             self._recorder.finish(msgspec.structs.replace(reply, recording=self._place), profile)
             size = self._path.stat().st_size

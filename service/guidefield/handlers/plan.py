@@ -31,7 +31,7 @@ from guidefield.scene.scene import Scene
 
 
 class Recording(Protocol):
-    """Somebody who records a run: an observer who is told the end."""
+    """Somebody who records a run: an observer who is told the end, once."""
 
     def observe(self, event: Event) -> None:
         """Be told of an event."""
