@@ -17,7 +17,7 @@ from guidefield.messages import replies, scene as messages
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
+from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
 from guidefield.recorder.recorder import Place, Recorder
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
@@ -105,7 +105,7 @@ def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeU
     events = (
         StageEntered("guide", "two guide planes to cross"),
         *(
-            Step(kind, group.from_chart(z), f"step {i}", potential=None if i == 2 else 4.0 - 0.1 * i, plane=0)
+            Step(StepKind(kind), group.from_chart(z), f"step {i}", potential=None if i == 2 else 4.0 - 0.1 * i, plane=0)
             for i, (kind, z) in enumerate(
                 zip(("start", "advance", "slide", "reorient", "advance"), waypoints, strict=False)
             )

@@ -35,7 +35,7 @@ from guidefield.planner.guide.rounds import FIRST_STEP, Attempt
 from guidefield.planner.guide.univariate import Univariate
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
-from guidefield.planner.task.trace import Event, Step
+from guidefield.planner.task.trace import Event, Step, StepKind
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.link_chain import link_chain
 from guidefield.robot.group.reduced_model import select
@@ -77,8 +77,8 @@ class Clock:
         """Seconds that each configuration took."""
         seconds, before = [], self.steps[0][0]
         for k, (at, step) in enumerate(self.steps):
-            last = k + 1 == len(self.steps) or self.steps[k + 1][1].kind in ("advance", "start")
-            if last and step.kind != "start":
+            last = k + 1 == len(self.steps) or self.steps[k + 1][1].kind in (StepKind.ADVANCE, StepKind.START)
+            if last and step.kind is not StepKind.START:
                 seconds.append(at - before)
                 before = at
         return seconds
@@ -125,7 +125,7 @@ def crossed(problem: Problem, planes: Sequence[GuidePlane], attempts: Sequence[A
     seconds = time.process_time() - begin
     evaluations = problem.robot_field.evaluations - evaluations
     for index, path in enumerate(paths):
-        advances = [step.q for _, step in clock.steps if step.kind == "advance" and step.plane == index]
+        advances = [step.q for _, step in clock.steps if step.kind is StepKind.ADVANCE and step.plane == index]
         potentials.append(problem.robot_field.potential(path[-1]))
         settled_from.append(advances[-1])
     return Run(solved, seconds, evaluations, clock.configurations(), potentials, settled_from, np.concatenate(paths))

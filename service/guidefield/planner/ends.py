@@ -17,7 +17,7 @@ from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Pr
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.inverse_kinematics import MOST_REJECTED, IkResult, solve
 from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.ik.unreachable import OUT_OF_REACH
+from guidefield.robot.ik.unreachable import Cause
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""
@@ -86,7 +86,7 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     qs = qs or [q for q in result.rejected if _keeps_off(problem, q)]  # lanes refuse what all but touches
     if qs:
         return np.array([problem.group.chart(q) for q in qs])
-    if (spent := problem.budget.spent()) is not None and result.details["cause"] != OUT_OF_REACH:
+    if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
         raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
     met = blocking_pairs(problem.world, result.rejected, problem.min_clearance)
     told = f": {met.told()}" if met.counts else ""

@@ -27,7 +27,7 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
-from guidefield.planner.task.trace import Note, Step
+from guidefield.planner.task.trace import Note, Step, StepKind
 
 NOMINAL = 0.9
 """Share of the velocity limits, and of the square root of the acceleration limits, that motions are timed with."""
@@ -106,7 +106,9 @@ def _to_plane(
         reason, details = impossible
         message = f"guide plane {aim.plane.name!r}: {reason}"
         return path.failed(Ending(Status.GUIDE_PLANE_UNREACHABLE, message, details)), 0.0
-    problem.tell(Step("start", problem.group.from_chart(path.points[-1]), f"towards {aim.plane.name}", None, index))
+    problem.tell(
+        Step(StepKind.START, problem.group.from_chart(path.points[-1]), f"towards {aim.plane.name}", None, index)
+    )
     waited = 0.0
     while True:
         if (spent := problem.budget.spent()) is not None:

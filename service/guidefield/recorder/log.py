@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, TreeGrown
+from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
 from guidefield.recorder.chunks import PATH_TIME, STEP, timed
 from guidefield.recorder.search import GROWTH
 
@@ -23,15 +23,17 @@ MOST_FRAMES = 60
 """Steps at which the robot is shown: of more, as many, evenly chosen."""
 
 STEP_COLORS = {
-    "start": (240, 240, 240, 255),
-    "advance": (94, 184, 255, 255),
-    "descend": (255, 176, 84, 255),
-    "slide": (120, 220, 160, 255),
-    "reorient": (235, 150, 220, 255),
-    "tree": (150, 150, 150, 255),
-    "relax": (190, 160, 250, 255),
+    StepKind.START: (240, 240, 240, 255),
+    StepKind.ADVANCE: (94, 184, 255, 255),
+    StepKind.DESCEND: (255, 176, 84, 255),
+    StepKind.SLIDE: (120, 220, 160, 255),
+    StepKind.REORIENT: (235, 150, 220, 255),
+    StepKind.TREE: (150, 150, 150, 255),
 }
 """Colour by kind of step (RGBA)."""
+
+RELAX_COLOR = (190, 160, 250, 255)
+"""Of a step of the relaxation (RGBA)."""
 
 POINT_RADIUS = 0.006
 """Radius of the point that stands for a step [m]."""
@@ -130,7 +132,7 @@ def _told(event: Event, planes: Sequence[str]) -> tuple[str, str, tuple[int, int
         return "WARN" if event.warning else "INFO", event.text, OTHER_COLOR
     if isinstance(event, TreeGrown):
         sizes = " and ".join(f"{len(points)}" for points, _ in event.trees())
-        return "INFO", f"trees of {sizes} nodes", STEP_COLORS["tree"]
+        return "INFO", f"trees of {sizes} nodes", STEP_COLORS[StepKind.TREE]
     if isinstance(event, PathRelaxed):
-        return "DEBUG", f"relax: objective {event.objective:.4g}", STEP_COLORS["relax"]
-    return "DEBUG", f"{event.kind}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)
+        return "DEBUG", f"relax: objective {event.objective:.4g}", RELAX_COLOR
+    return "DEBUG", f"{event.kind.value}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)

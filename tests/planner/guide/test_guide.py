@@ -14,7 +14,7 @@ from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.rounds import ON_PLANE
 from guidefield.planner.guide.tip_reach import inset_of, tip_radius
 from guidefield.planner.task.problem import Budget
-from guidefield.planner.task.trace import Step
+from guidefield.planner.task.trace import Step, StepKind
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, grouped, rest
@@ -59,7 +59,7 @@ def test_the_field_lowers_the_potential_on_the_way() -> None:
     made = problem("panda", "bookshelf")
     cross(made, made.q_start, made.guide_planes[0], 0)
     steps = [event for event in made.observer.events if isinstance(event, Step)]
-    assert {"start", "advance", "descend"} <= {step.kind for step in steps}
+    assert {StepKind.START, StepKind.ADVANCE, StepKind.DESCEND} <= {step.kind for step in steps}
     assert all(step.plane == 0 for step in steps)
 
 

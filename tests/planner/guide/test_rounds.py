@@ -11,7 +11,7 @@ from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import AT_ONCE, FIRST_STEP, Attempt, Made, Round, approach, rounds
 from guidefield.planner.guide.tip_reach import inset_of
-from guidefield.planner.task.trace import Step
+from guidefield.planner.task.trace import Step, StepKind
 from guidefield.potential import Precision, RobotField
 from tests.planner.problems import problem, scene_of, seed_problem
 
@@ -46,11 +46,11 @@ def test_steps_are_told_as_they_were_taken_and_one_kernel_makes_no_more_rounds_t
     guided = GuidedPath(made, made.q_start, margin_at(made, made.q_start), 0)
     ended = list(rounds(guided, Aim(plane, inset_of(made, plane)), ATTEMPT))
     assert len(ended) == AT_ONCE
-    assert [step.kind for step in told].count("advance") == AT_ONCE
-    assert told[0].kind == "advance"
+    assert [step.kind for step in told].count(StepKind.ADVANCE) == AT_ONCE
+    assert told[0].kind is StepKind.ADVANCE
     group, field = made.group, RobotField(made.group, made.scene, Precision.DOUBLE)
     for step in told:
-        if step.kind == "descend":
+        if step.kind is StepKind.DESCEND:
             assert step.potential == pytest.approx(field.potential(step.q), rel=1e-6)
     assert {tuple(q) for q in guided.path[1:]} <= {tuple(step.q) for step in told}
     assert guided.path[-1] is told[-1].q

@@ -17,7 +17,7 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.connect.unconnected import no_way, why_not
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.trace import Step, TreeGrown
+from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 
 LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
 """Samples per length [1/rad or 1/m] by which a tree judges a motion; how often the certificate may refuse what it
@@ -90,7 +90,7 @@ def connect(
                 better = shorter(problem, path, roots, rounds, rng, accepted)
                 path, message = better.path, f"{message}, {better.message}"
             for z in path[1:]:
-                problem.tell(Step("tree", problem.group.from_chart(z), "found by the tree"))
+                problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
             return Connection(Status.SUCCESS, message, path, prove)
         resolution, refused = resolution * LANE_FINER, refused + 1
     return _unconnected(problem, z_start, found, len(goals), refused)

@@ -15,7 +15,7 @@ from guidefield.planner.connect.connect import LANE_RESOLUTION, Connection
 from guidefield.planner.connect.tree import Tree
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.trace import Step
+from guidefield.planner.task.trace import Step, StepKind
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 
 ROOM = 0.6
@@ -148,7 +148,7 @@ def connect_constrained(
         first, second = branches if active == 0 else branches[::-1]
         path = _shortened(keeper, np.array([*first, *second[-2::-1]]), rng)
         for z in path[1:]:
-            problem.tell(Step("tree", group.from_chart(z), "found within the path constraints"))
+            problem.tell(Step(StepKind.TREE, group.from_chart(z), "found within the path constraints"))
         return Connection(Status.SUCCESS, f"found within the path constraints in {iteration + 1} iterations", path)
     return Connection(Status.PLANNING_FAILED, "no connection within the path constraints was found", z_start[None])
 

@@ -23,7 +23,7 @@ from guidefield.planner.guide.rounds import FIRST_STEP, Attempt, Round, rounds
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
-from guidefield.planner.task.trace import Note, Step
+from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.scene.guide_plane import GuidePlane
 
 CREEPING = 0.1
@@ -93,7 +93,7 @@ def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, att
     """Rounds until the tip is on the plane or a reason to give up turns up."""
     aim = Aim(plane, inset_of(problem, plane))
     guided = GuidedPath(problem, q, margin_at(problem, q), index)
-    problem.tell(Step("start", q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
+    problem.tell(Step(StepKind.START, q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
     creeping = 0
     while True:
         if (spent := problem.budget.spent()) is not None:

@@ -16,7 +16,7 @@ from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.trace import Note, Step
+from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.robot.group.mover import mover_of, planned_values
 
 MARGIN = 2e-3
@@ -160,7 +160,7 @@ class GuidedPath:
         self._refused = swept_world(self.problem.world).ends(*ends) if ends else None
 
     def take(
-        self, q: np.ndarray, kind: str, message: str, potential: float | None = None, *, kept: bool = True
+        self, q: np.ndarray, kind: StepKind, message: str, potential: float | None = None, *, kept: bool = True
     ) -> None:
         """Accept a configuration.
 
@@ -190,7 +190,7 @@ class GuidedPath:
         while tried >= smallest or tried == step:
             for q in reached(self.problem, self.q, start + tried * direction):
                 if self.free(self.q, q):
-                    self.take(q, "advance", f"tip {1000 * tried:.0f} mm towards the plane")
+                    self.take(q, StepKind.ADVANCE, f"tip {1000 * tried:.0f} mm towards the plane")
                     return Moved(q, tried)
             tried *= 0.5
         return Moved(None, 0.0)

@@ -15,6 +15,7 @@ from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.guide.tip_constraints import on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.trace import StepKind
 
 
 class Blocks(enum.Enum):
@@ -62,19 +63,19 @@ class Projected:
         """Slide and reorient on a plane until U falls no more; see `Minimizer`, with the same shapes."""
         problem = guided.problem
         if self.blocks is Blocks.ONE:
-            self._descend(guided, on_plane(point, normal), guard, "descend")
+            self._descend(guided, on_plane(point, normal), guard, StepKind.DESCEND)
             return
         before = problem.robot_field.potential(guided.q)
         for _ in range(MOST_ROUNDS):
             rotation = problem.kinematics.frame_placement(guided.q, problem.group.tip_id).rotation
-            self._descend(guided, sliding(point, normal, rotation), guard, "slide")
-            after = self._descend(guided, reorienting(guided.tip), guard, "reorient")
+            self._descend(guided, sliding(point, normal, rotation), guard, StepKind.SLIDE)
+            after = self._descend(guided, reorienting(guided.tip), guard, StepKind.REORIENT)
             if before - after < NEGLIGIBLE * before or problem.budget.spent():
                 return
             before = after
 
-    def _descend(self, guided: GuidedPath, constraint: TipConstraint, guard: TipGuard, kind: str) -> float:
+    def _descend(self, guided: GuidedPath, constraint: TipConstraint, guard: TipGuard, kind: StepKind) -> float:
         descent = descend(guided, constraint, guard, self.tolerance, self.most_steps)
         for q, potential in zip(descent.path, descent.potentials[1:], strict=True):
-            guided.take(q, kind, f"{kind} to U = {potential:.4g}", potential)
+            guided.take(q, kind, f"{kind.value} to U = {potential:.4g}", potential)
         return descent.potential

@@ -20,6 +20,7 @@ from guidefield.planner.guide.descent import settings_of
 from guidefield.planner.guide.guided_path import COMFORTABLE, WIDE_MARGINS, GuidedPath
 from guidefield.planner.guide.minimizer import Minimizer
 from guidefield.planner.guide.projected import Blocks, Projected
+from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.mover import mover_of, planned_values
 
 FIRST_STEP = 0.1
@@ -148,9 +149,9 @@ def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first:
         steps, record.values[rows].tolist(), record.kinds[rows].tolist(), record.kept[rows].tolist(), strict=True
     ):
         if kind == kernel.ADVANCED:
-            guided.take(q, "advance", f"tip {1000 * value:.0f} mm towards the plane", kept=bool(kept))
+            guided.take(q, StepKind.ADVANCE, f"tip {1000 * value:.0f} mm towards the plane", kept=bool(kept))
         else:
-            guided.take(q, "descend", f"descend to U = {value:.4g}", value, kept=bool(kept))
+            guided.take(q, StepKind.DESCEND, f"descend to U = {value:.4g}", value, kept=bool(kept))
 
 
 def _going(aim: Aim, step: float) -> kernel.Rounds:

@@ -22,6 +22,7 @@ from guidefield.kernels.kinematics.link_chain import close_chain
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.link_chain import SerialChain
 from guidefield.robot.group.mover import mover_of
 
@@ -94,7 +95,7 @@ class Univariate:
             if len(taken) > 1 and guided.free(guided.q, taken[-1]):
                 taken = taken[-1:]
             for q in taken:
-                guided.take(q, "sweep", f"sweep to U = {after:.4g}", after)
+                guided.take(q, StepKind.SWEEP, f"sweep to U = {after:.4g}", after)
             fallen, before = before - after, after
             if fallen < self.negligible * (before + fallen) or problem.budget.spent():
                 return

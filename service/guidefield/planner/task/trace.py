@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -32,19 +33,31 @@ class StageLeft:
     plane: int | None = None
 
 
+class StepKind(enum.Enum):
+    """What was done in a step; the values are the words of a recording."""
+
+    START = "start"
+    ADVANCE = "advance"
+    DESCEND = "descend"
+    SLIDE = "slide"
+    REORIENT = "reorient"
+    SWEEP = "sweep"
+    TREE = "tree"
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """One accepted change of configuration.
 
     Attributes:
-        kind: What was done: start, advance, descend, slide, reorient, tree.
+        kind: What was done.
         q: Configuration after it, shape (nq,), of the planning group.
         message: One sentence for a person.
         potential: Potential of the robot there, if it was evaluated [m].
         plane: Index of the guide plane that is being approached, if any.
     """
 
-    kind: str
+    kind: StepKind
     q: np.ndarray
     message: str
     potential: float | None = None

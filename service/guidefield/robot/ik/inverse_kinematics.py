@@ -13,7 +13,7 @@ from guidefield.kernels.kinematics.solution_choice import distinct, farthest_apa
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.ik.unreachable import out_of_reach, why_unreached
+from guidefield.robot.ik.unreachable import Cause, Unreached, out_of_reach, why_unreached
 
 ROUND = 64
 """Random starts of a round; of the first rounds, where one solution is asked for, `FIRST_ROUND`."""
@@ -42,12 +42,19 @@ class IkResult:
         reason: Why there are none or not as many as asked; empty if there are.
         details: The values that the reason speaks about.
         rejected: Those found that were not accepted.
+        cause: What stands in the way where nothing was found, not even something that was not accepted; else None.
     """
 
     solutions: tuple[np.ndarray, ...]
     reason: str
     details: dict[str, Any] = field(default_factory=dict)
     rejected: tuple[np.ndarray, ...] = ()
+    cause: Cause | None = None
+
+    @classmethod
+    def unreached(cls, why: Unreached) -> IkResult:
+        """Nothing found, and why."""
+        return cls((), why.reason, why.details, cause=why.cause)
 
 
 def solve(
@@ -87,7 +94,7 @@ def solve(
     base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
     search = PoseSearch(group, target, base)
     if (short := out_of_reach(search.chain, target)) is not None:
-        return IkResult((), *short)
+        return IkResult.unreached(short)
     found = _Found(search, accept)
     found.add(search.descend(given))
     from_starts = len(found.accepted)
@@ -99,7 +106,7 @@ def solve(
     tried = f"{len(starts) + drawn} starts"
     rejected = tuple(group.from_chart(z) for z in found.rejected)
     if not len(found.accepted) and not rejected:
-        return IkResult((), *why_unreached(group, target, search, tried, rng))
+        return IkResult.unreached(why_unreached(group, target, search, tried, rng))
     if not len(found.accepted):
         details = {"cause": fault, "solutions": len(rejected)}
         more = "at least " if len(rejected) == MOST_KEPT else ""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,14 +20,39 @@ STARTS = 64
 HALVINGS = 8
 """How often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees."""
 
-OUT_OF_REACH = "out of reach"
-"""The one cause that is certain."""
 
-Reason = tuple[str, dict[str, Any]]
-"""A sentence, and the values that it speaks about."""
+class Cause(enum.Enum):
+    """What stands in the way of a pose; the values are the words of replies."""
+
+    OUT_OF_REACH = "out of reach"
+    """The chain to the tip is too short; the one cause that is certain."""
+    POSITION = "position"
+    """The place."""
+    ORIENTATION = "orientation"
+    """The orientation there."""
 
 
-def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Reason | None:
+@dataclass(frozen=True, eq=False)
+class Unreached:
+    """Why a pose is not reached.
+
+    Attributes:
+        cause: What stands in the way.
+        reason: The same as a sentence.
+        values: Those that the sentence speaks about.
+    """
+
+    cause: Cause
+    reason: str
+    values: dict[str, Any]
+
+    @property
+    def details(self) -> dict[str, Any]:
+        """Cause and values, for a reply."""
+        return {"cause": self.cause.value, **self.values}
+
+
+def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Unreached | None:
     """That a pose is farther away than the chain is long, which is certain; None where it isn't.
 
     Args:
@@ -40,12 +67,12 @@ def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Reason | None:
     sentence = (
         f"out of reach: at least {int(1000.0 * short)} mm short, as the chain to the tip is {chain.reach:.3g} m long"
     )
-    return sentence, {"cause": OUT_OF_REACH, "short_by": short, "reach": chain.reach}
+    return Unreached(Cause.OUT_OF_REACH, sentence, {"short_by": short, "reach": chain.reach})
 
 
 def why_unreached(
     group: PlanningGroup, target: PoseTarget, search: PoseSearch, tried: str, rng: np.random.Generator
-) -> Reason:
+) -> Unreached:
     """What stands in the way of a pose that no descent reached; by descents, so nothing of it is proved.
 
     Args:
@@ -57,27 +84,27 @@ def why_unreached(
     """
     place = dataclasses.replace(target, orientation_tolerance=np.full(3, np.inf))
     descent = PoseSearch(group, place, search.base)
-    details: dict[str, Any]
+    values: dict[str, Any]
     if not len(descent.descend(descent.drawn(STARTS, rng))):
         off = float(np.linalg.norm(descent.closest[:3]))
         sentence = f"the tip gets no nearer to the place than {1000.0 * off:.3g} mm, in any orientation"
-        details = {"cause": "position", "position_off": off}
+        cause, values = Cause.POSITION, {"position_off": off}
     elif np.isfinite(target.orientation_tolerance).any():
         off = _turn_needed(group, target, search.base, rng)
         sentence = (
             f"the place is in reach, but not in this orientation: the nearest is about {off:.2g} rad"
             f" ({np.degrees(off):.0f} degrees) off"
         )
-        details = {"cause": "orientation", "orientation_off": off}
+        cause, values = Cause.ORIENTATION, {"orientation_off": off}
     else:
         position, rotation = (float(np.linalg.norm(part)) for part in (search.closest[:3], search.closest[3:]))
         sentence = f"the closest is {position:.2g} m and {rotation:.2g} rad off"
-        details = {"cause": "position", "position_off": position}
+        cause, values = Cause.POSITION, {"position_off": position}
     beyond = _limit_in_the_way(group, target, search.base, rng)
     if beyond is not None:
         sentence += f"; without limits it is reached: {beyond[0]}"
-        details.update(beyond[1])
-    return f"no solution from {tried}: {sentence}", details
+        values.update(beyond[1])
+    return Unreached(cause, f"no solution from {tried}: {sentence}", values)
 
 
 def _turn_needed(group: PlanningGroup, target: PoseTarget, base: np.ndarray, rng: np.random.Generator) -> float:
@@ -96,8 +123,11 @@ def _turn_needed(group: PlanningGroup, target: PoseTarget, base: np.ndarray, rng
 
 def _limit_in_the_way(
     group: PlanningGroup, target: PoseTarget, base: np.ndarray, rng: np.random.Generator
-) -> Reason | None:
-    """The joint whose limit would have to give way most, in the solution for which limits would have to least."""
+) -> tuple[str, dict[str, Any]] | None:
+    """The joint whose limit would have to give way most, in the solution for which limits would have to least.
+
+    As a sentence, and the values that it speaks about.
+    """
     bounded = PoseSearch(group, target, base)
     free = PoseSearch(group, target, base, unlimited(bounded.chain))
     points = bounded.near_base(free.descend(bounded.drawn(STARTS, rng)))
