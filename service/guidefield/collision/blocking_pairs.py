@@ -6,12 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import PairNames, World
+from guidefield.robot.model.spaces import Configuration
 
 MOST_LOOKED_AT = 64
 """Configurations that are looked at: what is met most is known by then."""
@@ -59,7 +58,7 @@ class BlockingPairs:
         return details if self.clearest is None else {**details, "clearance": self.clearest}
 
 
-def blocking_pairs(world: World, qs: Sequence[np.ndarray], clearance: float = 0.0) -> BlockingPairs:
+def blocking_pairs(world: World, qs: Sequence[Configuration], clearance: float = 0.0) -> BlockingPairs:
     """The pairs that touch, or of which one is wholly inside the other, at configurations.
 
     Args:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.world import World
+from guidefield.robot.model.spaces import Configuration
 
 HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
@@ -34,7 +35,7 @@ class ClearanceAt:
     self_pair: tuple[str, str] | None
 
 
-def clearance_at(world: World, q: np.ndarray) -> ClearanceAt:
+def clearance_at(world: World, q: Configuration) -> ClearanceAt:
     """Smallest distances at a configuration.
 
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.world import World
+from guidefield.robot.model.spaces import Configuration
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Contact:
     depth: float | None
 
 
-def contacts_at(world: World, q: np.ndarray) -> list[Contact]:
+def contacts_at(world: World, q: Configuration) -> list[Contact]:
     """Every pair that touches at a configuration of the group, shape (nq,), in the order of the world's pairs."""
     expanded = world.group.expand(q)
     world.set_margins(world.hulls, world.hull_margin_data, 0.0)

@@ -15,11 +15,12 @@ from guidefield.geometry.closed import connected_pieces
 from guidefield.kept import kept_with
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.scene import Scene
 
 
-def enclosed(world: World, q: np.ndarray) -> tuple[str, str] | None:
+def enclosed(world: World, q: Configuration) -> tuple[str, str] | None:
     """Names of the first robot body and obstacle, one wholly inside the other's closed mesh, or None.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece

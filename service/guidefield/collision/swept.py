@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import coal
 import numpy as np
@@ -17,6 +18,7 @@ from guidefield.kernels.sweep.swept_bounds import SweptRobot
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 
 SELF_MARGIN = 1e-4
@@ -42,7 +44,7 @@ class SweptWorld:
     tables: DistanceTables
     exact: bool
 
-    def ends(self, q0: np.ndarray, q1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def ends(self, q0: Configuration, q1: Configuration) -> tuple[ChartPoint, ChartPoint]:
         """Chart points of two configurations, the second next to the first.
 
         Args:
@@ -56,12 +58,12 @@ class SweptWorld:
         if group.space is not group.model:
             z0 = group.chart(q0)
             return z0, group.unwrapped(group.chart(q1), z0)
-        z0, z1 = np.empty(group.nv), np.empty(group.nv)
+        z0, z1 = cast(ChartPoint, np.empty(group.nv)), cast(ChartPoint, np.empty(group.nv))
         chart_values(self.robot.joints, q0, self.robot.origin, self._zero, z0)
         chart_values(self.robot.joints, q1, self.robot.origin, z0, z1)
         return z0, z1
 
-    def apart(self, z0: np.ndarray, z1: np.ndarray, margin: float) -> bool:
+    def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
         """Whether all stays apart along the straight motion between two points of the group's chart.
 
         True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
@@ -71,19 +73,17 @@ class SweptWorld:
             z1: End, shape (nv,).
             margin: What robot and obstacles have to keep apart [m].
         """
-        if self.group.space is not self.group.model:
-            E, offset = self.group.expand_velocity, self.group.expand_offset
-            z0, z1 = E @ z0 + offset, E @ z1 + offset
-        return bool(motion_apart(self.robot, self.tables, z0, z1, margin, SELF_MARGIN, FLOOR))
+        start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
+        return bool(motion_apart(self.robot, self.tables, start, end, margin, SELF_MARGIN, FLOOR))
 
-    def keeps(self, q: np.ndarray, margin: float) -> bool:
+    def keeps(self, q: Configuration, margin: float) -> bool:
         """`apart` at a single configuration (nq,): True is rigorous."""
         return self.apart(*self.ends(q, q), margin)
 
     @cached_property
-    def _zero(self) -> np.ndarray:
+    def _zero(self) -> ChartPoint:
         """The chart's origin, shape (nv,)."""
-        return np.zeros(self.group.nv)
+        return cast(ChartPoint, np.zeros(self.group.nv))
 
 
 @kept_with

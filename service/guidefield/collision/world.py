@@ -19,6 +19,7 @@ from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.scene import Scene
 
 PairNames = tuple[str, str]
@@ -196,7 +197,7 @@ class World:
         first, second = self.pairs[pair]
         return self.body_names[first], self.body_names[second]
 
-    def in_collision(self, q: np.ndarray) -> bool:
+    def in_collision(self, q: Configuration) -> bool:
         """Whether any pair touches at a configuration of the group, shape (nq,)."""
         return bool(pin.computeCollisions(self.model, self.data, self.broad_phase, self.group.expand(q), True))
 

@@ -61,6 +61,7 @@ def test_a_follower_moves_with_its_driver() -> None:
     expanded = planned.expand(q)
     follower = planned.model.joints[planned.model.getJointId("j3")]
     assert expanded[follower.idx_q] == pytest.approx(-0.5 * 0.6 + 0.2)
+    np.testing.assert_allclose(planned.expand_chart(planned.chart(q)), expanded, atol=1e-15)  # no joint wraps here
     kinematics, h = Kinematics(planned), 1e-7
     J = kinematics.tip_jacobian(q)
     ahead, behind = (kinematics.tip_position(q + s * h * np.array([1.0, 0, 0])) for s in (1, -1))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from guidefield.kernels.tree.shortcut import shorten
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoints
 
 TRIES = 60
 """Straight ways between places on a path that are looked at, unless told otherwise."""
@@ -94,7 +96,7 @@ class BatchCollision:
             block=views["block"],
         )
 
-    def touching(self, zs: np.ndarray, clearance: float = 0.0) -> np.ndarray:
+    def touching(self, zs: ChartPoints, clearance: float = 0.0) -> np.ndarray:
         """Which of some chart points touch an obstacle or themselves.
 
         Args:
@@ -113,7 +115,7 @@ class BatchCollision:
         touching_configurations(self.words, clearance, np.ascontiguousarray(zs, np.float32), touching)
         return touching
 
-    def free_until(self, path: np.ndarray, resolution: float, clearance: float = 0.0) -> int:
+    def free_until(self, path: ChartPoints, resolution: float, clearance: float = 0.0) -> int:
         """How many of the straight motions along a path are free before the first that is not, by samples.
 
         Args:
@@ -123,7 +125,9 @@ class BatchCollision:
         """
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
 
-    def shortened(self, path: np.ndarray, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> np.ndarray:
+    def shortened(
+        self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES
+    ) -> ChartPoints:
         """A path with the same ends that is no longer; free by samples where it was.
 
         Args:
@@ -135,7 +139,7 @@ class BatchCollision:
         most, nv = len(path) + tries + 2, path.shape[1]
         rows, short = np.empty((most, nv), np.float32), np.empty((most, nv))
         count = shorten(self.words, np.ascontiguousarray(path, float), clearance, resolution, tries, rows, short)
-        return short[:count].copy()
+        return cast(ChartPoints, short[:count].copy())
 
 
 def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:

@@ -9,6 +9,7 @@ import numpy as np
 from guidefield.collision.motion_bound import MotionBound, cross
 from guidefield.collision.world import World
 from guidefield.robot.model.chart import ROTATION
+from guidefield.robot.model.spaces import ChartRates, ModelTangents
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class Closing:
         movers = np.concatenate([count + np.arange(world.n_self), bound.before_obstacles])
         return cls(bound, bodies, masks.astype(float), known.radii[bodies], _doubled(world), movers.astype(int))
 
-    def speeds(self, jacobians: np.ndarray, centres: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    def speeds(self, jacobians: np.ndarray, centres: np.ndarray, tangents: ModelTangents) -> np.ndarray:
         """Bounds of the speeds at configurations, shape (s, movers) [m/s].
 
         Args:
@@ -72,8 +73,8 @@ class Closing:
         movers: np.ndarray,
         reach: np.ndarray,
         speeds: np.ndarray,
-        rates: np.ndarray,
-        accelerations: np.ndarray,
+        rates: ChartRates,
+        accelerations: ChartRates,
         spans: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the speeds and the accelerations between two times, both of shape (s, k) [m/s, m/s^2].

@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from guidefield.robot.model.spaces import ChartPoints, ChartRates
+
 JUMP = 1e-9
 """Rates that differ by less than this share of the largest one count as equal: they do but for rounding."""
 
@@ -51,7 +53,7 @@ class Curve:
         times: np.ndarray = self.times[1:-1][jumps]
         return times
 
-    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
         """Chart points and their rates at times (n,), both of shape (n, nv) [rad or m, and per s]."""
         piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.pieces) - 1)
         share = self._shares(times, piece)
@@ -59,7 +61,7 @@ class Curve:
             :, 0
         ]
 
-    def most(self, since: np.ndarray, until: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def most(self, since: np.ndarray, until: np.ndarray) -> tuple[ChartRates, ChartRates]:
         """The largest rates and rates of rates between two times.
 
         Args:

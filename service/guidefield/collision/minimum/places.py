@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +19,8 @@ from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoints, ChartRates, ModelConfigurations, Tangents
 
 BALLS, PARTS, HULLS, EXACT = range(4)
 """Stages of a distance: what it is known by."""
@@ -39,7 +41,7 @@ class Places:
     """
 
     times: np.ndarray
-    configurations: np.ndarray
+    configurations: ModelConfigurations
     placements: np.ndarray
     reach: np.ndarray
     speeds: np.ndarray
@@ -80,16 +82,15 @@ class Surveyor:
         """The robot at times, shape (m,); every distance is known by balls and boxes."""
         world, group = self.worlds.moving, self.worlds.moving.group
         zs, rates = self.curve.at(times)
-        qs = np.array([group.expand(group.from_chart(z)) for z in zs]).reshape(len(zs), world.model.nq)
+        expanded = np.array([group.expand(group.from_chart(z)) for z in zs])
+        qs = cast(ModelConfigurations, expanded.reshape(len(zs), world.model.nq))
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
         for row, q in enumerate(qs):
             jacobians[row] = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
             placements[row] = there
-        if not group.is_euclidean:
-            rates = np.array([group.tangent_map(z) @ rate for z, rate in zip(zs, rates, strict=True)]).reshape(zs.shape)
         centres = world.bodies.centres_in_world(placements)
-        speeds = self.closing.speeds(jacobians, centres, rates @ group.expand_velocity.T)
+        speeds = self.closing.speeds(jacobians, centres, _tangents(group, zs, rates) @ group.expand_velocity.T)
         speeds[np.isin(times, self.curve.breaks)] = np.inf
         few = max(1, MOST_PAIRS // max(1, len(world.pairs)))
         distances = np.empty((len(times), len(world.pairs)))
@@ -241,3 +242,11 @@ class Surveyor:
                 for body, obstacle, _ in self._movers:
                     scratch.oMg[body] = obstacle.placement_at(float(places.times[row]))
             yield row, pair
+
+
+def _tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangents:
+    """Tangents, shape (m, nv), of rates of the chart at chart points, both of shape (m, nv)."""
+    if group.is_euclidean:
+        return cast(Tangents, rates)
+    tangents = np.array([group.tangent_map(z) @ rate for z, rate in zip(zs, rates, strict=True)])
+    return cast(Tangents, tangents.reshape(zs.shape))

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +15,16 @@ from guidefield.robot.group.alike import Alike
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, WIND
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
+from guidefield.robot.model.spaces import (
+    ChartPoint,
+    ChartPoints,
+    Configuration,
+    ModelChartPoint,
+    ModelConfiguration,
+    RobotConfiguration,
+    Tangent,
+    WireRow,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +33,7 @@ class PlanningGroup:
 
     Its configurations ``q`` (nq,) and tangents ``v`` (nv,) are those of the planned joints alone. Joints that mimic a
     planned one move with it. In the *chart* ``z`` (nv,), joint by joint as `chart` has it, straight lines and
-    splines are drawn.
+    splines are drawn. It is the door between these spaces, see `spaces`.
 
     Attributes:
         robot: The whole robot.
@@ -49,14 +59,14 @@ class PlanningGroup:
     joints: tuple[Joint, ...]
     tip: str
     tip_id: int
-    q_reference: np.ndarray
-    q_origin: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    q_reference: RobotConfiguration
+    q_origin: Configuration
+    lower: ChartPoint
+    upper: ChartPoint
     velocity_limits: np.ndarray
     acceleration_limits: np.ndarray
     expand_velocity: np.ndarray
-    expand_offset: np.ndarray
+    expand_offset: ModelChartPoint
     alike: Alike
 
     @property
@@ -97,9 +107,9 @@ class PlanningGroup:
         winds.setflags(write=False)
         return winds
 
-    def part_of(self, q_whole: np.ndarray) -> np.ndarray:
+    def part_of(self, q_whole: RobotConfiguration) -> Configuration:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
-        part: np.ndarray = q_whole[self._places]
+        part: Configuration = q_whole[self._places]
         return part
 
     @cached_property
@@ -107,26 +117,26 @@ class PlanningGroup:
         """Where the planned joints' values stand in a configuration of the whole robot, shape (nq,)."""
         return reference_of(self.space, self.robot, np.arange(self.robot.model.nq)).astype(int)
 
-    def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def integrate(self, q: Configuration, v: Tangent) -> Configuration:
         """Configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
-        reached: np.ndarray = pin.integrate(self.space, q, v)
+        reached: Configuration = pin.integrate(self.space, q, v)
         return reached
 
-    def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+    def difference(self, q0: Configuration, q1: Configuration) -> Tangent:
         """Tangent, shape (nv,), that leads from q0 to q1, each of shape (nq,), the short way."""
-        tangent: np.ndarray = pin.difference(self.space, q0, q1)
+        tangent: Tangent = pin.difference(self.space, q0, q1)
         return tangent
 
-    def interpolate(self, q0: np.ndarray, q1: np.ndarray, t: float) -> np.ndarray:
+    def interpolate(self, q0: Configuration, q1: Configuration, t: float) -> Configuration:
         """Configuration, shape (nq,), at the fraction t of the way from q0 to q1, each of shape (nq,)."""
-        between: np.ndarray = pin.interpolate(self.space, q0, q1, t)
+        between: Configuration = pin.interpolate(self.space, q0, q1, t)
         return between
 
-    def expand(self, q: np.ndarray) -> np.ndarray:
+    def expand(self, q: Configuration) -> ModelConfiguration:
         """Configuration of `model`, shape (model.nq,), followers included, of one of the group, shape (nq,)."""
         if self.space is self.model:
-            return q
-        z = self.expand_velocity @ self.chart(q) + self.expand_offset
+            return cast(ModelConfiguration, q)
+        z = self.expand_chart(self.chart(q))
         expanded = np.empty(self.model.nq)
         for index in range(1, self.model.njoints):
             joint, name = self.model.joints[index], self.model.names[index]
@@ -140,23 +150,30 @@ class PlanningGroup:
                 expanded[at] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
         return expanded
 
-    def chart(self, q: np.ndarray) -> np.ndarray:
+    def expand_chart(self, z: ChartPoint) -> ModelChartPoint:
+        """Chart coordinates of `model`, shape (model.nv,), followers included, of the group's, shape (nv,)."""
+        if self.space is self.model:
+            return cast(ModelChartPoint, z)
+        expanded: ModelChartPoint = self.expand_velocity @ z + self.expand_offset
+        return expanded
+
+    def chart(self, q: Configuration) -> ChartPoint:
         """Chart coordinates, shape (nv,), of a configuration, shape (nq,).
 
         Angles are in (-pi, pi], rotation vectors at most pi long.
         """
         if self.nq == self.nv:
-            return q.copy()
+            return cast(ChartPoint, q.copy())
         parts = [chart.to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
         return np.concatenate(parts)
 
-    def from_chart(self, z: np.ndarray) -> np.ndarray:
+    def from_chart(self, z: ChartPoint) -> Configuration:
         """Configuration, shape (nq,), of chart coordinates, shape (nv,)."""
         if self.nq == self.nv:
             return np.array(z, float)
         return np.concatenate([chart.from_chart(j, z[_at_v(j)], self.q_origin[_at_q(j)]) for j in self.joints])
 
-    def clamped(self, q: np.ndarray) -> np.ndarray:
+    def clamped(self, q: Configuration) -> Configuration:
         """A configuration, shape (nq,), with every value brought within its limits; a copy."""
         clamped = q.copy()
         if not self.limited:
@@ -166,7 +183,7 @@ class PlanningGroup:
                 clamped[joint.idx_q] = min(max(q[joint.idx_q], joint.lower[0]), joint.upper[0])
         return clamped
 
-    def chart_path(self, qs: Sequence[np.ndarray], start: np.ndarray | None = None) -> np.ndarray:
+    def chart_path(self, qs: Sequence[Configuration], start: ChartPoint | None = None) -> ChartPoints:
         """Chart coordinates, shape (n, nv), along configurations, each next to the one before: angles unwrapped.
 
         Args:
@@ -178,13 +195,13 @@ class PlanningGroup:
             zs.append(self.unwrapped(self.chart(q), zs[-1]))
         return np.array(zs)
 
-    def unwrapped(self, z: np.ndarray, near: np.ndarray) -> np.ndarray:
+    def unwrapped(self, z: ChartPoint, near: ChartPoint) -> ChartPoint:
         """Chart coordinates of the same configuration as z nearest to others, both (nv,): whole turns added."""
         if self.nq == self.nv:
             return z.copy()
         return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
 
-    def turned_otherwise(self, z: np.ndarray) -> np.ndarray:
+    def turned_otherwise(self, z: ChartPoint) -> ChartPoints:
         """Chart coordinates of the same configuration as z (nv,) with one floating joint turned the other way round.
 
         Returns:
@@ -195,9 +212,9 @@ class PlanningGroup:
             if joint.kind is JointKind.FLOATING:
                 ways.append(z.copy())
                 ways[-1][_at_v(joint)] = chart.turned_otherwise(joint, z[_at_v(joint)])
-        return np.array(ways).reshape(-1, self.nv)
+        return cast(ChartPoints, np.array(ways).reshape(-1, self.nv))
 
-    def tangent_map(self, z: np.ndarray) -> np.ndarray:
+    def tangent_map(self, z: ChartPoint) -> np.ndarray:
         """Matrix, shape (nv, nv), from chart velocities at z, shape (nv,), to tangent velocities."""
         matrix = np.zeros((self.nv, self.nv))
         for joint in self.joints:
@@ -205,9 +222,9 @@ class PlanningGroup:
             matrix[at, at] = chart.tangent_map(joint, z[at], self.q_origin[_at_q(joint)])
         return matrix
 
-    def wire_positions(self, z: np.ndarray) -> list[float]:
+    def wire_positions(self, z: ChartPoint) -> WireRow:
         """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
-        row: list[float] = z.tolist()
+        row: WireRow = z.tolist()
         if self.is_euclidean:
             return row
         row = []
@@ -218,7 +235,7 @@ class PlanningGroup:
                 row += z[_at_v(joint)].tolist()
         return row
 
-    def random(self, rng: np.random.Generator) -> np.ndarray:
+    def random(self, rng: np.random.Generator) -> Configuration:
         """A configuration, shape (nq,), drawn evenly within the limits.
 
         Angles without limits are drawn from one turn, or where whole turns count within `WIND` of the origin's;
@@ -272,7 +289,7 @@ def _at_v(joint: Joint) -> slice:
     return slice(joint.idx_v, joint.idx_v + joint.nv)
 
 
-def reference_of(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.ndarray:
+def reference_of(model: Any, robot: RobotModel, q_reference: RobotConfiguration) -> np.ndarray:
     """The part of a whole configuration that a reduced model has.
 
     Args:
@@ -281,7 +298,7 @@ def reference_of(model: Any, robot: RobotModel, q_reference: np.ndarray) -> np.n
         q_reference: Configuration of the whole robot, shape (robot.model.nq,).
 
     Returns:
-        Shape (model.nq,).
+        Shape (model.nq,): in the space of that model, which the caller knows.
     """
     q: np.ndarray = pin.neutral(model)
     for index in range(1, model.njoints):

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import Configuration
 
 
 class Kinematics:
@@ -17,7 +18,7 @@ class Kinematics:
         self.group = group
         self._data = group.model.createData()
 
-    def frame_placement(self, q: np.ndarray, frame_id: int) -> Any:
+    def frame_placement(self, q: Configuration, frame_id: int) -> Any:
         """Where a frame is.
 
         Args:
@@ -31,12 +32,12 @@ class Kinematics:
         pin.forwardKinematics(model, self._data, self.group.expand(q))
         return pin.updateFramePlacement(model, self._data, frame_id).copy()
 
-    def tip_position(self, q: np.ndarray) -> np.ndarray:
+    def tip_position(self, q: Configuration) -> np.ndarray:
         """Position of the tip in the world, shape (3,) [m], at a configuration of the group, shape (nq,)."""
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
 
-    def tip_jacobian(self, q: np.ndarray) -> np.ndarray:
+    def tip_jacobian(self, q: Configuration) -> np.ndarray:
         """Jacobian of the tip at a configuration of the group, shape (nq,).
 
         Returns:

@@ -14,6 +14,7 @@ from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joint_tables import joint_table
 from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.spaces import Configuration
 
 SAME_PLACE = 1e-9
 """Two revolute joints whose origins are nearer than this are one universal joint [m]."""
@@ -45,7 +46,7 @@ class SerialChain:
         """How many links."""
         return len(self.carriers)
 
-    def places(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def places(self, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
         """Where joints and links are at a configuration, shape (nq,).
 
         Returns:

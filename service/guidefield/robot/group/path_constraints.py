@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.spaces import ChartPoint
 
 
 class PathConstraint(Protocol):
@@ -142,11 +143,11 @@ class ConstrainedFrames:
         self._frames = [_frame_id(group.model, constraint.frame) for constraint in constraints]
         self._data = group.model.createData()
 
-    def values(self, z: np.ndarray) -> np.ndarray:
+    def values(self, z: ChartPoint) -> np.ndarray:
         """The constraints' numbers [rad or m] at a chart point, shape (nv,): shape (k,)."""
         return np.array([c.value(placed) for c, placed in zip(self.constraints, self._placed(z), strict=True)])
 
-    def values_and_rows(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def values_and_rows(self, z: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
         """The numbers at a chart point, shape (nv,): shape (k,), and their derivatives by the chart, shape (k, nv)."""
         placed, jacobians = self._placed(z), self.jacobians(z)
         map_to_tangent = self.group.expand_velocity @ self.group.tangent_map(z)
@@ -154,7 +155,7 @@ class ConstrainedFrames:
         rows = [c.row(T) @ J @ map_to_tangent for c, T, J in zip(self.constraints, placed, jacobians, strict=True)]
         return values, np.array(rows)
 
-    def jacobians(self, z: np.ndarray) -> list[np.ndarray]:
+    def jacobians(self, z: ChartPoint) -> list[np.ndarray]:
         """Jacobian, shape (6, model.nv), of each constraint's frame at a chart point, shape (nv,).
 
         At the frame's origin in the world's axes, linear rows first.
@@ -165,7 +166,7 @@ class ConstrainedFrames:
             for frame in self._frames
         ]
 
-    def _placed(self, z: np.ndarray) -> list[Any]:
+    def _placed(self, z: ChartPoint) -> list[Any]:
         pin.forwardKinematics(self.group.model, self._data, self.group.expand(self.group.from_chart(z)))
         return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self._frames]
 

@@ -17,13 +17,18 @@ from guidefield.robot.model.followers import expansion
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.groups import joints_to
 from guidefield.robot.model.model import Joint, RobotModel
+from guidefield.robot.model.spaces import RobotConfiguration
 
 _RENAMED = "link of joint "
 """Before the names of links that share theirs with a joint, while a model is reduced."""
 
 
 def select(
-    robot: RobotModel, group: str | Sequence[str] | None, tip: str | None, q_reference: np.ndarray, placement: Any
+    robot: RobotModel,
+    group: str | Sequence[str] | None,
+    tip: str | None,
+    q_reference: RobotConfiguration,
+    placement: Any,
 ) -> PlanningGroup:
     """Reduce a robot to the joints that are planned for.
 
@@ -66,7 +71,12 @@ _KNOWN: weakref.WeakKeyDictionary[RobotModel, dict[tuple[Any, ...], dict[str, An
 
 
 def _reduce(
-    robot: RobotModel, planned: tuple[str, ...], followers: set[str], tip: str, q_reference: np.ndarray, placement: Any
+    robot: RobotModel,
+    planned: tuple[str, ...],
+    followers: set[str],
+    tip: str,
+    q_reference: RobotConfiguration,
+    placement: Any,
 ) -> dict[str, Any]:
     """What groups have in common that are alike, as `PlanningGroup` names it; but not the robot itself."""
     model, geometry = _placed(robot, placement)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.ik.unreachable import Cause, Unreached, out_of_reach, why_unreached
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, Configuration
 
 ROUND = 64
 """Random starts of a round; of the first rounds, where one solution is asked for, `FIRST_ROUND`."""
@@ -28,7 +29,7 @@ LARGE_ROUND = 512
 MOST_KEPT = 256
 """Distinct solutions that are kept of those not accepted: they tell what stands in the way."""
 
-Accept = Callable[[np.ndarray], np.ndarray]
+Accept = Callable[[ChartPoints], np.ndarray]
 """Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
 
 
@@ -45,10 +46,10 @@ class IkResult:
         cause: What stands in the way where nothing was found, not even something that was not accepted; else None.
     """
 
-    solutions: tuple[np.ndarray, ...]
+    solutions: tuple[Configuration, ...]
     reason: str
     details: dict[str, Any] = field(default_factory=dict)
-    rejected: tuple[np.ndarray, ...] = ()
+    rejected: tuple[Configuration, ...] = ()
     cause: Cause | None = None
 
     @classmethod
@@ -60,7 +61,7 @@ class IkResult:
 def solve(
     group: PlanningGroup,
     target: PoseTarget,
-    starts: Sequence[np.ndarray],
+    starts: Sequence[Configuration],
     count: int,
     *,
     rng: np.random.Generator,
@@ -90,7 +91,7 @@ def solve(
     Returns:
         The solutions, and a reason where there are fewer than `count`.
     """
-    given = np.array([group.chart(q) for q in starts]).reshape(-1, group.nv)
+    given = cast(ChartPoints, np.array([group.chart(q) for q in starts]).reshape(-1, group.nv))
     base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
     search = PoseSearch(group, target, base)
     if (short := out_of_reach(search.chain, target)) is not None:
@@ -130,10 +131,10 @@ class _Found:
 
     def __init__(self, search: PoseSearch, accept: Accept | None) -> None:
         self._measure, self._accept = search.chain.measure, accept
-        self.accepted = self.rejected = np.empty((0, len(search.base)))
+        self.accepted = self.rejected = cast(ChartPoints, np.empty((0, len(search.base))))
         self.fresh = 0
 
-    def add(self, ends: np.ndarray) -> None:
+    def add(self, ends: ChartPoints) -> None:
         """Take those ends of descents, shape (k, nv), that are like none before."""
         before = len(self.accepted) + len(self.rejected)
         free = np.ones(len(ends), bool)
@@ -144,11 +145,11 @@ class _Found:
             self.rejected = self._with(self.rejected, ends[~free])[:MOST_KEPT]
         self.fresh = len(self.accepted) + len(self.rejected) - before
 
-    def _with(self, known: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def _with(self, known: ChartPoints, others: ChartPoints) -> ChartPoints:
         """Distinct points (n, nv) with those of others (k, nv) that are like none before."""
         points = np.concatenate([known, others])
         kept = np.empty(len(points), np.int64)
-        distinct_ones: np.ndarray = points[kept[: distinct(self._measure, points, len(known), kept)]]
+        distinct_ones: ChartPoints = points[kept[: distinct(self._measure, points, len(known), kept)]]
         return distinct_ones
 
 
@@ -164,7 +165,7 @@ def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
     return drawn >= ROUND and not found.fresh
 
 
-def _chosen(search: PoseSearch, points: np.ndarray, from_starts: int, nearest: bool, count: int) -> list[np.ndarray]:
+def _chosen(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:
     """As many of some chart points (n, nv) as are asked for, far from each other; then the same by whole turns.
 
     Args:

@@ -12,6 +12,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
 from guidefield.robot.model.chart import WIND
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 AIM = 0.9
 """The middle part of a tolerance that is aimed at, so that an approach from outside ends inside."""
@@ -28,7 +29,7 @@ class PoseSearch:
     """
 
     def __init__(
-        self, group: PlanningGroup, target: PoseTarget, base: np.ndarray, chain: ChainToTip | None = None
+        self, group: PlanningGroup, target: PoseTarget, base: ChartPoint, chain: ChainToTip | None = None
     ) -> None:
         self.chain = chain_to_tip(group) if chain is None else chain
         self.base = base
@@ -44,7 +45,7 @@ class PoseSearch:
         """See the class: shape (6,)."""
         return self._closest[1:]
 
-    def drawn(self, count: int, rng: np.random.Generator) -> np.ndarray:
+    def drawn(self, count: int, rng: np.random.Generator) -> ChartPoints:
         """Random chart points (count, nv), those nearest to the target first.
 
         What has no limits is within pi of 0, or within `WIND` of the base where it is an angle whose whole turns count.
@@ -53,20 +54,20 @@ class PoseSearch:
         lower, upper = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
         lower = np.where(self._group.winds, self.base - WIND, lower)
         upper = np.where(self._group.winds, self.base + WIND, upper)
-        points: np.ndarray = rng.uniform(lower, upper, (count, len(lower)))
+        points: ChartPoints = rng.uniform(lower, upper, (count, len(lower)))
         points[:, ~self.chain.moving] = self.base[~self.chain.moving]
         squared = np.empty(count)
         kernels.squared_errors(self._table, self._tolerances, points, squared)
         return points[np.argsort(squared, kind="stable")]
 
-    def descend(self, starts: np.ndarray) -> np.ndarray:
+    def descend(self, starts: ChartPoints) -> ChartPoints:
         """Chart points (k, nv) within the tolerances and the limits to which starts (n, nv) lead, in their order."""
         starts = np.ascontiguousarray(starts, float)
         ends, reached = np.empty_like(starts), np.zeros(len(starts), np.bool_)
         kernels.descend(self._table, self._tolerances, starts, ends, reached, self._closest)
         return ends[reached]
 
-    def near_base(self, points: np.ndarray) -> np.ndarray:
+    def near_base(self, points: ChartPoints) -> ChartPoints:
         """The same configurations (n, nv), by whole turns as near to the base as the limits let them."""
         turns = self.chain.turning
         if not len(turns):
@@ -78,7 +79,7 @@ class PoseSearch:
         near[:, turns] += period * np.minimum(np.maximum(np.rint((self.base[turns] - z) / period), least), most)
         return near
 
-    def turned(self, z: np.ndarray) -> list[np.ndarray]:
+    def turned(self, z: ChartPoint) -> list[np.ndarray]:
         """For each coordinate of a chart point (nv,), the values within its limits that mean the same configuration.
 
         One where there are no limits: all whole turns are the same configuration then.

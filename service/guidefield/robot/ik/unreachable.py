@@ -14,6 +14,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, unlimited
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.robot.model.spaces import ChartPoint
 
 STARTS = 64
 """Random starts for each question that is asked after a failure."""
@@ -107,7 +108,7 @@ def why_unreached(
     return Unreached(cause, f"no solution from {tried}: {sentence}", values)
 
 
-def _turn_needed(group: PlanningGroup, target: PoseTarget, base: np.ndarray, rng: np.random.Generator) -> float:
+def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator) -> float:
     """How much more the tip has to be allowed to turn about each axis until descents reach the place [rad]."""
     low, high = 0.0, np.pi
     for _ in range(HALVINGS):
@@ -122,7 +123,7 @@ def _turn_needed(group: PlanningGroup, target: PoseTarget, base: np.ndarray, rng
 
 
 def _limit_in_the_way(
-    group: PlanningGroup, target: PoseTarget, base: np.ndarray, rng: np.random.Generator
+    group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator
 ) -> tuple[str, dict[str, Any]] | None:
     """The joint whose limit would have to give way most, in the solution for which limits would have to least.
 

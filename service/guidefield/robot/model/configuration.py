@@ -13,6 +13,7 @@ from guidefield.messages.values import QUATERNION_TOLERANCE
 from guidefield.robot.model import chart
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
+from guidefield.robot.model.spaces import IndexedConfiguration, RobotConfiguration
 
 LIMIT_TOLERANCE = 1e-5
 """A value beyond its limit by at most this [rad or m] is clamped, with a warning."""
@@ -42,9 +43,9 @@ class LimitFault:
 def configuration_from_wire(
     robot: RobotModel,
     positions: Positions,
-    base: np.ndarray | None = None,
+    base: RobotConfiguration | None = None,
     error: type[GuidefieldError] = InvalidConfiguration,
-) -> np.ndarray:
+) -> RobotConfiguration:
     """Configuration of the whole robot, shape (nq,), from joint names and values.
 
     Args:
@@ -76,18 +77,18 @@ def configuration_from_wire(
     return q
 
 
-def scalar(joint: Joint, q: np.ndarray) -> float:
+def scalar(joint: Joint, q: IndexedConfiguration) -> float:
     """Value of a joint with one degree of freedom [rad or m] in a configuration, shape (nq,)."""
     values = q[joint.idx_q : joint.idx_q + joint.nq]
     return float(chart.to_chart(joint, values, values)[0])
 
 
-def configuration_to_wire(joints: Sequence[Joint], q: np.ndarray) -> Positions:
+def configuration_to_wire(joints: Sequence[Joint], q: IndexedConfiguration) -> Positions:
     """Joint names and values of a configuration, shape (nq,); joints that follow others are left out."""
     return {joint.name: _to_wire(joint, q) for joint in joints if joint.mimic is None}
 
 
-def limit_faults(joints: Sequence[Joint], q: np.ndarray) -> list[LimitFault]:
+def limit_faults(joints: Sequence[Joint], q: IndexedConfiguration) -> list[LimitFault]:
     """Values of a configuration, shape (nq,), beyond their limits, in the joints' order."""
     faults = []
     for joint in joints:
@@ -99,8 +100,8 @@ def limit_faults(joints: Sequence[Joint], q: np.ndarray) -> list[LimitFault]:
     return faults
 
 
-def clamp(joints: Sequence[Joint], q: np.ndarray) -> np.ndarray:
-    """A configuration, shape (nq,), with every value of these joints brought within its limits; a copy."""
+def clamp(joints: Sequence[Joint], q: RobotConfiguration) -> RobotConfiguration:
+    """A robot's configuration, shape (nq,), with every value of some joints brought within its limits; a copy."""
     clamped = q.copy()
     for joint in joints:
         if joint.kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
@@ -137,7 +138,7 @@ def values_from_wire(joint: Joint, value: JointValue, error: type[GuidefieldErro
     return numbers
 
 
-def _to_wire(joint: Joint, q: np.ndarray) -> JointValue:
+def _to_wire(joint: Joint, q: IndexedConfiguration) -> JointValue:
     values = q[joint.idx_q : joint.idx_q + joint.nq]
     if joint.nv == 1:
         return scalar(joint, q)

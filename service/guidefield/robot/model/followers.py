@@ -19,6 +19,7 @@ from guidefield.robot.model import chart
 from guidefield.robot.model.joint_tables import axis_of
 from guidefield.robot.model.model import Joint, Mimic
 from guidefield.robot.model.replaced_joints import with_joints
+from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.facts import UrdfFacts
 
 
@@ -56,7 +57,7 @@ def with_unwrapped(model: Any, facts: UrdfFacts) -> Any:
     return with_joints(model, revolute)
 
 
-def follow(joints: Sequence[Joint], q: np.ndarray) -> None:
+def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
     """Set the joints that follow others, in place, to what they must be.
 
     Args:

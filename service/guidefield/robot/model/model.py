@@ -12,6 +12,7 @@ import numpy as np
 
 from guidefield.errors import UnknownFrame
 from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.spaces import RobotConfiguration
 
 
 class JointKind(enum.StrEnum):
@@ -141,7 +142,7 @@ class RobotModel:
     links: tuple[str, ...]
     tip: str
     groups: Mapping[str, tuple[str, ...]]
-    rest: np.ndarray
+    rest: RobotConfiguration
     geometry_choices: tuple[GeometryChoice, ...]
     pairs_left_out: tuple[PairLeftOut, ...]
     warnings: tuple[str, ...]

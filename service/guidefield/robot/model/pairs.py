@@ -13,6 +13,7 @@ from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
 from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.spaces import RobotConfiguration
 
 SAMPLES = 200
 """Random configurations that tell whether two links always touch."""
@@ -39,7 +40,7 @@ def settle(
     joints: Sequence[Joint],
     links: Sequence[str],
     disabled: Mapping[frozenset[str], str],
-    rest: np.ndarray,
+    rest: RobotConfiguration,
 ) -> Settled:
     """Choose the collision pairs of a geometry model in place.
 
@@ -104,7 +105,7 @@ def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> set[frozenset[
 
 
 def _shares_touching(
-    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: np.ndarray
+    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: RobotConfiguration
 ) -> dict[frozenset[str], float]:
     """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
     data, geometry_data = model.createData(), scratch_space(geometry)
@@ -121,12 +122,12 @@ def _shares_touching(
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 
-def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> np.ndarray:
+def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> RobotConfiguration:
     """A configuration within the limits, followers where they belong; lengths within `ROAM`, angles within one turn.
 
     Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
     """
-    q: np.ndarray = pin.integrate(model, pin.neutral(model), rng.uniform(-np.pi, np.pi, model.nv))
+    q: RobotConfiguration = pin.integrate(model, pin.neutral(model), rng.uniform(-np.pi, np.pi, model.nv))
     followed = {joint.mimic.driver for joint in joints if joint.mimic is not None}
     for joint in joints:
         if joint.nq == 1:

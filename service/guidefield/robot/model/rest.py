@@ -16,6 +16,7 @@ from guidefield.robot.model.configuration import LENGTHS, clamp, values_from_wir
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind
 from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import Srdf
 
 STATES = ("default", "rest", "home", "ready")
@@ -31,7 +32,7 @@ MOST = np.pi
 """Joints without limits are drawn within this of their zero [rad or m]."""
 
 
-def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard) -> np.ndarray:
+def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard) -> RobotConfiguration:
     """The card's rest values over a state of the SRDF over zero, each within its limits, shape (nq,).
 
     Args:
@@ -46,7 +47,7 @@ def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard
     states = described.states
     preferred = next((states[key] for key in STATES if key in states), None)
     values = {**_fitting(preferred or next(iter(states.values()), {}), joints), **card.rest}
-    q: np.ndarray = pin.neutral(model)
+    q: RobotConfiguration = pin.neutral(model)
     for joint in joints:
         if joint.name in values:
             q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, values[joint.name], RobotInvalid)
@@ -74,8 +75,8 @@ def _fitting(state: Positions, joints: Sequence[Joint]) -> Positions:
 
 
 def settle(
-    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], q: np.ndarray, warnings: list[str]
-) -> np.ndarray:
+    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], q: RobotConfiguration, warnings: list[str]
+) -> RobotConfiguration:
     """The rest configuration, shape (nq,): what was stated if that is free of contact, else one near it that is.
 
     Zero means nothing in many a URDF, and some SRDFs' states were never looked at. Where links touch each other, the
@@ -110,14 +111,14 @@ class _Search:
         self._model, self._geometry, self._joints = model, geometry, joints
         self._data, self._geometry_data = model.createData(), scratch_space(geometry)
 
-    def touching(self, q: np.ndarray, margin: float = 0.0) -> list[int]:
+    def touching(self, q: RobotConfiguration, margin: float = 0.0) -> list[int]:
         """Pairs of shapes that are no further apart than a margin [m]."""
         for request in self._geometry_data.collisionRequests:
             request.security_margin = margin
         pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, q, False)
         return [index for index, result in enumerate(self._geometry_data.collisionResults) if result.isCollision()]
 
-    def freed(self, q: np.ndarray) -> np.ndarray:
+    def freed(self, q: RobotConfiguration) -> RobotConfiguration:
         """A configuration near one that touches, in which fewer pairs touch, none if that is found.
 
         One pair after the other is parted, by the joints between its links; no other may come to touch for it.
@@ -129,7 +130,7 @@ class _Search:
             q = self._parted(q, pending[0], rng)
         return q
 
-    def _parted(self, q: np.ndarray, pair: int, rng: np.random.Generator) -> np.ndarray:
+    def _parted(self, q: RobotConfiguration, pair: int, rng: np.random.Generator) -> RobotConfiguration:
         near, touching = set(self.touching(q, MARGIN)), set(self.touching(q))
         moving = self._between(pair)
         fallback = None
@@ -161,15 +162,20 @@ def _told(links: Sequence[str], geometry: Any, touching: Sequence[int]) -> str:
 
 
 def _drawn(
-    model: Any, joints: Sequence[Joint], moving: Sequence[Joint], q: np.ndarray, share: float, rng: np.random.Generator
-) -> np.ndarray:
+    model: Any,
+    joints: Sequence[Joint],
+    moving: Sequence[Joint],
+    q: RobotConfiguration,
+    share: float,
+    rng: np.random.Generator,
+) -> RobotConfiguration:
     """Some joints moved towards random values by a share of the way; their followers with them."""
     step = np.zeros(model.nv)
     for joint in moving:
         value = q[joint.idx_q] if joint.nq == 1 else 0.0
         lower, upper = max(float(joint.lower[0]), -MOST), min(float(joint.upper[0]), MOST)
         step[joint.idx_v] = share * (rng.uniform(lower, max(lower, upper)) - value)
-    trial: np.ndarray = pin.integrate(model, q, step)
+    trial: RobotConfiguration = pin.integrate(model, q, step)
     trial = clamp(joints, trial)
     follow(joints, trial)
     return trial

@@ -14,6 +14,7 @@ from lxml import etree
 from guidefield.robot.model.configuration import scalar
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
+from guidefield.robot.model.spaces import RobotConfiguration
 
 SAME = 1e-6
 """Placements of links that differ by more than this [m, or 1] are not the same."""
@@ -82,7 +83,7 @@ def _read(root: Any) -> Any:
     return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
 
 
-def _misplaced(robot: RobotModel, q: np.ndarray, other: Any) -> list[str]:
+def _misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str]:
     """A sentence for each link that the two place differently relative to the root, at a configuration, shape (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
@@ -96,7 +97,7 @@ def _misplaced(robot: RobotModel, q: np.ndarray, other: Any) -> list[str]:
     return told
 
 
-def _bent(robot: RobotModel) -> np.ndarray:
+def _bent(robot: RobotModel) -> RobotConfiguration:
     """A configuration with every joint away from zero and from its limits, shape (nq,); followers where they belong."""
     q = robot.rest.copy()
     for joint in robot.joints:
