@@ -16,6 +16,7 @@ from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_p
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.scene import Scene
 
 
@@ -80,7 +81,7 @@ class RobotField:
         """The same robot in another scene, in the same precision; counted on its own."""
         return RobotField(self.group, scene, self._precision)
 
-    def evaluate(self, q: np.ndarray) -> Energy:
+    def evaluate(self, q: Configuration) -> Energy:
         """U, its gradient, the metric and the wrenches at a configuration.
 
         Args:
@@ -95,11 +96,11 @@ class RobotField:
         E = self.group.expand_velocity
         return Energy(float(potential), E.T @ gradient, E.T @ metric @ E, wrenches)
 
-    def potential(self, q: np.ndarray) -> float:
+    def potential(self, q: Configuration) -> float:
         """U at a configuration of the group, shape (nq,) [m]."""
         return float(self.potentials(q[None])[0])
 
-    def potentials(self, qs: np.ndarray) -> np.ndarray:
+    def potentials(self, qs: Configurations) -> np.ndarray:
         """U at many configurations: in single precision alone, which takes half the time of `evaluate`.
 
         Args:
@@ -116,11 +117,11 @@ class RobotField:
         self.evaluations += len(qs)
         return values
 
-    def generalized_force(self, q: np.ndarray) -> np.ndarray:
+    def generalized_force(self, q: Configuration) -> np.ndarray:
         """-dU/dv, shape (nv,), at a configuration of the group, shape (nq,)."""
         return -self.evaluate(q).gradient
 
-    def link_wrenches(self, q: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def link_wrenches(self, q: Configuration) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force and torque on each moving link: F = sum f_i, tau = sum (x_i - J) x f_i.
 
         The formulas are those of service/docs/algorithm.md, "Forces on a robot".

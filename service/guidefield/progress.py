@@ -11,11 +11,10 @@ from guidefield.messages import codec
 from guidefield.messages.replies import Progress
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from guidefield.collision.world import World
     from guidefield.planner.task.trace import Event
     from guidefield.robot.group.group import PlanningGroup
+    from guidefield.robot.model.spaces import Configuration
     from guidefield.scene.scene import Scene
 
 PAUSE = 0.2
@@ -50,7 +49,7 @@ class ProgressTold:
         self._preparing: str | None = None
         self._plane: int | None = None
         self._world: World | None = None
-        self._q: np.ndarray | None = None
+        self._q: Configuration | None = None
         self._clearance: float | None = None
         self._best: float | None = None
 

@@ -35,6 +35,7 @@ from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import ChartPoints, RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
@@ -178,13 +179,13 @@ def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
     return select(robot, joints, None, robot.rest, se3(placement.position, placement.quaternion_xyzw))
 
 
-def _are_free(world: World, zs: np.ndarray) -> np.ndarray:
+def _are_free(world: World, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) touch nothing: (n,), bool."""
     qs = map(world.group.from_chart, zs)
     return np.array([not world.in_collision(q) and enclosed(world, q) is None for q in qs], bool)
 
 
-def _require_same_outside(group: PlanningGroup, q_whole: np.ndarray, field: str) -> None:
+def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, field: str) -> None:
     """Refuse a configuration that differs from the group's reference in a joint that stands still."""
     planned = {joint.name for joint in group.joints}
     for joint in group.robot.joints:

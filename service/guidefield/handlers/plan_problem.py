@@ -20,6 +20,7 @@ from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
 from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import Configuration, RobotConfiguration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -88,7 +89,7 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
             raise MalformedRequest(f"this version does not serve {what} yet; leave it out", unserved=what)
 
 
-def _start(request: PlanRequest, robot: RobotModel) -> tuple[np.ndarray, list[str]]:
+def _start(request: PlanRequest, robot: RobotModel) -> tuple[RobotConfiguration, list[str]]:
     """The start of the whole robot, clamped where it was beyond a limit by next to nothing, and warnings about that."""
     q = configuration_from_wire(robot, request.start)
     warnings = [
@@ -99,7 +100,7 @@ def _start(request: PlanRequest, robot: RobotModel) -> tuple[np.ndarray, list[st
     return (_clamp_slight(robot, q) if warnings else q), warnings
 
 
-def _clamp_slight(robot: RobotModel, q: np.ndarray) -> np.ndarray:
+def _clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration:
     """The configuration with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
     slight = [j for f in limit_faults(robot.joints, q) if f.excess <= LIMIT_TOLERANCE and (j := robot.joint(f.joint))]
     return clamp(slight, q)
@@ -151,7 +152,7 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     return ConfigurationGoal(within or configurations)
 
 
-def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> np.ndarray:
+def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> Configuration:
     planned = {joint.name for joint in group.joints}
     q = configuration_from_wire(group.robot, positions, base=group.q_reference, error=InvalidGoal)
     for name in positions:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, Closest, figures
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoints, ChartRates, Tangents
 
 CERTIFICATE = (
     "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair;"
@@ -121,10 +123,10 @@ def _trajectory(
 
 
 def _tangent_rates(
-    group: PlanningGroup, positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    group: PlanningGroup, positions: ChartPoints, velocities: ChartRates, accelerations: ChartRates
+) -> tuple[Tangents, Tangents]:
     """Tangent velocities T z' and accelerations T z'' + T' z', T' by a central difference along the motion."""
-    rates, second = np.empty_like(velocities), np.empty_like(velocities)
+    rates, second = (cast(Tangents, np.empty_like(velocities)) for _ in range(2))
     h = 1e-6
     for i, (z, dz, ddz) in enumerate(zip(positions, velocities, accelerations, strict=True)):
         T = group.tangent_map(z)

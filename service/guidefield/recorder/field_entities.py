@@ -15,6 +15,7 @@ from guidefield.potential import RobotField
 from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, still, timed
 from guidefield.recorder.robot_entities import moved_frame
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.field_slice import field_slice
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import planes_along
@@ -42,7 +43,7 @@ WEAK, STRONG = np.array([70.0, 110.0, 220.0]), np.array([255.0, 70.0, 50.0])
 
 
 def charges(
-    group: PlanningGroup, scenes: Sequence[Scene], configurations: np.ndarray, times: rr.TimeColumn
+    group: PlanningGroup, scenes: Sequence[Scene], configurations: Configurations, times: rr.TimeColumn
 ) -> Iterator[Chunk]:
     """The robot's charged points in their links, coloured by the scene's force on them, and the force on each link.
 

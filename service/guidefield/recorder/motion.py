@@ -18,6 +18,7 @@ from guidefield.planner.quality import ClearanceProfile
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.spaces import Configuration, Configurations, Tangents, WireColumns
 
 SHOWN_SPEED = 1.0
 """How fast the quickest joint moves along a path that has no times [rad/s or m/s]."""
@@ -43,12 +44,12 @@ class Motion:
     """
 
     times: np.ndarray
-    configurations: np.ndarray
+    configurations: Configurations
     timed: bool
 
 
 def shown_motion(
-    group: PlanningGroup, reply: PlanReply, profile: ClearanceProfile | None, start: np.ndarray | None
+    group: PlanningGroup, reply: PlanReply, profile: ClearanceProfile | None, start: Configuration | None
 ) -> Motion:
     """The motion to show for a reply.
 
@@ -68,7 +69,7 @@ def shown_motion(
     return Motion(np.zeros(1), q[None], timed=False)
 
 
-def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -> np.ndarray | None:
+def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -> Configuration | None:
     """The goal's first configuration (nq,), if what failed is that it can't be an end of the motion; else None."""
     goal = request.goal
     if reply.status.details.get("stage") != "goal" or not isinstance(goal, JointsGoal | JointSetGoal):
@@ -82,12 +83,12 @@ def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -
     return q
 
 
-def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> np.ndarray:
+def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> Configurations:
     """Configurations (n, nq) of a reply's rows of position columns."""
     return np.array([_configuration(group, row) for row in rows])
 
 
-def position_rows(group: PlanningGroup, configurations: np.ndarray) -> np.ndarray:
+def position_rows(group: PlanningGroup, configurations: Configurations) -> WireColumns:
     """The wire's position columns (n, k) of configurations (n, nq) in order, angles unwrapped."""
     return np.array([group.wire_positions(z) for z in group.chart_path(list(configurations))])
 
@@ -103,9 +104,9 @@ class Curves:
     """
 
     times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    accelerations: np.ndarray
+    positions: WireColumns
+    velocities: Tangents
+    accelerations: Tangents
 
 
 def curves(group: PlanningGroup, trajectory: messages.Trajectory) -> Curves:
@@ -118,7 +119,7 @@ def curves(group: PlanningGroup, trajectory: messages.Trajectory) -> Curves:
     return Curves(times, *curve.evaluate(times))
 
 
-def _configuration(group: PlanningGroup, row: Sequence[float]) -> np.ndarray:
+def _configuration(group: PlanningGroup, row: Sequence[float]) -> Configuration:
     parts, at = [], 0
     for joint in group.joints:
         count = LENGTHS.get(joint.kind, 1)
@@ -180,7 +181,7 @@ class Poses:
     tip: np.ndarray
 
 
-def poses(group: PlanningGroup, configurations: Sequence[np.ndarray] | np.ndarray) -> Poses:
+def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> Poses:
     """Forward kinematics of every joint and of the tip.
 
     Args:
@@ -200,7 +201,7 @@ def poses(group: PlanningGroup, configurations: Sequence[np.ndarray] | np.ndarra
     return Poses(joints, placements, tip)
 
 
-def link_placements(group: PlanningGroup, q: np.ndarray, links: Sequence[str]) -> dict[str, Any]:
+def link_placements(group: PlanningGroup, q: Configuration, links: Sequence[str]) -> dict[str, Any]:
     """``T_world_link`` (pinocchio.SE3) of some links at a configuration of the group, shape (nq,)."""
     data = group.model.createData()
     pin.framesForwardKinematics(group.model, data, group.expand(q))

@@ -16,6 +16,7 @@ from guidefield.planner.task.trace import Step
 from guidefield.recorder.chunks import STEP, evenly, path_times, still, timed
 from guidefield.recorder.motion import Curves, Motion, curves, position_rows
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import Configurations
 
 Color = tuple[int, int, int, int]
 """RGBA."""
@@ -98,7 +99,7 @@ def thinned(curve: Curves, most: int) -> Curves:
     return Curves(curve.times[rows], curve.positions[rows], curve.velocities[rows], curve.accelerations[rows])
 
 
-def step_positions(group: PlanningGroup, configurations: np.ndarray, numbers: np.ndarray) -> Chunk:
+def step_positions(group: PlanningGroup, configurations: Configurations, numbers: np.ndarray) -> Chunk:
     """`/plots/position` over `STEP`: configurations (n, nq) after steps of the planner of these numbers (n,)."""
     times = rr.TimeColumn(STEP, sequence=numbers)
     return timed("/plots/position", [times], _rows(position_rows(group, configurations)))

@@ -34,6 +34,7 @@ from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_
 from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.scene import Scene
 
 
@@ -171,7 +172,7 @@ class Recorder:
         yield from field_entities.charges(self._group, scenes, qs, times)
         yield from field_entities.picture_of_plane(self._scene, at.tip)
 
-    def _planning(self, reply: PlanReply, start: np.ndarray, links: Sequence[str]) -> Iterator[Chunk]:
+    def _planning(self, reply: PlanReply, start: Configuration, links: Sequence[str]) -> Iterator[Chunk]:
         """What the planner did, over its steps."""
         steps = self._log.steps()
         yield from log.text_log(self._log, reply)

@@ -15,6 +15,7 @@ from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_fra
 from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.spaces import Configuration, Configurations
 
 GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
@@ -94,7 +95,7 @@ def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
     return still(GHOST_ENTITY, bodies.mesh(surface.joined(parts))) if parts else None
 
 
-def extent(group: PlanningGroup, drawn: Drawn, q: np.ndarray) -> np.ndarray:
+def extent(group: PlanningGroup, drawn: Drawn, q: Configuration) -> np.ndarray:
     """Corners (m, 3) [m, world] of the boxes about the links that move, at a configuration (nq,)."""
     placements = link_placements(group, q, drawn.links)
     corners = [np.empty((0, 3))]
@@ -105,7 +106,7 @@ def extent(group: PlanningGroup, drawn: Drawn, q: np.ndarray) -> np.ndarray:
     return np.concatenate(corners)
 
 
-def spread_along(configurations: np.ndarray, count: int) -> list[int]:
+def spread_along(configurations: Configurations, count: int) -> list[int]:
     """Rows of configurations (n, nq), first and last included, about evenly far along the way."""
     steps = np.linalg.norm(np.diff(configurations, axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])

@@ -12,6 +12,7 @@ from guidefield.planner.task.trace import PathRelaxed, TreeGrown
 from guidefield.recorder.chunks import STEP, evenly, timed
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.model.spaces import ChartPoints
 
 GROWTH = 8
 """Steps of the timeline over which a tree is shown to grow."""
@@ -53,7 +54,7 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, TreeGrown]]) -> Itera
         yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
 
 
-def tree_edges(group: PlanningGroup, points: np.ndarray, parents: np.ndarray) -> np.ndarray:
+def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
     """The tip at both ends of the edges to the first `MOST_NODES` nodes of a tree, shape (edges, 2, 3) [m, world]."""
     tips = _tips(group, points[:MOST_NODES])  # a parent comes before its children
     children = np.flatnonzero(parents[:MOST_NODES] >= 0)
@@ -76,7 +77,7 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
     yield timed("/planner/relaxed", [times], columns)
 
 
-def _tips(group: PlanningGroup, points: np.ndarray) -> np.ndarray:
+def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
     """The tip's position at chart points (n, nv), shape (n, 3) [m, world]."""
     kinematics = Kinematics(group)
     return np.array([kinematics.tip_position(group.from_chart(point)) for point in points])
