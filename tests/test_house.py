@@ -10,13 +10,16 @@ from collections.abc import Iterator
 from importlib import resources
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from typing import get_origin
 
+import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from typer.main import get_command
 
 from guidefield.cli import app
+from guidefield.robot.model import spaces
 
 HOUSE = Path(__file__).resolve().parent.parent
 PACKAGE = HOUSE / "service" / "guidefield"
@@ -39,6 +42,9 @@ COMES_WITH_NUMBA = {"llvmlite"}
 """numba demands the one version that fits."""
 SHAPE = re.compile(r"\((?:[\w.+*/ -]|\.\.\.)+,(?:[\w.+*/, -]|\.\.\.)*\)|\(\d\)|shape")
 """How docstrings say shapes: (n, 3), (nq,), (3), or in words."""
+SPACES = [name for name, kind in vars(spaces).items() if get_origin(kind) is np.ndarray]
+ARRAYS = re.compile(rf"ndarray|NDArray|Floats|Integers|\b({'|'.join(SPACES)})\b")
+"""How annotations say arrays."""
 AS_ANOTHER = re.compile(r"`\w+`")
 """Another function, whose docstring says them."""
 HOME_PATH = re.compile(r"(?<![\w.])/(?:root|home|Users)/\w+")
@@ -125,7 +131,7 @@ def test_a_public_function_says_the_shape_of_its_arrays(path: Path) -> None:
     for holder, function in _public_functions(ast.parse(path.read_text())):
         annotations = [argument.annotation for argument in (*function.args.args, *function.args.kwonlyargs)]
         kinds = " ".join(ast.unparse(kind) for kind in (*annotations, function.returns) if kind is not None)
-        if re.search(r"ndarray|NDArray|Floats|Integers", kinds):
+        if ARRAYS.search(kinds):
             said = (ast.get_docstring(function) or "").replace(f"`{function.name}`", "")
             if not (SHAPE.search(said) or AS_ANOTHER.search(said)):
                 silent.append(f"{holder}{function.name}")
