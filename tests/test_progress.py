@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
@@ -54,14 +55,13 @@ def test_every_stage_is_told_and_nothing_changes_for_it(engine: Engine) -> None:
 def test_the_clearance_told_is_that_of_a_step(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("guidefield.progress.PAUSE", 0.0)
     asked: list[float] = []
-    clearance = World.clearance
 
-    def overheard(world: World, q: Any, *more: Any) -> Any:
-        found = clearance(world, q, *more)
+    def overheard(world: World, q: Any) -> Any:
+        found = clearance_at(world, q)
         asked.append(found.obstacle_distance)
         return found
 
-    monkeypatch.setattr(World, "clearance", overheard)
+    monkeypatch.setattr("guidefield.progress.clearance_at", overheard)
     watcher = _Watcher()
     _planned(engine, watcher)
     told = [progress.clearance for progress in watcher.heard if progress.clearance is not None]

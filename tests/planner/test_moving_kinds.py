@@ -162,11 +162,12 @@ def test_what_is_certified_among_moving_obstacles_of_any_kind_is_free_at_dense_t
 
 
 def swing(seed: int) -> Trajectory:
-    """A random motion of the arm from rest to rest, that waits in between."""
-    rng = np.random.default_rng(seed)
-    start = group("panda").chart(rest(group("panda")))
+    """A random motion of the arm from rest to rest within its limits, that waits in between."""
+    rng, planned = np.random.default_rng(seed), group("panda")
+    start = planned.chart(rest(planned))
     ways = rng.uniform(-0.5, 0.5, (2, len(start)))
     points = np.array([start, start + ways[0], start + ways[0], start + ways.sum(axis=0)])
+    points = np.clip(points, planned.lower, planned.upper)
     return Trajectory(np.array([0.0, 1.0, 1.6, 2.6]), points, np.zeros_like(points))
 
 

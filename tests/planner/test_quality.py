@@ -159,11 +159,12 @@ def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypat
         return answer_plan(message, robot("panda"), build(library.read("table")), run_id="r", received=time.monotonic())
 
     exact = asked()
-    assert not exact.warnings
+    assert not any("clearance" in warning for warning in exact.warnings)
     monkeypatch.setattr(Budget, "spent", lambda _: None if not measuring() else Status.TIMED_OUT)
     hurried = asked()
     assert hurried.status.name == "SUCCESS"
-    assert [w.partition(" is not")[0].rpartition("`")[0].rpartition("`")[2] for w in hurried.warnings] == [
+    told = [warning for warning in hurried.warnings if warning not in exact.warnings]
+    assert [w.partition(" is not")[0].rpartition("`")[0].rpartition("`")[2] for w in told] == [
         "clearance.minimum",
         "clearance.inner",
         "self_clearance.minimum",

@@ -27,9 +27,9 @@ import json, sys, time
 began = time.perf_counter()
 import numpy as np
 import pinocchio as pin
-from guidefield.collision.lanes.lanes import Lanes
+from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.planner import lane_tree
+from guidefield.planner.connect import tree_search
 from guidefield.planner.task.problem import Budget
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
@@ -39,13 +39,13 @@ imported = time.process_time()
 robot = Catalog().load(sys.argv[1])
 group = select(robot, None, None, robot.rest, pin.SE3.Identity())
 loaded = time.process_time()
-lanes = Lanes.build(World.build(group, build(library.read("bookshelf"))))
+lanes = BatchCollision.build(World.build(group, build(library.read("bookshelf"))))
 tables = time.process_time()
 rng = np.random.default_rng(0)
 drawn = np.array([group.chart(group.random(rng)) for _ in range(200)])
 goal = drawn[~lanes.touching(drawn)][0]
 start = group.chart(group.part_of(robot.rest))
-found = lane_tree.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget())
+found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget())
 planned = time.process_time()
 steps = {"import": imported, "robot": loaded - imported, "tables": tables - loaded, "plan": planned - tables}
 print(json.dumps(steps | {"all": planned, "clock": time.perf_counter() - began, "found": found.path is not None}))

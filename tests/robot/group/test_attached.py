@@ -6,9 +6,10 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import UnknownFrame, UnknownObject
+from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.group.reduced_model import select
-from tests.robots import random_configuration, robot
+from tests.robots import load, random_configuration, robot
 
 IN_HAND = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.02, 0.0, 0.15]))
 
@@ -33,6 +34,30 @@ def test_it_moves_with_its_link():
         hand = data.oMf[arm.model.getFrameId("panda_hand", pin.FrameType.BODY)]
         for placed in (geometry_data.oMg[arm.geometry.ngeoms - 1], data.oMf[arm.model.getFrameId("rod")]):
             np.testing.assert_allclose(placed.homogeneous, (hand * IN_HAND).homogeneous, atol=1e-12)
+
+
+FOLLOWED = """<robot name="followed"><link name="base"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="1" velocity="2"/></joint>
+<link name="l1"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="f" type="prismatic"><origin xyz="0.3 0 0"/><parent link="l1"/><child link="l2"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="2"/><mimic joint="a" multiplier="0.1"/></joint>
+<link name="l2"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="b" type="revolute"><origin xyz="0.3 0 0"/><parent link="l2"/><child link="l3"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="1" velocity="2"/></joint>
+<link name="l3"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link></robot>"""
+
+
+@pytest.mark.parametrize("holder", ["l1", "l2", "l3"])
+def test_it_has_a_frame_after_joints_were_locked_and_followers_left_out(holder: str) -> None:
+    """Where a body's frame was none, reducing the model a second time read beyond the frames: a crash at times."""
+    held = with_held(load(UrdfText(text=FOLLOWED)), [rod(link=holder)])
+    arm = select(held, ["a"], holder, held.rest, pin.SE3.Identity())
+    bodies = list(arm.geometry.geometryObjects)
+    assert "rod" in [body.name for body in bodies]
+    for body in bodies:
+        assert body.parentFrame < arm.model.nframes
+        assert arm.model.frames[body.parentFrame].parentJoint == body.parentJoint
 
 
 def against(model, name: str) -> set[str]:

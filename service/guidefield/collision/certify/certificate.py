@@ -48,7 +48,7 @@ def certify(
 
     All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
     that everything before the refusal that is told is certified. Whether the robot is wholly inside a closed mesh at
-    the start is another question: `World.enclosed`. Of a piece on which a joint leaves its limits by more than
+    the start is another question: `enclosed`. Of a piece on which a joint leaves its limits by more than
     `TOLERANCE` nothing is certified, only what comes before it.
 
     Args:

@@ -63,7 +63,8 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
         carrier = model.frames[frame_index(model, one.link)]
         joint, placement = carrier.parentJoint, carrier.placement * one.placement
         del carrier  # it lies among the model's frames, which move when one is added
-        frame = model.addFrame(pin.Frame(one.name, joint, placement, pin.FrameType.OP_FRAME), False)
+        # a link's frame: of a body with another one Pinocchio loses it where joints are locked
+        frame = model.addFrame(pin.Frame(one.name, joint, placement, pin.FrameType.BODY), False)
         shape = pin.GeometryObject(one.name, joint, frame, placement, one.shape)
         index = geometry.addGeometryObject(shape)
         apart = {one.link, *one.touch_links}
