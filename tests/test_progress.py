@@ -61,7 +61,7 @@ def test_the_clearance_told_is_that_of_a_step(engine: Engine, monkeypatch: pytes
         asked.append(found.obstacle_distance)
         return found
 
-    monkeypatch.setattr("guidefield.progress.clearance_at", overheard)
+    monkeypatch.setattr("guidefield.collision.clearance.clearance_at", overheard)
     watcher = _Watcher()
     _planned(engine, watcher)
     told = [progress.clearance for progress in watcher.heard if progress.clearance is not None]

@@ -6,7 +6,6 @@ import math
 import time
 from typing import TYPE_CHECKING, Protocol
 
-from guidefield.collision.clearance import clearance_at
 from guidefield.messages import codec
 from guidefield.messages.replies import Progress
 
@@ -103,6 +102,8 @@ class ProgressTold:
         """The clearance of the last step, once."""
         if self._world is None or self._q is None:
             return
+        from guidefield.collision.clearance import clearance_at
+
         distance = clearance_at(self._world, self._q).obstacle_distance
         self._q = None
         if math.isfinite(distance):
