@@ -214,7 +214,7 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     def answer_plan(request: Any, robot: Any, scene: Any, **about: Any) -> Any:
         asked.append(about)
         reply = plan_reply(about["run_id"])
-        about["record"](None, scene, ()).finish(reply, None)
+        about["record"](None, scene, ()).finish(reply, lambda: None)
         return reply
 
     monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)

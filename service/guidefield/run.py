@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -175,10 +176,10 @@ class _Observers:
             if observer is not None:
                 observer.observe(event)
 
-    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
-        """Have the recording written, if there is one."""
+    def finish(self, reply: PlanReply, profile: Callable[[], ClearanceProfile | None]) -> None:
+        """Have the recording written, if there is one: nothing is measured for none."""
         if self.recording is not None:
-            self.recording.finish(reply, profile)
+            self.recording.finish(reply, profile())
 
 
 class _Recording:

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield.engine import answer
+from guidefield.engine import Engine, answer
 from guidefield.errors import (
     GuidefieldError,
     InvalidConfiguration,
@@ -233,6 +233,14 @@ def test_the_robot_may_stand_elsewhere() -> None:
     assert high.clearance.minimum > low.clearance.minimum
 
 
+def test_nothing_is_measured_for_a_run_that_is_not_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guidefield.handlers.plan.clearance_profile", lambda *_: pytest.fail("nobody reads it"))
+    engine = Engine()
+    request = {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3), **PATIENT}
+    reply = engine.answer(codec.decode_request(request))
+    assert reply.clearance.minimum > 0.0
+
+
 def test_recordings_are_opened_told_and_finished() -> None:
     told = []
 
@@ -241,7 +249,7 @@ def test_recordings_are_opened_told_and_finished() -> None:
             told.append(event)
 
         def finish(self, reply, profile) -> None:
-            told.append((reply, profile))
+            told.append((reply, profile()))
 
     message = codec.decode_request(
         {"robot": "panda", "scene": "table", "start": READY, "goal": joints(panda_joint1=0.3), **PATIENT}

@@ -81,7 +81,7 @@ def test_a_reply_says_how_close_a_thin_post_was_passed() -> None:
             pass
 
         def finish(self, reply, profile) -> None:
-            told.append(profile)
+            told.append(profile())
 
     scene = scene_of(post(4.321))
     reply = answer_plan(

@@ -36,8 +36,8 @@ class Recording(Protocol):
     def observe(self, event: Event) -> None:
         """Be told of an event."""
 
-    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
-        """Be told the end, and write."""
+    def finish(self, reply: PlanReply, profile: Callable[[], ClearanceProfile | None]) -> None:
+        """Be told the end, and write; the clearance along the way is measured when it is asked for."""
 
 
 Record = Callable[[PlanningGroup, Scene, tuple[GuidePlane, ...]], Recording | None]
@@ -93,7 +93,7 @@ def answer_plan(
     measure_seconds = time.monotonic() - begin
     reply = reply_to(request, problem, made, measured, run_id, received, load_seconds, measure_seconds, warnings)
     if recording is not None:
-        recording.finish(reply, None if measured is None else clearance_profile(measured, problem))
+        recording.finish(reply, lambda: None if measured is None else clearance_profile(measured, problem))
     return reply
 
 
