@@ -130,7 +130,7 @@ def _round(
 ) -> tuple[TimedPath, Round]:
     """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now."""
     for attempt in attempts:
-        for guided in _walkers(problem, path, (AHEAD, 0.0), index):
+        for guided in _guided_paths(problem, path, (AHEAD, 0.0), index):
             ended = approach(guided, aim, attempt)
             if ended is Round.BLOCKED:
                 continue
@@ -165,7 +165,7 @@ def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: A
 
 def _giving_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt) -> TimedPath | None:
     """The path out of the way, if there is one: a descent among the obstacles as they will stand, tip in its plane."""
-    for guided in _walkers(problem, path, (2.0 * WAIT, WAIT, 0.0), index):
+    for guided in _guided_paths(problem, path, (2.0 * WAIT, WAIT, 0.0), index):
         for normal in np.eye(3):
             since = guided.q
             attempt.minimizer.settle(guided, guided.tip, normal, ANYWHERE)
@@ -174,7 +174,7 @@ def _giving_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt)
     return None
 
 
-def _walkers(problem: Problem, path: TimedPath, ahead: Sequence[float], index: int) -> Iterator[GuidedPath]:
+def _guided_paths(problem: Problem, path: TimedPath, ahead: Sequence[float], index: int) -> Iterator[GuidedPath]:
     """A guided path at the end of the path for each look ahead [s]; one look only once all obstacles rest."""
     q = problem.group.from_chart(path.points[-1])
     for more in ahead if path.time < problem.scene.end else (0.0,):
