@@ -104,7 +104,7 @@ class ProgressTold:
             return
         from guidefield.collision.clearance import clearance_at
 
-        distance = clearance_at(self._world, self._q).obstacle_distance
+        distance = clearance_at(self._world, self._world.group.expand(self._q)).obstacle_distance
         self._q = None
         if math.isfinite(distance):
             self._clearance = distance

@@ -33,7 +33,7 @@ def world(name):
 
 def bounds_at(place, middle, half_widths):
     planned = place.group
-    q = planned.expand(planned.from_chart(middle))
+    q = planned.expand_from_chart(middle)
     jacobian = pin.computeJointJacobians(place.model, place.data, q)
     centres = place.bodies.centres_in_world(place.joint_placements)
     return place.motion_bound.at(jacobian.reshape(1, 6, -1), centres[None], half_widths[None])[0]
@@ -52,7 +52,7 @@ def corners(shape) -> np.ndarray:
 
 def placed(place, z) -> list[pin.SE3]:
     planned, data = place.group, place.model.createData()
-    pin.forwardKinematics(place.model, data, planned.expand(planned.from_chart(z)))
+    pin.forwardKinematics(place.model, data, planned.expand_from_chart(z))
     return [data.oMi[shape.parentJoint] * shape.placement for shape in planned.geometry.geometryObjects]
 
 

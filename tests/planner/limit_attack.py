@@ -147,9 +147,8 @@ def free_end(world: World, share: float, rng: np.random.Generator) -> np.ndarray
         end = np.where(rng.random(group.nv) < 0.5, group.lower, group.upper)
         at = rng.random(group.nv) < share * (1.0 - draw / DRAWS)
         z[limited] = np.where(at, end, inner)[limited]
-        q = group.from_chart(z)
-        if not world.in_collision(q):
-            return q
+        if not world.in_collision(group.expand_from_chart(z)):
+            return group.from_chart(z)
     return None
 
 
@@ -265,14 +264,14 @@ def _can_be_kept(driver: tuple[float, float], own: tuple[float, float], scale: f
 def _pose(group: PlanningGroup, q: np.ndarray | None) -> PoseGoal:
     """The tip's pose at a configuration."""
     assert q is not None, "the end is known"
-    tip = Kinematics(group).frame_placement(q, group.tip_id)
+    tip = Kinematics(group).frame_placement(group.expand(q), group.tip_id)
     quaternion = pin.Quaternion(tip.rotation).coeffs()
     return PoseGoal(position=tuple(tip.translation.tolist()), quaternion_xyzw=tuple(quaternion.tolist()))
 
 
 def _plane(group: PlanningGroup, ends: list[np.ndarray], rng: np.random.Generator) -> PlaneConstraint:
     """A plane through where the tip is at both ends, near which it has to stay."""
-    first, last = (Kinematics(group).tip_position(q) for q in ends)
+    first, last = (Kinematics(group).tip_position(group.expand(q)) for q in ends)
     normal = np.cross(last - first + 1e-3 * rng.normal(size=3), rng.normal(size=3))
     return PlaneConstraint(
         frame=group.tip, point=tuple(first.tolist()), normal=tuple(normal.tolist()), tolerance=PLANE_TOLERANCE
@@ -282,5 +281,5 @@ def _plane(group: PlanningGroup, ends: list[np.ndarray], rng: np.random.Generato
 def _spheres(group: PlanningGroup, rng: np.random.Generator) -> list[Sphere]:
     """Some spheres within the tip's reach."""
     kinematics = Kinematics(group)
-    reach = [kinematics.tip_position(group.random(rng)) for _ in range(5)]
+    reach = [kinematics.tip_position(group.expand(group.random(rng))) for _ in range(5)]
     return [Sphere(name=f"s{k}", radius=0.05, position=tuple(at.tolist())) for k, at in enumerate(reach)]

@@ -103,6 +103,6 @@ def densely_free(made_for: Problem, path: np.ndarray, step: float = 2e-3) -> boo
     """Whether no sample of a polyline in the chart collides, by Pinocchio's own test of all pairs."""
     for a, b in pairwise(path):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / step))):
-            if contacts_at(made_for.world, made_for.group.from_chart(a + t * (b - a))):
+            if contacts_at(made_for.world, made_for.group.expand_from_chart(a + t * (b - a))):
                 return False
     return True

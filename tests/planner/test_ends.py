@@ -51,7 +51,7 @@ def test_a_pose_has_free_configurations_far_from_each_other() -> None:
 def test_a_clearance_is_kept_by_every_one() -> None:
     made = problem("panda", scene_of(ball(0.1, 0.45, 0.5, 0.5)), pose(), min_clearance=0.1)
     for z in goal_points(made):
-        assert clearance_at(made.world, made.group.from_chart(z)).obstacle_distance >= 0.1
+        assert clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance >= 0.1
 
 
 def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:

@@ -31,7 +31,9 @@ def judged_densely(made: Problem, result: Plan, step: float = 1e-3) -> bool:
     speed = np.abs(result.trajectory.velocities).max() + 1e-9
     count = int(np.ceil(1.5 * speed * result.trajectory.duration / step)) + 2
     times = np.linspace(0.0, result.trajectory.duration, min(count, 20_000))
-    return not any(made.world.in_collision(made.group.from_chart(z)) for z in result.trajectory.evaluate(times)[0])
+    return not any(
+        made.world.in_collision(made.group.expand_from_chart(z)) for z in result.trajectory.evaluate(times)[0]
+    )
 
 
 def is_within_limits(made: Problem, result: Plan) -> bool:
@@ -78,12 +80,12 @@ def test_guide_planes_in_the_bookshelf() -> None:
     result = plan(made, Planner.GUIDED)
     check_success(made, result)
     assert set(result.crossings) == {0, 1, 2}
-    tip = made.kinematics.tip_position(made.group.from_chart(result.trajectory.positions[-1]))
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(result.trajectory.positions[-1]))
     last = made.guide_planes[-1]
     assert abs(last.signed_height(tip)) < 2e-4
     assert last.contains(tip)
     for index, at in result.crossings.items():
-        crossed = made.kinematics.tip_position(made.group.from_chart(result.path[at]))
+        crossed = made.kinematics.tip_position(made.group.expand_from_chart(result.path[at]))
         assert abs(made.guide_planes[index].signed_height(crossed)) < 2e-4
 
 
@@ -96,7 +98,9 @@ def test_a_pose_among_the_boards_without_planes() -> None:
     made = problem("panda", "bookshelf", TipGoal(target), planes=())
     result = plan(made)
     check_success(made, result)
-    end = made.kinematics.frame_placement(made.group.from_chart(result.trajectory.positions[-1]), made.group.tip_id)
+    end = made.kinematics.frame_placement(
+        made.group.expand_from_chart(result.trajectory.positions[-1]), made.group.tip_id
+    )
     assert target.is_reached(end)
 
 
@@ -199,7 +203,7 @@ def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> Non
     assert calls == list(range(len(made.guide_planes)))
     done = [(stage.name, stage.plane) for stage in result.stages]
     assert ("connect", 0) in done
-    tip = made.kinematics.tip_position(made.group.from_chart(result.path[result.crossings[0]]))
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(result.path[result.crossings[0]]))
     assert abs(made.guide_planes[0].signed_height(tip)) < 2e-4
 
 

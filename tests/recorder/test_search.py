@@ -20,7 +20,7 @@ def run(request: pytest.FixtureRequest) -> MadeUp:
 def _tip(run: MadeUp, z: np.ndarray) -> np.ndarray:
     model = run.group.model
     data = model.createData()
-    pin.framesForwardKinematics(model, data, run.group.expand(run.group.from_chart(z)))
+    pin.framesForwardKinematics(model, data, run.group.expand_from_chart(z))
     return np.array(data.oMf[model.getFrameId(run.group.tip)].translation)
 
 

@@ -50,7 +50,7 @@ def _planned(given: Problems, declared: dict[str, Any], asked: argparse.Namespac
     start, goal = (group.from_chart(z) for z in given.ends(declared))
     problem = posed(group, scene_of(declared), start, LastPlaneGoal(), budget=budget)
     half = SIDE * tip_radius(problem) if asked.side is None else 5e-4 * asked.side
-    last = square_about(problem.kinematics.frame_placement(goal, group.tip_id), half)
+    last = square_about(problem.kinematics.frame_placement(group.expand(goal), group.tip_id), half)
     began = time.process_time()
     derived = derive(problem, last) or ()
     problem = dataclasses.replace(problem, guide_planes=(*derived, last), derived_planes=len(derived))

@@ -82,7 +82,7 @@ def _row(given: Problems, problem: dict[str, Any], count: int, radius: float) ->
     scene = build(declared)
     times["built"] = _since(began)
     world = World.build(given.group, scene)
-    if any(world.in_collision(given.group.from_chart(z)) for z in given.ends(problem)):
+    if any(world.in_collision(given.group.expand_from_chart(z)) for z in given.ends(problem)):
         return None
     began = time.process_time()
     cloud_tables(scene.obstacles[0])

@@ -47,8 +47,9 @@ def solved(problems: Problems, declared: dict) -> tuple[bool, bool, float, float
     start, goal = (group.from_chart(z) for z in problems.ends(declared))
     problem = posed(group, scene_of(declared), start, LastPlaneGoal())
     world = problem.world
-    kept = all(clearance_at(world, q).obstacle_distance >= KEPT and not contacts_at(world, q) for q in (start, goal))
-    last = square_about(problem.kinematics.frame_placement(goal, group.tip_id), SIDE * tip_radius(problem))
+    ends = group.expand(start), group.expand(goal)
+    kept = all(clearance_at(world, q).obstacle_distance >= KEPT and not contacts_at(world, q) for q in ends)
+    last = square_about(problem.kinematics.frame_placement(ends[1], group.tip_id), SIDE * tip_radius(problem))
     begin = time.process_time()
     derived = derive(problem, last)
     between, q = time.process_time(), start

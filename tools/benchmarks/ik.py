@@ -50,10 +50,10 @@ def _group(name: str, folder: Path | None) -> PlanningGroup:
 
 def _print_row(group: PlanningGroup, name: str, asked: argparse.Namespace) -> None:
     kinematics, rng = Kinematics(group), np.random.default_rng(0)
-    start = group.part_of(group.robot.rest)
+    start = group.chart(group.part_of(group.robot.rest))
     first, whole, counts, families, solved = [], [], [], [], 0
     for index in range(asked.poses):
-        placement = kinematics.frame_placement(group.random(rng), group.tip_id)
+        placement = kinematics.frame_placement(group.expand(group.random(rng)), group.tip_id)
         target = PoseTarget(placement, np.zeros(3), np.zeros(3))
         for count, times in ((1, first), (asked.solutions, whole)):
             began = time.process_time()
@@ -78,7 +78,7 @@ def _families(group: PlanningGroup, solutions: tuple[np.ndarray, ...]) -> int:
     slides = np.concatenate([np.full(joint.nv, joint.kind is JointKind.PRISMATIC) for joint in group.joints])
     far = np.where(slides, FAMILY_LENGTH, FAMILY_ANGLE)
     counted: list[np.ndarray] = []
-    for z in map(group.chart, solutions):
+    for z in solutions:
         apart = [z - other for other in counted]
         apart = [np.where(slides, d, d - 2.0 * np.pi * np.round(d / (2.0 * np.pi))) for d in apart]
         if all((np.abs(d) >= far).any() for d in apart):

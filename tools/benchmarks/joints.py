@@ -76,7 +76,7 @@ def mobile(title: str, count: int = 6) -> tuple[Problem, Ways]:
     world, rng, free = problem.world, np.random.default_rng(4), []
     while len(free) < 2 * count:
         q = group.random(rng)
-        if not world.in_collision(q):
+        if not world.in_collision(group.expand(q)):
             free.append(group.chart(q))
     return problem, list(zip(free[::2], free[1::2], strict=True))
 

@@ -103,7 +103,7 @@ def ompl(task: Task) -> Answer:
     setup = geometric.SimpleSetup(space)
 
     def free(state: Any) -> bool:
-        return not task.world.in_collision(group.from_chart(np.array([state[j] for j in range(group.nv)])))
+        return not task.world.in_collision(group.expand_from_chart(np.array([state[j] for j in range(group.nv)])))
 
     def state(values: np.ndarray) -> Any:
         made = space.allocState()
@@ -213,7 +213,7 @@ def pyroboplan(task: Task) -> Answer:
         rng_seed=task.seed,
     )
     planner = RRTPlanner(world.model, world.geometry, options)
-    ends = [group.expand(group.from_chart(z)) for z in (task.start, task.goal)]
+    ends = [group.expand_from_chart(z) for z in (task.start, task.goal)]
     scene = clock()
     with contextlib.redirect_stdout(io.StringIO()):
         path = planner.plan(*ends)

@@ -190,13 +190,13 @@ def judged(world: World, curve: Curve) -> Judged:
         since, until = np.interp([END_STRETCH, lengths[-1] - END_STRETCH], lengths, fine).tolist()
         spans.append((since, until))
     minimum, *inner = smallest_along(world, curve, spans)
-    ends = [clearance_at(world, world.group.from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
+    ends = [clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance for z in samples[[0, -1]]]
     return Judged(
         minimum=minimum,
         inner=inner[0] if inner else np.nan,
         ends=min(ends),
         length=float(lengths[-1]),
-        hits=any(world.in_collision(world.group.from_chart(z)) for z in samples),
+        hits=any(world.in_collision(world.group.expand_from_chart(z)) for z in samples),
     )
 
 

@@ -137,7 +137,9 @@ def clearance(problem: Problem, path: np.ndarray) -> tuple[float, float]:
     found = []
     for a, b in pairwise(zs):
         for t in np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(b - a).max() / 0.02)), endpoint=False):
-            found.append(clearance_at(problem.world, problem.group.from_chart(a + t * (b - a))).obstacle_distance)
+            found.append(
+                clearance_at(problem.world, problem.group.expand_from_chart(a + t * (b - a))).obstacle_distance
+            )
     curve = Curve(polyline(zs), np.arange(max(2.0, len(zs))))
     (least,) = smallest_along(problem.world, curve, [(0.0, float(curve.times[-1]))])
     return 1000.0 * least, 1000.0 * float(np.mean(found))
@@ -256,7 +258,7 @@ def wandered(problem: Problem, seed: int, steps: int = 60) -> np.ndarray:
     side = np.sign(plane.signed_height(guided.tip))
     for _ in range(steps):
         q = problem.group.integrate(guided.q, 0.25 * rng.normal(size=problem.group.nv))
-        tip = problem.kinematics.tip_position(q)
+        tip = problem.kinematics.tip_position(problem.group.expand(q))
         if side * plane.signed_height(tip) > 0.05 and guided.free(guided.q, q):
             guided.take(q, "walk", "")
     return guided.q

@@ -10,7 +10,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import PairNames, World
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import ModelConfiguration
 
 MOST_LOOKED_AT = 64
 """Configurations that are looked at: what is met most is known by then."""
@@ -58,12 +58,12 @@ class BlockingPairs:
         return details if self.clearest is None else {**details, "clearance": self.clearest}
 
 
-def blocking_pairs(world: World, qs: Sequence[Configuration], clearance: float = 0.0) -> BlockingPairs:
+def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0) -> BlockingPairs:
     """The pairs that touch, or of which one is wholly inside the other, at configurations.
 
     Args:
         world: Robot and obstacles.
-        qs: Configurations of the group, each (nq,).
+        qs: Configurations of the group's model, each of shape (model.nq,).
         clearance: What they were to keep from obstacles; the nearest pair counts where nothing touches [m].
     """
     clearest: float | None = None

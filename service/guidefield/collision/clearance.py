@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.world import World
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import ModelConfiguration
 
 HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
@@ -35,7 +35,7 @@ class ClearanceAt:
     self_pair: tuple[str, str] | None
 
 
-def clearance_at(world: World, q: Configuration) -> ClearanceAt:
+def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
     """Smallest distances at a configuration.
 
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is
@@ -43,9 +43,9 @@ def clearance_at(world: World, q: Configuration) -> ClearanceAt:
 
     Args:
         world: Robot and obstacles.
-        q: Configuration of the group, shape (nq,).
+        q: Configuration of the group's model, shape (model.nq,).
     """
-    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, world.group.expand(q))
+    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
     if world.hulls is not world.geometry:
         pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data)
     centres = world.bodies.centres_in_world(world.joint_placements)

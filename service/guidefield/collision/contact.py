@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pinocchio as pin
 
 from guidefield.collision.world import World
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import ModelConfiguration
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,12 @@ class Contact:
     depth: float | None
 
 
-def contacts_at(world: World, q: Configuration) -> list[Contact]:
-    """Every pair that touches at a configuration of the group, shape (nq,), in the order of the world's pairs."""
-    expanded = world.group.expand(q)
+def contacts_at(world: World, q: ModelConfiguration) -> list[Contact]:
+    """Every pair that touches at a configuration of the model, shape (model.nq,), in the order of the world's pairs."""
     world.set_margins(world.hulls, world.hull_margin_data, 0.0)
-    pin.computeCollisions(world.model, world.data, world.hulls, world.hull_margin_data, expanded, False)
+    pin.computeCollisions(world.model, world.data, world.hulls, world.hull_margin_data, q, False)
     near = [k for k, result in enumerate(world.hull_margin_data.collisionResults) if result.isCollision()]
-    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, expanded)
+    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
     touching = [k for k in near if pin.computeCollision(world.geometry, world.geometry_data, k)]
     return [Contact(world.pair_names(k), _depth(world, k)) for k in touching]
 

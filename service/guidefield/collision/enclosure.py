@@ -15,12 +15,12 @@ from guidefield.geometry.closed import connected_pieces
 from guidefield.kept import kept_with
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.scene import Scene
 
 
-def enclosed(world: World, q: Configuration) -> tuple[str, str] | None:
+def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
     """Names of the first robot body and obstacle, one wholly inside the other's closed mesh, or None.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
@@ -29,12 +29,12 @@ def enclosed(world: World, q: Configuration) -> tuple[str, str] | None:
 
     Args:
         world: The robot among obstacles.
-        q: Configuration, shape (group.nq,).
+        q: Configuration of the group's model, shape (model.nq,).
     """
     could = _enclosable(world)
     if not (len(could.pairs) or could.about_clouds):
         return None
-    pin.forwardKinematics(world.model, world.data, world.group.expand(q))
+    pin.forwardKinematics(world.model, world.data, q)
     for pair, outer, solid, points in could.about_clouds:
         if _around_a_point(world, outer, solid, points):
             return world.pair_names(pair)

@@ -19,7 +19,7 @@ from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.scratch_space import scratch_space
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 
 PairNames = tuple[str, str]
@@ -34,7 +34,8 @@ class World:
     the world, such as a base on the floor, is not tested against obstacles. Allowed collisions are left out.
 
     Pinocchio's data are scratch space: a world answers one question at a time, and is not for two threads. What lanes
-    don't need is made when it is asked for.
+    don't need is made when it is asked for. Whoever asks it gives a configuration of the group's model, as Pinocchio
+    takes it: `PlanningGroup.expand` and `expand_from_chart` lead there.
 
     Attributes:
         group: The robot's planned joints.
@@ -197,9 +198,9 @@ class World:
         first, second = self.pairs[pair]
         return self.body_names[first], self.body_names[second]
 
-    def in_collision(self, q: Configuration) -> bool:
-        """Whether any pair touches at a configuration of the group, shape (nq,)."""
-        return bool(pin.computeCollisions(self.model, self.data, self.broad_phase, self.group.expand(q), True))
+    def in_collision(self, q: ModelConfiguration) -> bool:
+        """Whether any pair touches at a configuration of the model, shape (model.nq,)."""
+        return bool(pin.computeCollisions(self.model, self.data, self.broad_phase, q, True))
 
 
 def _require_other_names(group: PlanningGroup, scene: Scene) -> None:

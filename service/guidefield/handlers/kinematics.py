@@ -99,14 +99,16 @@ def inverse_kinematics(
         result = solve(
             group,
             PoseTarget.from_wire(pose),
-            [group.part_of(start) for start in starts],
+            [group.chart(group.part_of(start)) for start in starts],
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
             accept=None if world is None else partial(_are_free, world),
         )
-        configurations.append([configuration_to_wire(group.joints, q) for q in result.solutions])
-        met = blocking_pairs(world, result.rejected) if world is not None and not result.solutions else None
-        reasons.append(f"{result.reason}: {met.told()}" if met is not None and met.counts else result.reason)
+        configurations.append([configuration_to_wire(group.joints, group.from_chart(z)) for z in result.solutions])
+        reasons.append(result.reason)
+        if world is not None and not result.solutions:
+            met = blocking_pairs(world, [group.expand_from_chart(z) for z in result.rejected])
+            reasons[-1] += f": {met.told()}" if met.counts else ""
     return InverseKinematicsReply(configurations=configurations, reasons=reasons)
 
 
@@ -119,7 +121,7 @@ def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> C
     group = _whole_group(robot, request.robot_placement)
     world = World.build(group, scene)
     found = [
-        clearance_at(world, group.part_of(configuration_from_wire(robot, positions)))
+        clearance_at(world, group.expand(group.part_of(configuration_from_wire(robot, positions))))
         for positions in request.configurations
     ]
     return ClearanceReply(
@@ -181,7 +183,7 @@ def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
 
 def _are_free(world: World, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) touch nothing: (n,), bool."""
-    qs = map(world.group.from_chart, zs)
+    qs = map(world.group.expand_from_chart, zs)
     return np.array([not world.in_collision(q) and enclosed(world, q) is None for q in qs], bool)
 
 

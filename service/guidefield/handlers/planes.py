@@ -71,7 +71,7 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
 def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
     """Where the tip is to be in the end: a point, shape (3,) [m], or a plane."""
     if isinstance(problem.goal, ConfigurationGoal):
-        return problem.kinematics.tip_position(problem.goal.configurations[0])
+        return problem.kinematics.tip_position(problem.group.expand(problem.goal.configurations[0]))
     if isinstance(problem.goal, TipGoal):
         return np.array(problem.goal.target.placement.translation)
     return problem.guide_planes[-1]

@@ -18,6 +18,7 @@ from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.inverse_kinematics import MOST_REJECTED, IkResult, solve
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.ik.unreachable import Cause
+from guidefield.robot.model.spaces import ChartPoint
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""
@@ -35,16 +36,16 @@ def check_start(problem: Problem) -> None:
     Raises:
         StageFailed: START_STATE_IN_COLLISION with the deepest pair, or CLEARANCE_BELOW_MINIMUM.
     """
-    z_start = problem.group.chart(problem.q_start)
+    z_start = problem.z_start
     if isinstance(problem.goal, LastPlaneGoal) or not are_free(problem, z_start[None])[0]:
-        if (fault := end_fault(problem, problem.q_start)) is not None:
+        if (fault := end_fault(problem, z_start)) is not None:
             message, details = fault
             slight = not problem.leave_start_contact and details["depth"] is not None and details["depth"] <= SLIGHT
             hint = "; `leave_start_contact` would leave so slight a contact first" if slight else ""
             raise StageFailed(
                 Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}{hint}", stage="start", **details
             )
-        _check_clearance(problem, problem.q_start, "start")
+        _check_clearance(problem, z_start, "start")
     if (violated := _violated(problem, z_start)) is not None:
         message, details = violated
         status = Status.START_STATE_VIOLATES_PATH_CONSTRAINTS
@@ -64,13 +65,13 @@ def goal_points(problem: Problem) -> np.ndarray | None:
     return None
 
 
-def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray] = ()) -> np.ndarray:
+def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint] = ()) -> np.ndarray:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
     Args:
         problem: Robot and world.
         target: The pose.
-        starts: Configurations (nq,) that are looked from before the problem's start and random ones.
+        starts: Chart points (nv,) that are looked from before the problem's start and random ones.
 
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
@@ -79,16 +80,18 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
     result = _solved(problem, target, starts, _keep_some_distance)
     if not result.solutions and result.rejected:
         result = _solved(problem, target, starts, _touch_nothing, MOST_STARTS)
-    qs = [q for q in result.solutions if enclosed(problem.world, q) is None]
-    if result.solutions and not qs:  # all that were chosen are inside of something: choose among the others
+    zs = [z for z in result.solutions if _is_outside(problem, z)]
+    if result.solutions and not zs:  # all that were chosen are inside of something: choose among the others
         result = _solved(problem, target, starts, _are_outside)
-        qs = list(result.solutions)
-    qs = qs or [q for q in result.rejected if _keeps_off(problem, q)]  # lanes refuse what all but touches
-    if qs:
-        return np.array([problem.group.chart(q) for q in qs])
+        zs = list(result.solutions)
+    zs = zs or [z for z in result.rejected if _keeps_off(problem, z)]  # lanes refuse what all but touches
+    if zs:
+        return np.array(zs)
     if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
         raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
-    met = blocking_pairs(problem.world, result.rejected, problem.min_clearance)
+    met = blocking_pairs(
+        problem.world, list(map(problem.group.expand_from_chart, result.rejected)), problem.min_clearance
+    )
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
         Status.NO_IK_SOLUTION,
@@ -102,14 +105,14 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[np.ndarray
 def _solved(
     problem: Problem,
     target: PoseTarget,
-    starts: Sequence[np.ndarray],
+    starts: Sequence[ChartPoint],
     free: Callable[[Problem, np.ndarray], np.ndarray],
     most: int = MOST_REJECTED,
 ) -> IkResult:
     return solve(
         problem.group,
         target,
-        starts=(*starts, problem.q_start),
+        starts=(*starts, problem.z_start),
         count=GOAL_SOLUTIONS,
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda zs: free(problem, zs),
@@ -125,13 +128,13 @@ def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
     What lanes find free is; what they don't is judged by Coal where there is nothing else.
     """
     free = _are_outside(problem, zs)
-    return free if free.any() else np.array([_keeps_off(problem, problem.group.from_chart(z)) for z in zs])
+    return free if free.any() else np.array([_keeps_off(problem, z) for z in zs])
 
 
 def _are_outside(problem: Problem, zs: np.ndarray) -> np.ndarray:
     """Which chart points (n, nv) surely touch nothing and are inside of nothing: (n,), bool."""
     free = _touch_nothing(problem, zs)
-    free[free] = [enclosed(problem.world, problem.group.from_chart(z)) is None for z in zs[free]]
+    free[free] = [_is_outside(problem, z) for z in zs[free]]
     return free
 
 
@@ -148,17 +151,24 @@ def _touch_nothing(problem: Problem, zs: np.ndarray, beyond: float = 0.0) -> np.
     return free
 
 
-def _keeps_off(problem: Problem, q: np.ndarray) -> bool:
-    return not problem.world.in_collision(q) and enclosed(problem.world, q) is None and _keeps_clearance(problem, q)
+def _keeps_off(problem: Problem, z: ChartPoint) -> bool:
+    touches = problem.world.in_collision(problem.group.expand_from_chart(z))
+    return not touches and _is_outside(problem, z) and _keeps_clearance(problem, z)
 
 
-def end_fault(problem: Problem, q: np.ndarray) -> tuple[str, dict[str, Any]] | None:
-    """Why a configuration can't be an end of a motion: the deepest contact, as a sentence and values; else None.
+def _is_outside(problem: Problem, z: ChartPoint) -> bool:
+    """Whether no body is wholly inside another one at a chart point."""
+    return enclosed(problem.world, problem.group.expand_from_chart(z)) is None
+
+
+def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
+    """Why a chart point can't be an end of a motion: the deepest contact, as a sentence and values; else None.
 
     Args:
         problem: Robot and world.
-        q: Configuration of the group, shape (nq,).
+        z: Chart point, shape (nv,).
     """
+    q = problem.group.expand_from_chart(z)
     contacts = contacts_at(problem.world, q)
     if contacts:
         worst = max(contacts, key=lambda contact: contact.depth or 0.0)
@@ -182,16 +192,16 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
     free: np.ndarray = zs[are_free(problem, zs)]
     if len(free):
         return free
-    touching = [q for q in goal.configurations if end_fault(problem, q) is not None]
+    touching = [z for z in zs if end_fault(problem, z) is not None]
     if len(touching) < len(zs):  # some touch nothing, but are too close
-        clear = next(q for q in goal.configurations if end_fault(problem, q) is None)
+        clear = next(z for z in zs if end_fault(problem, z) is None)
         _check_clearance(problem, clear, "goal")
     fault = end_fault(problem, touching[0])
     assert fault is not None, "it touches something"
     message, details = fault
     if len(zs) == 1:
         raise StageFailed(Status.GOAL_IN_COLLISION, f"the goal is in collision: {message}", stage="goal", **details)
-    met = blocking_pairs(problem.world, touching)
+    met = blocking_pairs(problem.world, [problem.group.expand_from_chart(z) for z in touching])
     message = f"all {len(zs)} goals are in collision: {met.told()}"
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 
@@ -222,15 +232,15 @@ def _violated(problem: Problem, z: np.ndarray) -> tuple[str, dict[str, Any]] | N
     return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 
-def _keeps_clearance(problem: Problem, q: np.ndarray) -> bool:
+def _keeps_clearance(problem: Problem, z: ChartPoint) -> bool:
     asked = problem.min_clearance
-    return asked <= 0.0 or clearance_at(problem.world, q).obstacle_distance >= asked
+    return asked <= 0.0 or clearance_at(problem.world, problem.group.expand_from_chart(z)).obstacle_distance >= asked
 
 
-def _check_clearance(problem: Problem, q: np.ndarray, end: str) -> None:
-    if _keeps_clearance(problem, q):
+def _check_clearance(problem: Problem, z: ChartPoint, end: str) -> None:
+    if _keeps_clearance(problem, z):
         return
-    found = clearance_at(problem.world, q)
+    found = clearance_at(problem.world, problem.group.expand_from_chart(z))
     pair = list(found.obstacle_pair) if found.obstacle_pair else None
     raise StageFailed(
         Status.CLEARANCE_BELOW_MINIMUM,

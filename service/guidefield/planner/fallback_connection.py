@@ -60,7 +60,7 @@ def _points_on(problem: Problem, plane: GuidePlane, stuck: Crossing) -> np.ndarr
     Raises:
         StageFailed: as `tip_points`.
     """
-    tip = problem.kinematics.tip_position(stuck.path[-1])
+    tip = problem.kinematics.tip_position(problem.group.expand(stuck.path[-1]))
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
         return tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))

@@ -194,14 +194,16 @@ def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
 
 def _refused_at(problem: Problem, z: np.ndarray, reason: Reason) -> bool:
     """Whether a chart point (nv,) itself is refused for a reason: contact, less than the clearance, beyond limits."""
-    q = problem.group.from_chart(z)
     match reason:
         case Reason.BEYOND_LIMITS:
             return bool(((z < problem.group.lower - TOLERANCE) | (z > problem.group.upper + TOLERANCE)).any())
         case Reason.TOO_CLOSE:
-            return clearance_at(problem.world, q).obstacle_distance < problem.min_clearance
+            return (
+                clearance_at(problem.world, problem.group.expand_from_chart(z)).obstacle_distance
+                < problem.min_clearance
+            )
         case Reason.CONTACT:
-            return problem.world.in_collision(q)
+            return problem.world.in_collision(problem.group.expand_from_chart(z))
     return False
 
 

@@ -64,14 +64,14 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
     Raises:
         StageFailed: START_STATE_IN_COLLISION if a contact is deep, or no short motion leads out of all of them.
     """
-    contacts = tuple(contacts_at(problem.world, problem.q_start))
+    contacts = tuple(contacts_at(problem.world, problem.group.expand_from_chart(problem.z_start)))
     if not contacts:
         return None
     with stages.entered("ends", "out of the contact at the start") as stage:
         for one in contacts:
             if one.depth is not None and one.depth > SLIGHT:
                 raise _refusal(one, f"deeper than the {1000 * SLIGHT:.0f} mm that can be planned away from")
-        start, group = problem.group.chart(problem.q_start), problem.group
+        start, group = problem.z_start, problem.group
         rng = np.random.default_rng([problem.seed, 3])
         leads_out = _judge(problem, contacts, start)
         for length in LENGTHS:
@@ -127,12 +127,12 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: np.ndarray) -
     enough = max(APART, problem.min_clearance)
 
     def distances(z: np.ndarray) -> np.ndarray:
-        q = group.expand(group.from_chart(z))
+        q = group.expand_from_chart(z)
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
         return np.array([world.distance(k)[0] for k in touching])
 
     def leads_out(end: np.ndarray) -> bool:
-        q = group.from_chart(end)
+        q = group.expand_from_chart(end)
         if (distances(end) < enough).any() or world.in_collision(q):
             return False
         if problem.min_clearance > 0.0 and clearance_at(world, q).obstacle_distance < problem.min_clearance:

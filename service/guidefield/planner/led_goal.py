@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane, build
 
@@ -24,7 +26,7 @@ ROOM = 1.05
 
 def led_goal_points(
     problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
-) -> tuple[PathSoFar, np.ndarray]:
+) -> tuple[PathSoFar, ChartPoints]:
     """Chart points that reach the goal's pose, looked for from where the guided planner gets to it.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
@@ -43,21 +45,22 @@ def led_goal_points(
     assert isinstance(problem.goal, TipGoal)
     group, target = problem.group, problem.goal.target
     with stages.entered("guide", "to the place of the goal's pose") as stage:
-        q = group.from_chart(found.path[-1])
-        square = _square(problem, q, np.asarray(target.placement.translation))
-        crossing = cross(problem, q, square, len(problem.guide_planes), attempts)
+        here = found.path[-1]
+        square = _square(problem, here, np.asarray(target.placement.translation))
+        crossing = cross(problem, group.from_chart(here), square, len(problem.guide_planes), attempts)
         stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
+    along = group.chart_path(list(crossing.path), here)
     if crossing.status is Status.SUCCESS:
-        found = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
+        found = found.extended(along)
     try:
-        return found, tip_points(problem, target, (crossing.path[-1], q))
+        return found, tip_points(problem, target, (along[-1], here))
     except StageFailed as failed:
-        return found.failed(failed.ending), np.empty((0, group.nv))
+        return found.failed(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
 
 
-def _square(problem: Problem, q: np.ndarray, place: np.ndarray) -> GuidePlane:
+def _square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
     """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
-    way = place - problem.kinematics.tip_position(q)
+    way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
     length = float(np.linalg.norm(way))
     across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
     half = ROOM * max(tip_radius(problem), 1e-3)

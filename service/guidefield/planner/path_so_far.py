@@ -31,7 +31,7 @@ class PathSoFar:
     @classmethod
     def at_start(cls, problem: Problem) -> PathSoFar:
         """Nothing but a problem's start."""
-        return cls(problem.group.chart(problem.q_start)[None])
+        return cls(problem.z_start[None])
 
     def extended(self, points: np.ndarray, *, proven: bool = True) -> PathSoFar:
         """Gone on along chart points, shape (n, nv), whose first is where the path ends; whether they are certified."""

@@ -223,7 +223,7 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     samples = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 400))[0]
     steps = np.diff(samples, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    tips = np.array([kinematics.tip_position(kinematics.group.from_chart(z)) for z in samples])
+    tips = np.array([kinematics.tip_position(kinematics.group.expand_from_chart(z)) for z in samples])
     return Figures(
         joint_path_length=float(lengths.sum()),
         tip_path_length=float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum()),

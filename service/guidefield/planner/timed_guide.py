@@ -84,7 +84,7 @@ def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Atte
     Returns:
         The motion through all planes; failed before the first one where `cross` gives up and waiting doesn't help.
     """
-    path = TimedPath((problem.group.chart(problem.q_start),))
+    path = TimedPath((problem.z_start,))
     for index, plane in enumerate(problem.guide_planes):
         aim = Aim(plane, inset_of(problem, plane))
         with stages.entered("guide", f"to guide plane {plane.name}, in time", index) as stage:
@@ -228,7 +228,7 @@ def duration(problem: Problem, start: np.ndarray, end: np.ndarray) -> float:
 
 
 def _tip(problem: Problem, path: TimedPath) -> np.ndarray:
-    return problem.kinematics.tip_position(problem.group.from_chart(path.points[-1]))
+    return problem.kinematics.tip_position(problem.group.expand_from_chart(path.points[-1]))
 
 
 def _given_up(

@@ -80,4 +80,4 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
 def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
     """The tip's position at chart points (n, nv), shape (n, 3) [m, world]."""
     kinematics = Kinematics(group)
-    return np.array([kinematics.tip_position(group.from_chart(point)) for point in points])
+    return np.array([kinematics.tip_position(group.expand_from_chart(point)) for point in points])

@@ -226,7 +226,7 @@ def test_what_passes_closer_than_the_floor_is_undecided():
 def test_other_joints_are_certified_as_soundly(joints, seed):
     rng = np.random.default_rng(seed)
     arm = grouped(box_arm(joints, 0))
-    at_rest = arm.from_chart(np.full(arm.nv, 0.1))
+    at_rest = arm.expand_from_chart(np.full(arm.nv, 0.1))
     obstacles = [o for o in scattered(rng, 12, reach=1.2) if not world_of(arm, [o]).in_collision(at_rest)]
     world = world_of(arm, obstacles)
     outcomes = set()
@@ -238,7 +238,7 @@ def test_other_joints_are_certified_as_soundly(joints, seed):
             for z in dense(control, STEP):
                 assert (pair_distances(world, arm.from_chart(z)) > 0.0).all()
         elif verdict.reason is Reason.CONTACT:
-            assert world.in_collision(arm.from_chart(verdict.configuration))
+            assert world.in_collision(arm.expand_from_chart(verdict.configuration))
     assert outcomes & {Reason.FREE, Reason.CONTACT}
 
 
@@ -246,7 +246,7 @@ def test_a_whole_turn_of_a_continuous_joint_is_judged_as_a_turn():
     arm = grouped(box_arm("y continuous", 0))
     start, end = np.array([0.5, 0.0]), np.array([0.5, 2 * np.pi])
     assert arm.from_chart(start) == pytest.approx(arm.from_chart(end))
-    turned = arm.expand(arm.from_chart(np.array([0.5, 2.0])))
+    turned = arm.expand_from_chart(np.array([0.5, 2.0]))
     data = arm.model.createData()
     pin.forwardKinematics(arm.model, data, turned)
     hit = data.oMi[2].act(np.array([0, 0, 0.25]))

@@ -72,7 +72,7 @@ def arm(name: str) -> PlanningGroup:
 def distance(world: World, z: np.ndarray, first: int, second: int) -> float:
     """Between two bodies, by Coal."""
     shapes = world.group.geometry.geometryObjects
-    pin.forwardKinematics(world.model, world.data, world.group.expand(world.group.from_chart(z)))
+    pin.forwardKinematics(world.model, world.data, world.group.expand_from_chart(z))
     placed = []
     for index in (first, second):
         placement = world.data.oMi[shapes[index].parentJoint] * shapes[index].placement
@@ -142,4 +142,6 @@ def test_a_follower_that_hardly_moves_has_an_end(kind: str, factor: str) -> None
     world, lanes = alone(grouped(UrdfText(text=text)))
     assert len(lanes.tables.bodies.cells) <= MOST_LARGEST + ROOM
     zs = draw(world.group, 200, 3)
-    np.testing.assert_array_equal(lanes.touching(zs), [world.in_collision(world.group.from_chart(z)) for z in zs])
+    np.testing.assert_array_equal(
+        lanes.touching(zs), [world.in_collision(world.group.expand_from_chart(z)) for z in zs]
+    )

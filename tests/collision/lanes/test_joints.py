@@ -82,7 +82,7 @@ def assert_placed_alike(planned: PlanningGroup, lanes: BatchCollision, zs: np.nd
     placements_of_configurations(lanes.tables.joints, coordinates, poses)
     poses = poses.reshape(-1, 3, 4, 16)
     for lane, z in enumerate(zs):
-        pin.forwardKinematics(model, data, planned.expand(planned.from_chart(z)))
+        pin.forwardKinematics(model, data, planned.expand_from_chart(z))
         for joint in range(1, model.njoints):
             placement = data.oMi[joint]
             np.testing.assert_allclose(poses[joint, :, 3, lane], placement.translation, atol=1e-5)
@@ -113,7 +113,7 @@ def test_random_robots_are_where_pinocchio_has_them_and_touch_where_coal_says(ur
     lanes, zs = BatchCollision.build(world), draw(planned, 16, seed)
     assert_placed_alike(planned, lanes, zs)
     for z, mine in zip(zs, lanes.touching(zs), strict=True):
-        assert mine == world.in_collision(planned.from_chart(z)) or abs(narrowest(world, z)) <= BAND
+        assert mine == world.in_collision(planned.expand_from_chart(z)) or abs(narrowest(world, z)) <= BAND
 
 
 @pytest.mark.parametrize("name", [*CHAINS[1:], *BALLS, MESHES])
@@ -121,7 +121,7 @@ def test_touching_is_what_coal_says(name: str) -> None:
     world, lanes = world_of(name)
     zs = draw(world.group, 600, 2)
     mine = lanes.touching(zs)
-    coal = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
+    coal = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
     assert 0 < coal.sum() < len(zs)
     for z in zs[mine != coal]:
         assert abs(narrowest(world, z)) <= BAND
@@ -132,15 +132,15 @@ def test_close_to_contact_too(name: str) -> None:
     """Where a motion into contact is halved down to a micrometre, both still agree but within the band."""
     world, lanes = world_of(name)
     zs = draw(world.group, 400, 3)
-    touching = np.array([world.in_collision(world.group.from_chart(z)) for z in zs])
+    touching = np.array([world.in_collision(world.group.expand_from_chart(z)) for z in zs])
     for free, hit in zip(zs[~touching][:12], zs[touching][:12], strict=False):
         low, high = free, hit
         for _ in range(22):
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if world.in_collision(world.group.from_chart(middle)) else (middle, high)
+            low, high = (low, middle) if world.in_collision(world.group.expand_from_chart(middle)) else (middle, high)
         near = low + np.linspace(-1e-5, 1e-5, 9)[:, None]
         for row, mine in zip(near, lanes.touching(near), strict=True):
-            if mine != world.in_collision(world.group.from_chart(row)):
+            if mine != world.in_collision(world.group.expand_from_chart(row)):
                 assert abs(narrowest(world, row)) <= BAND
 
 

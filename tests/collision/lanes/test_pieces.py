@@ -57,7 +57,7 @@ def test_thin_obstacles_near_the_middles_of_pieces(kind: str) -> None:
         middle = pose[:, :3] @ bodies.piece_bounds[4 * piece : 4 * piece + 3] + pose[:, 3]
         centre = middle + rng.choice([0.0, 0.03, 0.06]) * rng.normal(size=3)
         world = World.build(planned, build(messages.Scene(name="thin", obstacles=[obstacle(kind, centre, rng)])))
-        distance = clearance_at(world, planned.from_chart(z)).obstacle_distance
+        distance = clearance_at(world, planned.expand_from_chart(z)).obstacle_distance
         if not 0.0 < distance <= BAND:  # where bodies touch, it is 0 however deep
             verdicts.append(distance <= 0.0)
             kept = without_inner_balls(BatchCollision.build(world))

@@ -58,14 +58,15 @@ def found_along(place: World, trajectory: Trajectory, span: tuple[float, float] 
 
 
 def at(planned: PlanningGroup, trajectory: Trajectory, time: float) -> np.ndarray:
-    return planned.from_chart(trajectory.evaluate(np.array([time]))[0][0])
+    """A configuration of the model, by way of one of the group."""
+    return planned.expand(planned.from_chart(trajectory.evaluate(np.array([time]))[0][0]))
 
 
 def plain_distance(place: World, trajectory: Trajectory, answer: Smallest) -> float:
     """The distance of an answer's pair at its time, by Pinocchio and Coal alone."""
     planned, geometry = place.group, place.group.geometry
     data, scratch = planned.model.createData(), geometry.createData()
-    q = planned.expand(at(planned, trajectory, answer.time))
+    q = at(planned, trajectory, answer.time)
     pin.updateGeometryPlacements(planned.model, data, geometry, scratch, q)
     sides = []
     for body in place.pairs[answer.pair].tolist():
@@ -132,7 +133,7 @@ def test_a_motion_that_goes_nowhere_is_one_place() -> None:
     still = Trajectory(np.array([0.0]), z[None], z[None])
     surveyor = surveyor_of(place, still)
     (answer,) = smallest(surveyor, surveyor.places(np.zeros(1)), [Question(place.is_obstacle_pair, 0.0, 0.0)])
-    assert answer.distance == clearance_at(place, place.group.from_chart(z)).obstacle_distance
+    assert answer.distance == clearance_at(place, place.group.expand_from_chart(z)).obstacle_distance
 
 
 def test_nothing_to_measure_is_infinite() -> None:
@@ -213,7 +214,7 @@ def test_a_polyline_turns_at_its_points() -> None:
     surveyor = Surveyor(TimedWorld.of(place, place), curve)
     (answer,) = smallest(surveyor, surveyor.places(np.arange(6.0)), [Question(place.is_obstacle_pair, 0.0, 5.0)])
     zs = curve.at(np.linspace(0.0, 5.0, SAMPLES))[0]
-    least = min(clearance_at(place, place.group.from_chart(z)).obstacle_distance for z in zs)
+    least = min(clearance_at(place, place.group.expand_from_chart(z)).obstacle_distance for z in zs)
     assert least - TOLERANCE - COAL_ACCURACY <= answer.distance <= least + TOLERANCE
 
 

@@ -59,7 +59,7 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
     """Distance, weight, range and floor of every point against obstacles; against links by Coal, without floor."""
     model = made_for.group.model
     data = model.createData()
-    pin.forwardKinematics(model, data, made_for.group.expand(made_for.group.from_chart(z)))
+    pin.forwardKinematics(model, data, made_for.group.expand_from_chart(z))
     world = [
         robot.points[:, first:last].T @ data.oMi[joint].rotation.T + data.oMi[joint].translation
         for joint, first, last, _ in robot.groups.tolist()

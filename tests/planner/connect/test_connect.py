@@ -83,7 +83,7 @@ def test_joints_of_every_kind_find_a_way_round(kinds: str) -> None:
         assert np.abs(planned.difference(*map(planned.from_chart, (connection.path[-1], goal)))).max() < 1e-6
         for a, b in pairwise(connection.path):
             for t in np.linspace(0.0, 1.0, 1 + int(np.linalg.norm(b - a) / 0.05)):
-                assert not made.world.in_collision(planned.from_chart(a + t * (b - a)))
+                assert not made.world.in_collision(planned.expand_from_chart(a + t * (b - a)))
 
 
 def test_a_body_that_flies_free_gets_there_turned_the_other_way_round_too() -> None:
@@ -106,7 +106,7 @@ def test_what_need_not_be_proven_is_what_lanes_found() -> None:
     assert proposed.status is Status.SUCCESS
     assert not proposed.proven
     np.testing.assert_array_equal(proposed.path[[0, -1]], [start, goal])
-    assert not any(made.world.in_collision(made.group.from_chart(z)) for z in proposed.path)
+    assert not any(made.world.in_collision(made.group.expand_from_chart(z)) for z in proposed.path)
 
 
 def test_the_same_seed_gives_the_same_path() -> None:

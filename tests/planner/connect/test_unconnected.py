@@ -70,7 +70,7 @@ def enclosed(gap: float) -> tuple[PlanningGroup, World, np.ndarray, np.ndarray]:
 
 def test_an_end_that_can_not_be_left_is_told_early() -> None:
     planned, world, start, goal = enclosed(0.001)
-    assert not world.in_collision(planned.from_chart(start))
+    assert not world.in_collision(planned.expand_from_chart(start))
     made = dataclasses.replace(problem(planned, world.scene), world=world)
     for ends, name in (((start, goal), "start"), ((goal, start), "goal")):
         connection = connect(made, ends[0], ends[1][None], np.random.default_rng(0))

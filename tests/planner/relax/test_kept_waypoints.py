@@ -20,7 +20,7 @@ def made(*at: int) -> tuple[Problem, np.ndarray]:
     path = z + 0.1 * np.random.default_rng(0).normal(size=(10, len(z))).cumsum(axis=0)
     planes = []
     for index in at:
-        tip = planned.kinematics.tip_position(planned.group.from_chart(path[index]))
+        tip = planned.kinematics.tip_position(planned.group.expand_from_chart(path[index]))
         corners = [tip + np.array([0.1 * a, 0.1 * b, 0.0]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         planes.append(build(messages.GuidePlane(name="GP", vertices=[tuple(c.tolist()) for c in corners]), 0))
     return dataclasses.replace(planned, guide_planes=tuple(planes)), path

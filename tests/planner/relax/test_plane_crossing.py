@@ -34,7 +34,7 @@ def made(name: str, seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     made_for = problem(planned, scene_of(), planes=())
     z = 0.8 * planned.chart(planned.random(np.random.default_rng(seed)))
     z = np.clip(z, planned.lower + 0.1, planned.upper - 0.1)
-    return made_for, z, made_for.kinematics.tip_position(planned.from_chart(z))
+    return made_for, z, made_for.kinematics.tip_position(planned.expand_from_chart(z))
 
 
 @pytest.mark.parametrize("name", GROUPS)
@@ -45,7 +45,7 @@ def test_a_waypoint_is_brought_back(name: str, seed: int) -> None:
     pushed = z + 0.05 * np.random.default_rng(seed).normal(size=len(z))
     back = crossing.brought_back(pushed)
     assert back is not None
-    reached = made_for.kinematics.tip_position(made_for.group.from_chart(back))
+    reached = made_for.kinematics.tip_position(made_for.group.expand_from_chart(back))
     assert crossing.plane.distance(reached, crossing.inset) <= ON_PLANE
     assert abs(crossing.plane.signed_height(reached)) <= ON_PLANE
     assert (back >= made_for.group.lower).all()
@@ -68,7 +68,7 @@ def test_moving_across_what_is_held_keeps_the_tip_on_the_plane(name: str) -> Non
     np.testing.assert_allclose(held @ held.T, np.eye(len(held)), atol=1e-12)
     move = np.random.default_rng(3).normal(size=len(z))
     move = 1e-4 * (move - held.T @ (held @ move))
-    moved = made_for.kinematics.tip_position(made_for.group.from_chart(z + move))
+    moved = made_for.kinematics.tip_position(made_for.group.expand_from_chart(z + move))
     assert np.linalg.norm(moved - tip) > 1e-6
     assert abs(crossing.plane.signed_height(moved)) < 1e-6
 
@@ -78,7 +78,7 @@ def test_at_an_edge_only_ways_out_are_held() -> None:
     plane = plane_through(tip, shift=-1.0)  # the tip is on the edge where `across` is largest
     crossing = PlaneCrossing.through(made_for, plane, z)
     assert crossing.inset == pytest.approx(0.0, abs=1e-9)
-    J = made_for.kinematics.tip_jacobian(made_for.group.from_chart(z))[:3]
+    J = made_for.kinematics.tip_jacobian(made_for.group.expand_from_chart(z))[:3]
     outwards = J.T @ (tip - plane.centroid)
     assert len(crossing.held_directions(z, outwards)) == 2
     assert len(crossing.held_directions(z, -outwards)) == 1

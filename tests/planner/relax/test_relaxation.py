@@ -61,7 +61,7 @@ def smallest_clearance(made: Problem, path: np.ndarray, ends: float = 0.0) -> fl
     step = np.linalg.norm(points[1] - points[0])
     skip = int(np.ceil(ends / step))
     inner = points[skip : len(points) - skip]
-    return min(clearance_at(made.world, made.group.from_chart(z)).obstacle_distance for z in inner)
+    return min(clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance for z in inner)
 
 
 def length(path: np.ndarray) -> float:
@@ -74,7 +74,7 @@ def test_a_grazing_path_comes_free_and_gets_no_longer() -> None:
     assert relaxed.outcome is Outcome.CONVERGED
     assert relaxed.energy_after < 0.5 * relaxed.energy_before
     before, after = smallest_clearance(made, path, 0.3), smallest_clearance(made, relaxed.path, 0.3)
-    ends = min(clearance_at(made.world, made.group.from_chart(z)).obstacle_distance for z in path[[0, -1]])
+    ends = min(clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance for z in path[[0, -1]])
     assert after > before + 0.01
     assert after > 0.03
     assert smallest_clearance(made, relaxed.path) >= min(ends, 0.03) - 1e-3
@@ -162,11 +162,13 @@ def test_where_the_ends_are_far_from_everything_the_middle_stays_as_far() -> Non
     planned = group("panda")
     start, goal = planned.chart(rest(planned)), planned.chart(rest(planned))
     start[0], goal[0] = 1.2, -1.2
-    tip = problem(planned, scene_of(), planes=()).kinematics.tip_position(planned.from_chart(0.5 * (start + goal)))
+    tip = problem(planned, scene_of(), planes=()).kinematics.tip_position(
+        planned.expand_from_chart(0.5 * (start + goal))
+    )
     post = messages.Sphere(name="post", radius=0.03, position=(tip[0] + 0.11, tip[1], tip[2]))
     made = problem(planned, scene_of(post), planes=())
     path = np.array([start, goal])
-    ends = min(clearance_at(made.world, planned.from_chart(z)).obstacle_distance for z in path)
+    ends = min(clearance_at(made.world, planned.expand_from_chart(z)).obstacle_distance for z in path)
     assert ends > 2.0 * RANGE
     assert smallest_clearance(made, path) < RANGE
     assert smallest_clearance(made, relax(made, path, {}).path) > 1.5 * RANGE
@@ -270,7 +272,7 @@ def test_crossings_stay_on_their_planes() -> None:
     assert relaxed.energy_after < relaxed.energy_before
     assert set(relaxed.crossings) == {0, 1}
     for index, at in relaxed.crossings.items():
-        tip = made.kinematics.tip_position(made.group.from_chart(relaxed.path[at]))
+        tip = made.kinematics.tip_position(made.group.expand_from_chart(relaxed.path[at]))
         plane = made.guide_planes[index]
         assert abs(plane.signed_height(tip)) <= (1e-4 if at == len(relaxed.path) - 1 else ON_PLANE)
         assert plane.contains(tip)
@@ -285,16 +287,16 @@ def test_a_crossing_is_kept_inside_its_polygon_though_the_shorter_way_leads_past
     start, goal, detour = z.copy(), z.copy(), z.copy()
     start[0], goal[0] = -0.5, 0.5
     detour[1] -= 0.5
-    tip = made.kinematics.tip_position(made.group.from_chart(detour))
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(detour))
     corners = [tip + 0.03 * np.array([a, 0.0, b]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c.tolist()) for c in corners]), 0)
     made = dataclasses.replace(made, guide_planes=(plane,))
     path = np.array([start, detour, goal])
     free = relax(made, path, {}).path
     kept = relax(made, path, {0: 1})
-    tips = [made.kinematics.tip_position(made.group.from_chart(q)) for q in free]
+    tips = [made.kinematics.tip_position(made.group.expand_from_chart(q)) for q in free]
     assert min(plane.distance(t) for t in tips) > 0.05
-    crossing = made.kinematics.tip_position(made.group.from_chart(kept.path[kept.crossings[0]]))
+    crossing = made.kinematics.tip_position(made.group.expand_from_chart(kept.path[kept.crossings[0]]))
     assert plane.distance(crossing) <= ON_PLANE
     assert np.linalg.norm(crossing - tip) > 0.005, "it went as far as the polygon lets it"
     assert length(kept.path) < length(path)
@@ -303,7 +305,7 @@ def test_a_crossing_is_kept_inside_its_polygon_though_the_shorter_way_leads_past
 def test_two_planes_at_one_waypoint_hold_it() -> None:
     made, path = over_the_wall()
     middle = len(path) // 2
-    tip = made.kinematics.tip_position(made.group.from_chart(path[middle]))
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(path[middle]))
     planes = tuple(
         build(messages.GuidePlane(name="GP", vertices=[tuple((tip + 0.1 * c).tolist()) for c in corners]), 0)
         for corners in (
@@ -318,13 +320,15 @@ def test_two_planes_at_one_waypoint_hold_it() -> None:
 
 def beside_the_way(planned: PlanningGroup, path: np.ndarray) -> Problem:
     """A post that the straight motion just misses, and that both ends are far from."""
-    middle = problem(planned, scene_of(), planes=()).kinematics.tip_position(planned.from_chart(path.mean(axis=0)))
+    middle = problem(planned, scene_of(), planes=()).kinematics.tip_position(
+        planned.expand_from_chart(path.mean(axis=0))
+    )
     rng = np.random.default_rng(0)
     for _ in range(1000):
         place = middle + 0.15 * rng.normal(size=3)
         post = messages.Sphere(name="post", radius=0.03, position=tuple(place.tolist()))
         made = problem(planned, scene_of(post), planes=())
-        ends = [clearance_at(made.world, planned.from_chart(z)).obstacle_distance for z in path]
+        ends = [clearance_at(made.world, planned.expand_from_chart(z)).obstacle_distance for z in path]
         if min(ends) > 0.06 and 0.003 < smallest_clearance(made, path) < 0.02:
             return made
     raise AssertionError("no place for a post")
@@ -355,7 +359,7 @@ def test_links_are_not_driven_together() -> None:
             ends.append(planned.chart(q))
     relaxed = relax(made, np.array(ends), {})
     straight, after = (
-        min(clearance_at(made.world, planned.from_chart(z)).self_distance for z in resampled(path, 0.05))
+        min(clearance_at(made.world, planned.expand_from_chart(z)).self_distance for z in resampled(path, 0.05))
         for path in (np.array(ends), relaxed.path)
     )
     assert after >= min(straight, 0.02) - 1e-3

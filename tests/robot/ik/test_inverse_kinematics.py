@@ -24,9 +24,9 @@ ZERO, FREE = np.zeros(3), np.full(3, np.inf)
 ROUNDING = 1e-12
 
 
-def tip(planned: PlanningGroup, q: np.ndarray) -> pin.SE3:
-    """Where the tip is, by the model of the whole robot."""
-    model, values = planned.robot.model, configuration_to_wire(planned.joints, q)
+def tip(planned: PlanningGroup, z: np.ndarray) -> pin.SE3:
+    """Where the tip is at a chart point, by the model of the whole robot."""
+    model, values = planned.robot.model, configuration_to_wire(planned.joints, planned.from_chart(z))
     data = model.createData()
     pin.framesForwardKinematics(model, data, configuration_from_wire(planned.robot, values, base=planned.q_reference))
     return data.oMf[planned.robot.frame_id(planned.tip)].copy()
@@ -34,6 +34,16 @@ def tip(planned: PlanningGroup, q: np.ndarray) -> pin.SE3:
 
 def exact(placement: pin.SE3) -> PoseTarget:
     return PoseTarget(placement, ZERO, ZERO)
+
+
+def drawn(planned: PlanningGroup, seed: int) -> np.ndarray:
+    """A random chart point."""
+    return planned.chart(random_configuration(planned, seed))
+
+
+def resting(planned: PlanningGroup) -> np.ndarray:
+    """The chart point of rest."""
+    return planned.chart(rest(planned))
 
 
 def found(planned, target, starts=(), count=8, seed=0, **options):
@@ -50,20 +60,18 @@ def rotation_angle(R: np.ndarray) -> float:
 @pytest.mark.parametrize("seed", range(6))
 def test_solutions_reach_the_pose_by_the_whole_robots_kinematics(name, seed):
     planned = group(name)
-    goal = tip(planned, random_configuration(planned, seed))
+    goal = tip(planned, drawn(planned, seed))
     result = found(planned, exact(goal), seed=seed)
     assert result.solutions
     assert (result.reason == "") == (len(result.solutions) == 8)
-    for q in result.solutions:
-        here = tip(planned, q)
+    for z in result.solutions:
+        here = tip(planned, z)
         assert np.linalg.norm(here.translation - goal.translation) <= EXACT
         assert rotation_angle(goal.rotation.T @ here.rotation) <= EXACT
-        z = planned.chart(q)
         assert (planned.lower - ROUNDING <= z).all()
         assert (z <= planned.upper + ROUNDING).all()
-        assert pin.isNormalized(planned.space, q, 1e-9)
-    for q0, q1 in itertools.combinations(result.solutions, 2):
-        turn = planned.chart(q1) - planned.chart(q0)
+    for z0, z1 in itertools.combinations(result.solutions, 2):
+        turn = z1 - z0
         for joint in planned.joints:
             if joint.nq == 2:
                 turn[joint.idx_v] = math.remainder(turn[joint.idx_v], math.tau)
@@ -72,7 +80,7 @@ def test_solutions_reach_the_pose_by_the_whole_robots_kinematics(name, seed):
 
 def test_a_redundant_arm_has_as_many_as_are_asked():
     planned = group("panda")
-    goal = exact(tip(planned, rest(planned)))
+    goal = exact(tip(planned, resting(planned)))
     for count in (1, 8, 20):
         result = found(planned, goal, count=count)
         assert (len(result.solutions), result.reason) == (count, "")
@@ -80,7 +88,7 @@ def test_a_redundant_arm_has_as_many_as_are_asked():
 
 def test_the_same_generator_gives_the_same_solutions():
     planned = group("ur5")
-    goal = exact(tip(planned, random_configuration(planned, 1)))
+    goal = exact(tip(planned, drawn(planned, 1)))
     first, again, other = (found(planned, goal, seed=seed).solutions for seed in (3, 3, 4))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -89,17 +97,16 @@ def test_the_same_generator_gives_the_same_solutions():
 @pytest.mark.parametrize("name", ARMS)
 def test_a_start_leads_to_the_first_solution(name):
     planned = group(name)
-    q = random_configuration(planned, 5)
-    near = planned.integrate(q, np.full(planned.nv, 0.01))
-    reached = found(planned, exact(tip(planned, q)), [q]).solutions[0]
-    assert np.allclose(reached, q, rtol=0.0, atol=ROUNDING)
-    reached = found(planned, exact(tip(planned, q)), [near]).solutions[0]
-    assert np.abs(planned.difference(q, reached)).max() < 0.1
+    z = drawn(planned, 5)
+    reached = found(planned, exact(tip(planned, z)), [z]).solutions[0]
+    assert np.allclose(reached, z, rtol=0.0, atol=ROUNDING)
+    reached = found(planned, exact(tip(planned, z)), [z + 0.01]).solutions[0]
+    assert np.abs(planned.difference(planned.from_chart(z), planned.from_chart(reached))).max() < 0.1
 
 
 def test_starts_beyond_the_limits_are_brought_back():
     planned = group("panda")
-    goal = exact(tip(planned, random_configuration(planned, 2)))
+    goal = exact(tip(planned, drawn(planned, 2)))
     result = found(planned, goal, [planned.upper + 1.0], count=1)
     assert (planned.lower <= result.solutions[0]).all()
     assert (result.solutions[0] <= planned.upper).all()
@@ -109,7 +116,7 @@ def test_starts_beyond_the_limits_are_brought_back():
 @given(st.integers(0, 2**32), st.lists(st.sampled_from([0.0, 0.01, 0.3, np.inf]), min_size=6, max_size=6))
 def test_tolerances_are_a_box_in_the_goals_frame(seed, tolerances):
     planned = group("panda")
-    q_inside = random_configuration(planned, seed)
+    q_inside = drawn(planned, seed)
     goal = tip(planned, q_inside)
     target = PoseTarget(goal, np.array(tolerances[:3]), np.array(tolerances[3:]))
     result = found(planned, target, [q_inside], seed=seed, count=4)
@@ -125,7 +132,7 @@ def test_tolerances_are_a_box_in_the_goals_frame(seed, tolerances):
 
 def test_tolerances_are_used():
     planned = group("panda")
-    goal = tip(planned, random_configuration(planned, 0))
+    goal = tip(planned, drawn(planned, 0))
     beyond = goal * pin.SE3(np.eye(3), np.array([0.0, 0.0, 3.0]))
     assert not found(planned, exact(beyond)).solutions
     assert found(planned, PoseTarget(beyond, np.array([0.0, 0.0, np.inf]), ZERO)).solutions
@@ -135,11 +142,11 @@ def test_tolerances_are_used():
 def test_a_planar_arm_has_its_two_solutions_in_closed_form(kind):
     planned = grouped(box_arm(kind, 3))
     a, b, c = 0.4, 1.1, -0.3
-    goal = tip(planned, planned.from_chart(np.array([a, b, c])))
+    goal = tip(planned, np.array([a, b, c]))
     result = found(planned, exact(goal))
     assert result.reason == "2 distinct solutions from 128 starts"
     elbow_up_and_down = np.array([[a, b, c], [a + b, -b, b + c]])  # two links of one length: the triangle flipped
-    charts = np.array(sorted((planned.chart(q).tolist() for q in result.solutions), key=lambda z: z[0]))
+    charts = np.array(sorted((z.tolist() for z in result.solutions), key=lambda z: z[0]))
     assert np.allclose(charts, elbow_up_and_down, rtol=0.0, atol=1e-5)
 
 
@@ -156,17 +163,17 @@ def test_a_sliding_joint_has_its_length():
 @pytest.mark.parametrize("kind", ["y", "continuous", "slide", "oblique"])
 def test_one_joint_is_enough(kind):
     planned = grouped(box_arm(kind, 1))
-    q = planned.from_chart(np.array([0.7]))
-    result = found(planned, exact(tip(planned, q)))
+    z = np.array([0.7])
+    result = found(planned, exact(tip(planned, z)))
     assert len(result.solutions) == 1
-    assert np.allclose(result.solutions[0], q, rtol=0.0, atol=EXACT)
+    assert np.allclose(result.solutions[0], z, rtol=0.0, atol=EXACT)
 
 
 def test_followers_move_along():
     planned = grouped(box_arm("y mimic x x", 4))
     assert planned.nq == 3
     for seed in range(5):
-        goal = tip(planned, random_configuration(planned, seed))
+        goal = tip(planned, drawn(planned, seed))
         result = found(planned, exact(goal), seed=seed)
         assert result.solutions
         for q in result.solutions:
@@ -255,7 +262,7 @@ def test_out_of_reach_is_told_as_a_number():
 
 def test_solutions_that_are_not_accepted_are_counted():
     planned = group("panda")
-    goal = exact(tip(planned, rest(planned)))
+    goal = exact(tip(planned, resting(planned)))
     none = found(planned, goal, accept=lambda zs: np.zeros(len(zs), bool))
     assert none.solutions == ()
     assert re.fullmatch(r"\d+ distinct solutions from \d+ starts, all in collision", none.reason)
@@ -274,7 +281,7 @@ def test_solutions_that_are_not_accepted_are_counted():
 
 def test_it_stops_when_it_is_told_to():
     planned = group("panda")
-    goal = exact(tip(planned, rest(planned)))
+    goal = exact(tip(planned, resting(planned)))
     rounds = []
 
     def none(zs):
@@ -282,14 +289,14 @@ def test_it_stops_when_it_is_told_to():
 
     result = found(planned, goal, accept=none, stopped=lambda: bool(rounds.append(0)) or len(rounds) > 2)
     assert result.reason.endswith("from 128 starts, all in collision")
-    assert found(planned, goal, [rest(planned)], stopped=lambda: True).solutions  # what the starts lead to
+    assert found(planned, goal, [resting(planned)], stopped=lambda: True).solutions  # what the starts lead to
 
 
 def test_solutions_lie_far_apart():
     planned = group("panda")
     chain = chain_to_tip(planned)
     for seed in range(5):
-        goal = exact(tip(planned, random_configuration(planned, seed)))
+        goal = exact(tip(planned, drawn(planned, seed)))
         eight = np.array(found(planned, goal, count=8).solutions)
         many = np.array(found(planned, goal, count=64).solutions)
         least = [np.linalg.norm(a - b) for a, b in itertools.combinations(eight, 2)]
@@ -332,12 +339,11 @@ def test_joints_that_do_not_move_the_tip_stay():
 def test_joints_of_several_degrees_of_freedom(arm):
     planned = grouped(box_arm(arm, len(arm.split()))) if " " in arm else group(arm)
     for seed in range(4):
-        goal = exact(tip(planned, random_configuration(planned, seed)))
-        result = found(planned, goal, [rest(planned)], seed=seed, count=4)
+        goal = exact(tip(planned, drawn(planned, seed)))
+        result = found(planned, goal, [resting(planned)], seed=seed, count=4)
         assert result.solutions
-        for q in result.solutions:
-            assert goal.is_reached(tip(planned, q))
-            z = planned.chart(q)
+        for z in result.solutions:
+            assert goal.is_reached(tip(planned, z))
             assert (planned.lower - ROUNDING <= z).all()
             assert (z <= planned.upper + ROUNDING).all()
 
@@ -345,12 +351,11 @@ def test_joints_of_several_degrees_of_freedom(arm):
 @pytest.mark.parametrize("seed", range(1, 13))
 def test_random_chains_reach_the_poses_that_they_have(seed):
     planned = grouped(chain(random.Random(seed), seed))
-    target = exact(tip(planned, random_configuration(planned, seed)))
-    result = found(planned, target, [rest(planned)], count=3, seed=seed)
+    target = exact(tip(planned, drawn(planned, seed)))
+    result = found(planned, target, [resting(planned)], count=3, seed=seed)
     assert result.solutions
-    for q in result.solutions:
-        assert target.is_reached(tip(planned, q))
-        z = planned.chart(q)
+    for z in result.solutions:
+        assert target.is_reached(tip(planned, z))
         assert (planned.lower - 1e-9 <= z).all()
         assert (z <= planned.upper + 1e-9).all()
 

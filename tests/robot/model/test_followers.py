@@ -115,8 +115,9 @@ def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: Urdf
     expected = ByFormula(urdf.text).placements(values)
     # a plan's chart, the wire, and the kernels
     model, data, table = planned.model, planned.model.createData(), joint_table(planned.model)
-    for q in (planned.from_chart(z), planned.part_of(configuration_from_wire(robot, values))):
-        placements, q_model = np.empty((model.njoints, 3, 4)), np.ascontiguousarray(planned.expand(q))
+    by_configuration = [planned.from_chart(z), planned.part_of(configuration_from_wire(robot, values))]
+    for q_model in (planned.expand_from_chart(z), *map(planned.expand, by_configuration)):
+        placements = np.empty((model.njoints, 3, 4))
         pin.forwardKinematics(model, data, q_model)
         joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, placements)
         for index in range(1, model.njoints):

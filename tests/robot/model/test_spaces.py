@@ -40,13 +40,16 @@ def doors(group: PlanningGroup, q: Configuration, z: ChartPoint, zs: ChartPoints
 
 
 def judges(world: World, many: BatchCollision, group: PlanningGroup, q: Configuration, z: ChartPoint) -> None:
-    clearance_at(world, group.from_chart(z))
+    clearance_at(world, group.expand_from_chart(z))
+    clearance_at(world, group.expand(q))
     many.touching(np.array([z]))
     clearance_at(world, z)  # refused
-    clearance_at(world, group.expand(q))  # refused
-    world.in_collision(z)  # refused
+    clearance_at(world, group.from_chart(z))  # refused
+    clearance_at(world, group.expand_chart(z))  # refused
+    world.in_collision(q)  # refused
     many.touching(z)  # refused
     Kinematics(group).tip_position(z)  # refused
+    Kinematics(group).tip_position(q)  # refused
 
 
 def plain(group: PlanningGroup, array: np.ndarray) -> None:

@@ -127,7 +127,10 @@ def free_walk(group: PlanningGroup) -> list[np.ndarray]:
     for _ in range(LEGS):
         for share in np.linspace(1.0, 0.05, TRIES):
             leg = between(group, walk[-1], group.interpolate(walk[-1], group.random(rng), share))
-            if any(world.in_collision(q) for q in leg) or enclosed(world, leg[-1]) is not None:
+            if (
+                any(map(world.in_collision, map(group.expand, leg)))
+                or enclosed(world, group.expand(leg[-1])) is not None
+            ):
                 continue
             if motion_free(world, *group.chart_path([walk[-1], leg[-1]])).free:
                 walk += leg

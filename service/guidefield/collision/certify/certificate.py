@@ -172,7 +172,7 @@ class _Judge:
         """At each segment's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
         world, group = self.world, self.world.group
         low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
-        qs = [group.expand(group.from_chart(middle)) for middle in 0.5 * (low + high)]
+        qs = [group.expand_from_chart(middle) for middle in 0.5 * (low + high)]
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
         for row, q in enumerate(qs):
@@ -238,7 +238,7 @@ class _Judge:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""
         world, group = self.world, self.world.group
         self.evaluations += 1
-        q = group.expand(group.from_chart(z))
+        q = group.expand_from_chart(z)
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
         for pair in pairs:
             if pin.computeCollision(world.geometry, world.geometry_data, pair):

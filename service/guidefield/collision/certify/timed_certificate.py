@@ -174,7 +174,7 @@ class _Judge:
         world = self.worlds.moving
         group = world.group
         self.evaluations += 1
-        jacobian = pin.computeJointJacobians(world.model, world.data, group.expand(group.from_chart(middle)))
+        jacobian = pin.computeJointJacobians(world.model, world.data, group.expand_from_chart(middle))
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data)
         centres = world.bodies.centres_in_world(world.joint_placements[None])
         bounds = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])

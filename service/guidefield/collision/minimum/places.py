@@ -82,7 +82,7 @@ class Surveyor:
         """The robot at times, shape (m,); every distance is known by balls and boxes."""
         world, group = self.worlds.moving, self.worlds.moving.group
         zs, rates = self.curve.at(times)
-        expanded = np.array([group.expand(group.from_chart(z)) for z in zs])
+        expanded = np.array([group.expand_from_chart(z) for z in zs])
         qs = cast(ModelConfigurations, expanded.reshape(len(zs), world.model.nq))
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements

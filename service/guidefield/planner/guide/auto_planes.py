@@ -50,7 +50,7 @@ def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane,
         Planes in order, named GP-auto-1, GP-auto-2 ..; None if there is no way for the tip.
     """
     tables = swept_world(problem.world).tables
-    start = problem.kinematics.tip_position(problem.q_start)
+    start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))
     place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
     centre, reach = arm_reach(problem)
     ample = min(_room(tables, start, NORMALS), _room(tables, place, normals))

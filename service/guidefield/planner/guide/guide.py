@@ -160,5 +160,5 @@ def margin_at(problem: Problem, q: np.ndarray) -> float:
     """
     if swept_world(problem.world).keeps(q, 2.0 * MARGIN):
         return max(problem.min_clearance, MARGIN)
-    start = max(clearance_at(problem.world, q).obstacle_distance, 0.0)
+    start = max(clearance_at(problem.world, problem.group.expand(q)).obstacle_distance, 0.0)
     return max(problem.min_clearance, min(MARGIN, 0.5 * start))

@@ -75,7 +75,7 @@ class GuidedPath:
     def tip(self) -> np.ndarray:
         """Where its tip is now, shape (3,) [m]."""
         if self._tip is None:
-            self._tip = self.problem.kinematics.tip_position(self.q)
+            self._tip = self.problem.kinematics.tip_position(self.problem.group.expand(self.q))
         return self._tip
 
     def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:

@@ -61,13 +61,13 @@ class Projected:
 
     def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
         """Slide and reorient on a plane until U falls no more; see `Minimizer`, with the same shapes."""
-        problem = guided.problem
+        problem, group = guided.problem, guided.problem.group
         if self.blocks is Blocks.ONE:
             self._descend(guided, on_plane(point, normal), guard, StepKind.DESCEND)
             return
         before = problem.robot_field.potential(guided.q)
         for _ in range(MOST_ROUNDS):
-            rotation = problem.kinematics.frame_placement(guided.q, problem.group.tip_id).rotation
+            rotation = problem.kinematics.frame_placement(group.expand(guided.q), group.tip_id).rotation
             self._descend(guided, sliding(point, normal, rotation), guard, StepKind.SLIDE)
             after = self._descend(guided, reorienting(guided.tip), guard, StepKind.REORIENT)
             if before - after < NEGLIGIBLE * before or problem.budget.spent():

@@ -43,7 +43,7 @@ class PlaneCrossing:
             plane: The plane.
             z: Chart point with the tip on it, shape (nv,).
         """
-        tip = problem.kinematics.tip_position(problem.group.from_chart(z))
+        tip = problem.kinematics.tip_position(problem.group.expand_from_chart(z))
         depth = float((plane.inward @ _foot(plane, tip) - plane.offsets).min())
         return cls(problem, plane, min(0.5 * inset_of(problem, plane), max(depth, 0.0)))
 
@@ -85,7 +85,7 @@ class PlaneCrossing:
     def _tip(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position of the tip, shape (3,), and its derivative by the chart coordinates, shape (3, nv)."""
         group, kinematics = self.problem.group, self.problem.kinematics
-        q = group.from_chart(z)
+        q = group.expand_from_chart(z)
         return kinematics.tip_position(q), kinematics.tip_jacobian(q)[:3] @ group.tangent_map(z)
 
 

@@ -20,6 +20,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
 from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -122,6 +123,11 @@ class Problem:
     budget: Budget = field(default_factory=Budget)
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)
+
+    @cached_property
+    def z_start(self) -> ChartPoint:
+        """The start as a chart point, shape (nv,) [rad or m]."""
+        return self.group.chart(self.q_start)
 
     @cached_property
     def lanes(self) -> BatchCollision:

@@ -54,7 +54,7 @@ def refusal(problem: Problem, verdict: Verdict) -> Ending:
         )
         limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
         return Ending(status, message, details | limits | {"excess": fault.excess})
-    distance = clearance_at(problem.world, group.from_chart(verdict.configuration)).obstacle_distance
+    distance = clearance_at(problem.world, group.expand_from_chart(verdict.configuration)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
         message = (
             f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"

@@ -150,6 +150,26 @@ class PlanningGroup:
                 expanded[at] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
         return expanded
 
+    def expand_from_chart(self, z: ChartPoint) -> ModelConfiguration:
+        """Configuration of `model`, shape (model.nq,), followers included, of chart coordinates, shape (nv,).
+
+        Followers are where the unwrapped values of their drivers put them.
+        """
+        if self.space is self.model:
+            return cast(ModelConfiguration, self.from_chart(z))
+        expanded = self.expand_chart(z)
+        return np.concatenate([chart.from_chart(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
+
+    @cached_property
+    def _all_joints(self) -> tuple[tuple[Joint, slice, np.ndarray], ...]:
+        """The joints of `model` in order, where each is in its chart, and where its rotation vectors start."""
+        joints, origin = [], self.expand(self.q_origin)
+        for index in range(1, self.model.njoints):
+            at, joint = self.model.joints[index], self.robot.joint(self.model.names[index])
+            assert joint is not None, "a group's joints are the robot's"
+            joints.append((joint, slice(at.idx_v, at.idx_v + at.nv), origin[at.idx_q : at.idx_q + at.nq]))
+        return tuple(joints)
+
     def expand_chart(self, z: ChartPoint) -> ModelChartPoint:
         """Chart coordinates of `model`, shape (model.nv,), followers included, of the group's, shape (nv,)."""
         if self.space is self.model:

@@ -8,45 +8,46 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import ModelConfiguration
 
 
 class Kinematics:
-    """Placements and Jacobians of one group; owns the scratch data that Pinocchio needs (one per thread)."""
+    """Placements and Jacobians of one group; owns the scratch data that Pinocchio needs (one per thread).
+
+    Configurations are those of the group's model: `PlanningGroup.expand` and `expand_from_chart` lead there.
+    """
 
     def __init__(self, group: PlanningGroup) -> None:
         self.group = group
         self._data = group.model.createData()
 
-    def frame_placement(self, q: Configuration, frame_id: int) -> Any:
+    def frame_placement(self, q: ModelConfiguration, frame_id: int) -> Any:
         """Where a frame is.
 
         Args:
-            q: Configuration of the group, shape (nq,).
+            q: Configuration of `group.model`, shape (model.nq,).
             frame_id: Index of a frame of `group.model`.
 
         Returns:
             ``T_world_frame``, a pinocchio.SE3 of its own [m].
         """
         model = self.group.model
-        pin.forwardKinematics(model, self._data, self.group.expand(q))
+        pin.forwardKinematics(model, self._data, q)
         return pin.updateFramePlacement(model, self._data, frame_id).copy()
 
-    def tip_position(self, q: Configuration) -> np.ndarray:
-        """Position of the tip in the world, shape (3,) [m], at a configuration of the group, shape (nq,)."""
+    def tip_position(self, q: ModelConfiguration) -> np.ndarray:
+        """Position of the tip in the world, shape (3,) [m], at a configuration of `group.model`, shape (model.nq,)."""
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
 
-    def tip_jacobian(self, q: Configuration) -> np.ndarray:
-        """Jacobian of the tip at a configuration of the group, shape (nq,).
+    def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
+        """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).
 
         Returns:
             Shape (6, nv): linear rows first, at the tip's origin in the world's axes.
         """
         model = self.group.model
-        J = pin.computeFrameJacobian(
-            model, self._data, self.group.expand(q), self.group.tip_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
+        J = pin.computeFrameJacobian(model, self._data, q, self.group.tip_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         # Pinocchio gives one joint's Jacobian as a vector
         jacobian: np.ndarray = J.reshape(6, -1) @ self.group.expand_velocity
         return jacobian

@@ -160,14 +160,14 @@ class ConstrainedFrames:
 
         At the frame's origin in the world's axes, linear rows first.
         """
-        model, q = self.group.model, self.group.expand(self.group.from_chart(z))
+        model, q = self.group.model, self.group.expand_from_chart(z)
         return [
             pin.computeFrameJacobian(model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)
             for frame in self._frames
         ]
 
     def _placed(self, z: ChartPoint) -> list[Any]:
-        pin.forwardKinematics(self.group.model, self._data, self.group.expand(self.group.from_chart(z)))
+        pin.forwardKinematics(self.group.model, self._data, self.group.expand_from_chart(z))
         return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self._frames]
 
 

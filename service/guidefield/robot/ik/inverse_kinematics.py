@@ -14,7 +14,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.ik.unreachable import Cause, Unreached, out_of_reach, why_unreached
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, Configuration
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 ROUND = 64
 """Random starts of a round; of the first rounds, where one solution is asked for, `FIRST_ROUND`."""
@@ -38,18 +38,18 @@ class IkResult:
     """What was found.
 
     Attributes:
-        solutions: Distinct configurations of the group, each shape (nq,), within the limits and accepted; first those
-            reached from the given starts, in their order, then each as far as can be from those before.
+        solutions: Chart points of distinct configurations, each of shape (nv,), within the limits and accepted; first
+            those reached from the given starts, in their order, then each as far as can be from those before.
         reason: Why there are none or not as many as asked; empty if there are.
         details: The values that the reason speaks about.
         rejected: Those found that were not accepted.
         cause: What stands in the way where nothing was found, not even something that was not accepted; else None.
     """
 
-    solutions: tuple[Configuration, ...]
+    solutions: tuple[ChartPoint, ...]
     reason: str
     details: dict[str, Any] = field(default_factory=dict)
-    rejected: tuple[Configuration, ...] = ()
+    rejected: tuple[ChartPoint, ...] = ()
     cause: Cause | None = None
 
     @classmethod
@@ -61,7 +61,7 @@ class IkResult:
 def solve(
     group: PlanningGroup,
     target: PoseTarget,
-    starts: Sequence[Configuration],
+    starts: Sequence[ChartPoint],
     count: int,
     *,
     rng: np.random.Generator,
@@ -80,7 +80,7 @@ def solve(
     Args:
         group: The joints that may move; its `tip` is brought to the target.
         target: Where to.
-        starts: Configurations of the group to start from, each shape (nq,).
+        starts: Chart points to start from, each of shape (nv,).
         count: How many solutions to look for.
         rng: Where random starts come from; the same state gives the same solutions.
         accept: Which configurations may be a solution; None: all may.
@@ -91,7 +91,7 @@ def solve(
     Returns:
         The solutions, and a reason where there are fewer than `count`.
     """
-    given = cast(ChartPoints, np.array([group.chart(q) for q in starts]).reshape(-1, group.nv))
+    given = cast(ChartPoints, np.array(starts).reshape(-1, group.nv))
     base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
     search = PoseSearch(group, target, base)
     if (short := out_of_reach(search.chain, target)) is not None:
@@ -105,7 +105,7 @@ def solve(
         found.add(search.near_base(search.descend(search.drawn(size, rng))))
         drawn += size
     tried = f"{len(starts) + drawn} starts"
-    rejected = tuple(group.from_chart(z) for z in found.rejected)
+    rejected = tuple(found.rejected)
     if not len(found.accepted) and not rejected:
         return IkResult.unreached(why_unreached(group, target, search, tried, rng))
     if not len(found.accepted):
@@ -113,7 +113,7 @@ def solve(
         more = "at least " if len(rejected) == MOST_KEPT else ""
         return IkResult((), f"{more}{_solutions(len(rejected))} from {tried}, all {fault}", details, rejected)
     chosen = _chosen(search, found.accepted, from_starts, len(starts) > 0, count)
-    solutions = tuple(group.from_chart(z) for z in chosen)
+    solutions = tuple(chosen)
     if len(solutions) == count:
         return IkResult(solutions, "", rejected=rejected)
     others = f", {len(rejected)} more {'is' if len(rejected) == 1 else 'are'} {fault}" if rejected else ""

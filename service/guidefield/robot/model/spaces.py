@@ -4,9 +4,11 @@ A robot's joint values stand in several spaces. For a robot of revolute joints t
 numbers; a continuous joint, a ball joint or a joint that follows another tells them apart.
 
     RobotConfiguration  --part_of-->  Configuration  --expand-->  ModelConfiguration
-                                      |  chart  ^
-                                      v         |  from_chart
-    a row of WireColumns  <--wire_positions--  ChartPoint  --expand_chart-->  ModelChartPoint
+                                      |  chart  ^                   ^
+                                      v         |  from_chart       |  expand_from_chart
+    a row of WireColumns  <--wire_positions--  ChartPoint  ---------+
+                                               |
+                                               +----------expand_chart-->  ModelChartPoint
 
 `PlanningGroup` has these doors. Each type is an ndarray whose last axis is named after its space: a ChartPoint is no
 Configuration, and several points are not a single one. A copy keeps its space, and so does what NumPy makes like
