@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from guidefield.endpoint.service import ServiceSettings as ServiceSettings, serve as serve
     from guidefield.engine import Engine as Engine, answer as answer
     from guidefield.errors import (
+        DiskRefused as DiskRefused,
         GuidefieldError as GuidefieldError,
         InternalFailure as InternalFailure,
         InvalidConfiguration as InvalidConfiguration,
@@ -67,6 +68,7 @@ _ROOMS = {
     "engine": ("Engine", "answer"),
     "errors": (
         "GuidefieldError",
+        "DiskRefused",
         "InternalFailure",
         "InvalidConfiguration",
         "InvalidGoal",

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest, RobotInvalid, WorkerCrashed
+from guidefield.errors import GuidefieldError, MalformedRequest, RobotInvalid, unforeseen
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
@@ -124,7 +124,8 @@ class Engine:
             watcher: Hears how far a plan is, and may end it.
 
         Raises:
-            GuidefieldError: whatever travels as ``reply_err``; InternalFailure for a bug, logged with its trace.
+            GuidefieldError: whatever travels as ``reply_err``; DiskRefused where a disk does, and InternalFailure for a
+                bug, both logged with their trace.
         """
         try:
             decoded = codec.decode_request(request)
@@ -142,10 +143,8 @@ class Engine:
             raise
         except Exception as error:
             self._counters["refused"] += 1
-            if isinstance(error, MemoryError):
-                raise WorkerCrashed("the request needs more memory than there is") from None
-            _log.exception("a request failed with a bug of ours")
-            raise InternalFailure.of(error) from error
+            _log.exception("a request failed by itself")
+            raise unforeseen(error) from error
         self._counters["answered"] += 1
         return reply
 
@@ -204,7 +203,7 @@ class Engine:
             run.refuse()
             raise
         except Exception as error:
-            run.fail(error_reply(InternalFailure.of(error)))
+            run.fail(error_reply(unforeseen(error)))
             raise
 
     def _kinematics(self, request: requests.KinematicsRequest) -> Reply:

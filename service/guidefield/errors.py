@@ -38,6 +38,7 @@ class Status(enum.IntEnum):
     SERVER_BUSY = -106
     MALFORMED_REQUEST = -107
     REQUEST_TOO_LARGE = -108
+    DISK_REFUSED = -112
     FAILURE = 99999
 
 
@@ -138,6 +139,12 @@ class NoService(GuidefieldError):
     code = Status.COMMUNICATION_FAILURE
 
 
+class DiskRefused(GuidefieldError):
+    """The service's disk can't be written or read."""
+
+    code = Status.DISK_REFUSED
+
+
 class InternalFailure(GuidefieldError):
     """A bug of ours; logged with its trace."""
 
@@ -147,7 +154,8 @@ class InternalFailure(GuidefieldError):
     def of(cls, bug: Exception) -> InternalFailure:
         """What is told of a bug."""
         kind = type(bug).__name__
-        return cls(f"a bug in guidefield stopped this request: {kind}: {bug}", kind=kind)
+        told = without_path(bug) if isinstance(bug, OSError) else bug
+        return cls(f"a bug in guidefield stopped this request: {kind}: {told}", kind=kind)
 
 
 ERRORS: dict[Status, type[GuidefieldError]] = {
@@ -165,10 +173,25 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
         ServerBusy,
         WorkerCrashed,
         NoService,
+        DiskRefused,
         InternalFailure,
     )
 }
 """Kind of error by wire code: how a client turns a ``reply_err`` back into an exception."""
+
+
+def unforeseen(error: Exception) -> GuidefieldError:
+    """What is told of an exception that isn't ours: memory or disk refuse, or there is a bug."""
+    if isinstance(error, MemoryError):
+        return WorkerCrashed("the request needs more memory than there is")
+    if isinstance(error, OSError) and error.errno is not None and not isinstance(error, FileNotFoundError):
+        return DiskRefused(f"the disk refuses: {without_path(error)}")
+    return InternalFailure.of(error)
+
+
+def without_path(error: OSError) -> str:
+    """What the system says, without the path: a client need not know where a service keeps its files."""
+    return error.strerror or type(error).__name__
 
 
 def without_source(error: Exception) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from guidefield.errors import UnknownObject
+from guidefield.errors import UnknownObject, without_path
 from guidefield.messages.replies import ErrorReply, PlanReply, error_of
 from guidefield.messages.requests import PlanRequest
 from guidefield.progress import ProgressTold
@@ -63,7 +63,7 @@ class Run:
         try:
             runs.begin(run_id, request)
         except OSError as error:
-            self._warnings.add(f"the run is not kept: {error}")
+            self._warnings.add(f"the run is not kept: {without_path(error)}")
             self._runs = NoRuns()
         self._record_to = record_to
         self._place = recording_key if record_to is None else str(record_to)
@@ -94,14 +94,18 @@ class Run:
         return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:
-        """The reply as it is sent, with where its recording is and with what could not be kept; keeps it."""
+        """The reply as it is sent, with where its recording is and with what could not be kept; keeps it.
+
+        Where the disk refuses the reply, nothing is kept of the run: it would seem to be under way for ever.
+        """
         place = None if self._recording is None else self._recording.written
         sent = msgspec.structs.replace(reply, recording=place, warnings=[*reply.warnings, *self._warnings.texts])
         try:
             self._runs.finish(self.run_id, sent)
         except OSError as error:
-            self._warnings.add(f"the reply is not kept: {error}")
-            sent = msgspec.structs.replace(sent, warnings=[*reply.warnings, *self._warnings.texts])
+            self._warnings.add(f"the run is not kept: {without_path(error)}")
+            place = place if self._record_to is not None else None
+            sent = msgspec.structs.replace(sent, recording=place, warnings=[*reply.warnings, *self._warnings.texts])
         return sent
 
     def refuse(self) -> None:
@@ -137,13 +141,19 @@ def whole_recording(runs: Runs, run_id: str) -> bytes:
     """The recording of a run that is kept, with its robot's meshes: one file that anybody can open.
 
     Raises:
-        UnknownObject: if there is no such run, or it has no recording, or not yet.
+        UnknownObject: if there is no such run, or it has no recording, or not yet, or a damaged one.
         OSError: if the disk refuses.
     """
     from guidefield.recorder.whole import self_contained
 
     file, folder = runs.recording(run_id), runs.bodies_folder()
-    return file.read_bytes() if folder is None else self_contained(file, folder)
+    if folder is None:
+        return file.read_bytes()
+    try:
+        return self_contained(file, folder)
+    except (ValueError, KeyError, RuntimeError) as error:
+        _log.warning("the recording of run %s can't be read: %s", run_id, error)
+        raise UnknownObject(f"the recording of run {run_id!r} is damaged", run_id=run_id) from None
 
 
 def answered_before(runs: Runs, request: PlanRequest) -> PlanReply | None:
@@ -213,7 +223,7 @@ class _Recording:
             else:
                 self.written = self._place
         except OSError as error:
-            self._warnings.add(f"the recording was not written: {error}")
+            self._warnings.add(f"the recording was not written: {without_path(error)}")
         except Exception as error:
             _log.exception("the recorder failed")
             self._warnings.add(

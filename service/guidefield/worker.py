@@ -10,7 +10,7 @@ import msgspec
 
 from guidefield import logs
 from guidefield.engine import Engine, LocalFiles
-from guidefield.errors import GuidefieldError, InternalFailure
+from guidefield.errors import GuidefieldError, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import PlanRequest
@@ -101,4 +101,4 @@ class EngineWorker:
             return False, codec.encode(error_reply(error), job.query.encoding)
         except Exception as error:
             _log.exception("an answer could not be written")
-            return False, codec.encode(error_reply(InternalFailure.of(error)), job.query.encoding)
+            return False, codec.encode(error_reply(unforeseen(error)), job.query.encoding)

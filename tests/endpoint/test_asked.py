@@ -109,6 +109,9 @@ def test_only_the_first_answer_is_sent() -> None:
     [
         (ServerBusy("full", queue=3), "SERVER_BUSY", -106),
         (ZeroDivisionError("a bug"), "FAILURE", 99999),
+        (PermissionError(13, "Permission denied", "/srv/data/runs"), "DISK_REFUSED", -112),
+        (FileNotFoundError(2, "No such file or directory", "/srv/data/runs"), "FAILURE", 99999),
+        (MemoryError(), "CRASH", -29),
         (MalformedRequest("a detail that is no JSON", value=object()), "MALFORMED_REQUEST", -107),
     ],
 )
@@ -119,6 +122,7 @@ def test_an_error_is_an_answer(raised: Exception, name: str, code: int) -> None:
     ((payload, encoding),) = query.errors
     error = json.loads(payload)
     assert (error["name"], error["code"], encoding) == (name, code, "application/json")
+    assert "/srv" not in payload.decode()
 
 
 def test_a_future_settles_its_query() -> None:

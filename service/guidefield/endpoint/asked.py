@@ -10,7 +10,7 @@ from concurrent.futures import Future
 
 import zenoh
 
-from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest
+from guidefield.errors import GuidefieldError, MalformedRequest, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import error_reply
@@ -93,8 +93,8 @@ class Asked:
         except GuidefieldError as error:
             self._refuse(error)
         except Exception as error:
-            _log.exception("a query failed with a bug of ours")
-            self._refuse(InternalFailure.of(error))
+            _log.exception("a query failed by itself")
+            self._refuse(unforeseen(error))
 
     def _refuse(self, error: GuidefieldError) -> None:
         try:

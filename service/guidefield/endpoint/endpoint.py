@@ -8,7 +8,7 @@ query does so through `Asked`, which answers once and only once, whatever happen
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import threading
 import time
 import uuid
@@ -23,7 +23,7 @@ from guidefield.endpoint.meter import Meter
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engine import Engine
-from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
+from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.handlers.info import Figures, brief_info, info
 from guidefield.handlers.unbegun import cancelled_waiting, timed_out_waiting
 from guidefield.messages import codec, keys
@@ -35,6 +35,8 @@ from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import Runs
 from guidefield.worker import Job
+
+_log = logging.getLogger(__name__)
 
 HEAVY_KEYS = ("plan", "kinematics", "robots")
 """What needs a worker; and so does any other query with a payload."""
@@ -164,8 +166,10 @@ class Endpoint:
     def _end_run(self, run_id: str, future: Future[Answer]) -> None:
         error = future.exception()
         if isinstance(error, WorkerCrashed):
-            with contextlib.suppress(OSError, GuidefieldError):
+            try:
                 self._runs.fail(run_id, error_reply(error))
+            except OSError:
+                _log.exception("the end of run %s is not kept", run_id)
 
 
 def _kind(key: str) -> str:

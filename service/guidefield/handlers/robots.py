@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from guidefield.collision.preparation import StoppedError, prepare
-from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply
+from guidefield.errors import RobotInvalid
+from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply, RobotSummary
 from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 from guidefield.robot.bodies.convex_parts import known_parts
 from guidefield.robot.bodies.sphere_cover import ShapeCoverage, known_coverage
@@ -28,13 +29,20 @@ class StoredRobots(Protocol):
         """Their names."""
 
     def find(self, name: str) -> SentRobot | None:
-        """One of them; None if it is gone meanwhile."""
+        """One of them; None if it is gone meanwhile, RobotInvalid if it is damaged."""
 
 
 def robots(catalog: Catalog, stored: StoredRobots) -> RobotsReply:
     """The robots that can be named, and what was found wrong with those that cannot be used."""
-    sent = [robot for name in stored.names() if (robot := stored.find(name)) is not None]
-    return RobotsReply(robots=catalog.summaries(sent))
+    sent, damaged = [], []
+    for name in stored.names():
+        try:
+            found = stored.find(name)
+        except RobotInvalid as fault:
+            damaged.append(RobotSummary(name=name, source="stored", family=name, problem=fault.message))
+        else:
+            sent += [] if found is None else [found]
+    return RobotsReply(robots=[*catalog.summaries(sent), *damaged])
 
 
 def prepared(model: RobotModel) -> str:

@@ -74,8 +74,8 @@ class RunSummary(Reply):
 
     Attributes:
         run_id: Its name.
-        status: Name of the status that it ended with, RUNNING until then.
-        robot: Name of the robot; "urdf" where it was sent.
+        status: Name of the status that it ended with, RUNNING until then; UNREADABLE where its file is damaged.
+        robot: Name of the robot; "urdf" where it was sent. UNREADABLE, as the scene, where the request is damaged.
         scene: Name of the scene.
         began: When [s since 1970].
     """

@@ -13,6 +13,8 @@ from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfChar
 
 RUNNING = "RUNNING"
 """The status of a run that has not ended."""
+UNREADABLE = "UNREADABLE"
+"""The status of a run whose reply can't be read; and its robot and scene where its request can't."""
 
 
 class ReadRobots(Message, tag_field="type", tag="robots"):
@@ -84,7 +86,7 @@ class ReadInfo(Message, tag_field="type", tag="info"):
 class ReadRuns(Message, tag_field="type", tag="runs"):
     """List the runs that are kept, newest first: those of a status or robot, or begun after a time [s since 1970].
 
-    A status is the name of one, or RUNNING.
+    A status is the name of one, or RUNNING, or UNREADABLE.
     """
 
     status: str | None = None
@@ -92,7 +94,7 @@ class ReadRuns(Message, tag_field="type", tag="runs"):
     since: float | None = None
 
     def __post_init__(self) -> None:
-        names = (*Status.__members__, RUNNING)
+        names = (*Status.__members__, RUNNING, UNREADABLE)
         if self.status is not None and self.status not in names:
             raise ValueError(f"`status` must be one of {', '.join(names)}, got {self.status[:64]!r}")
 

@@ -49,6 +49,7 @@ def self_contained(recording: Path, folder: Path) -> bytes:
 
     Raises:
         OSError: if the recording can't be read.
+        ValueError, KeyError, RuntimeError: if it isn't whole.
     """
     reader = RrdReader(recording)
     (store,) = reader.recordings()
@@ -69,4 +70,4 @@ def _with_meshes(chunks: Sequence[Chunk], file: Path) -> list[Chunk]:
         return [*chunks, *read_meshes(file)]
     except UNREADABLE as error:
         _log.warning("the robot's meshes are missing from a recording: %s", error)
-        return with_warning(chunks, f"the robot's meshes are not in this recording: {error}")
+        return with_warning(chunks, "the robot's meshes are not in this recording: their file is missing or damaged")

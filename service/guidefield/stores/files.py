@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import TypeVar
+
+import msgspec
 
 from guidefield.errors import MalformedRequest
 
+_M = TypeVar("_M", bound=msgspec.Struct)
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,127}")
 
 
@@ -36,4 +40,12 @@ def read_if_any(path: Path) -> bytes | None:
     try:
         return path.read_bytes()
     except FileNotFoundError:
+        return None
+
+
+def decoded(data: bytes, kind: type[_M]) -> _M | None:
+    """The message that a file holds; None where it is none: its end is missing, or another version wrote it."""
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError):
         return None

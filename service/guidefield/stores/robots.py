@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
+import re
 import shutil
 import uuid
 from collections.abc import Callable, Iterator
@@ -24,7 +25,7 @@ from guidefield.messages.values import RootJoint
 from guidefield.robot.catalog import library
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.robot.catalog.sent_meshes import named_by_content
-from guidefield.stores.files import checked_name, read_if_any
+from guidefield.stores.files import checked_name, decoded, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
 MAX_ROBOTS = 200
@@ -32,6 +33,7 @@ MAX_BYTES = 4 * 2**30
 """What all stored robots may take on disk."""
 
 _DESCRIPTION = "robot.json"
+_CONTENT = re.compile(r"[0-9a-f]{64}")
 
 
 class NoRobots:
@@ -91,9 +93,10 @@ class RobotStore:
 
         Raises:
             MalformedRequest: if the name can't be a file's.
+            RobotInvalid: if a file of it is damaged.
         """
         content = read_if_any(self._path(name))
-        return None if content is None else self._read(name, content.decode())
+        return None if content is None else self._read(name, content.decode(errors="replace"))
 
     def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
         """Keep a robot under a name, in place of an earlier one of that name.
@@ -141,14 +144,20 @@ class RobotStore:
 
     def _read(self, name: str, content: str) -> SentRobot:
         folder = self._contents / content
-        described = msgspec.json.decode((folder / _DESCRIPTION).read_bytes(), type=_Description)
+        stored = read_if_any(folder / _DESCRIPTION) if _CONTENT.fullmatch(content) else None
+        described = None if stored is None else decoded(stored, _Description)
+        if described is None:
+            raise RobotInvalid(f"robot {name!r} can't be read: a file of it is damaged; store it again", robot=name)
         meshes = {uri: folder / file for uri, file in described.meshes.items()}
         return SentRobot(name, content, described.urdf, described.srdf, meshes, described.root_joint)
 
     def _put(self, content: str, files: dict[str, bytes]) -> None:
-        """Write what was sent to its folder, all of it or nothing."""
+        """Write what was sent to its folder, all of it or nothing; what is damaged there is written again."""
         folder = self._contents / content
         if folder.exists():
+            for file, data in files.items():
+                if read_if_any(folder / file) != data:
+                    write_whole(folder / file, data)
             return
         taken = sum(path.stat().st_size for path in self._contents.rglob("*") if path.is_file())
         if taken + sum(map(len, files.values())) > self._limit_bytes:
@@ -158,14 +167,18 @@ class RobotStore:
             )
         draft = self._contents / f".{uuid.uuid4().hex}{DRAFT}"
         draft.mkdir()
-        for file, data in files.items():
-            write_whole(draft / file, data)
-        draft.rename(folder)
+        try:
+            for file, data in files.items():
+                write_whole(draft / file, data)
+            draft.rename(folder)
+        except OSError:
+            shutil.rmtree(draft, ignore_errors=True)
+            raise
         flush_folder(self._contents)
 
     def _sweep(self) -> None:
         """Remove what no name leads to."""
-        used = {(self._names / name).read_text() for name in self.names()}
+        used = {(self._names / name).read_text(errors="replace") for name in self.names()}
         for folder in self._contents.iterdir():
             if folder.name not in used:
                 shutil.rmtree(folder, ignore_errors=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 
 from guidefield.messages.replies import RunSummary
-from guidefield.messages.store_requests import RUNNING
-from guidefield.stores.files import read_if_any
+from guidefield.messages.store_requests import RUNNING, UNREADABLE
+from guidefield.stores.files import decoded, read_if_any
 
 REQUEST, REPLY, ERROR, RECORDING = "request.json", "reply.json", "error.json", "recording.rrd"
 
@@ -34,10 +34,13 @@ class _ReplyHead(msgspec.Struct):
     status: _Status
 
 
+_UNREADABLE_HEAD = _RequestHead(robot=UNREADABLE, scene=UNREADABLE)
+
+
 def summary(folder: Path) -> RunSummary | None:
     """One line about a run; None if it was dropped meanwhile."""
     try:
-        head = msgspec.json.decode((folder / REQUEST).read_bytes(), type=_RequestHead)
+        head = decoded((folder / REQUEST).read_bytes(), _RequestHead) or _UNREADABLE_HEAD
         began = (folder / REQUEST).stat().st_mtime
     except FileNotFoundError:  # dropped meanwhile, by another process
         return None
@@ -53,8 +56,12 @@ def summary(folder: Path) -> RunSummary | None:
 def _status(folder: Path) -> str:
     reply, error = read_if_any(folder / REPLY), read_if_any(folder / ERROR)
     if reply is not None:
-        return msgspec.json.decode(reply, type=_ReplyHead).status.name
-    return RUNNING if error is None else msgspec.json.decode(error, type=_Status).name
+        head = decoded(reply, _ReplyHead)
+        return UNREADABLE if head is None else head.status.name
+    if error is None:
+        return RUNNING
+    ending = decoded(error, _Status)
+    return UNREADABLE if ending is None else ending.name
 
 
 def has_ended(folder: Path) -> bool:

@@ -6,12 +6,15 @@ whoever lists the runs sees whole ones only, also after a kill at any moment.
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import shutil
 import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -19,9 +22,12 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec
 from guidefield.messages.replies import ErrorReply, PlanReply, RunReply, RunSummary
 from guidefield.messages.requests import PlanRequest
-from guidefield.stores.files import checked_name, read_if_any
+from guidefield.stores.files import checked_name, decoded, read_if_any
 from guidefield.stores.run_folder import ERROR, RECORDING, REPLY, REQUEST, has_ended, summary
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
+
+_log = logging.getLogger(__name__)
+_M = TypeVar("_M", bound=msgspec.Struct)
 
 
 @dataclass(frozen=True)
@@ -110,23 +116,35 @@ class RunStore:
                     f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id
                 ) from None
             raise
-        flush_folder(self._folder)
+        with self._dropping(final):
+            flush_folder(self._folder)
 
     def recording_path(self, run_id: str) -> Path | None:
         """Where its recording is to be written, at once and whole."""
         return self._folder / run_id / RECORDING
 
     def finish(self, run_id: str, reply: PlanReply) -> None:
-        """Keep the reply; the recording is there already, so that an ended run has all it will have."""
-        write_whole(self._folder / run_id / REPLY, codec.encode(reply))
+        """Keep the reply; the recording is there already, so that an ended run has all it will have.
+
+        Raises:
+            OSError: if the disk refuses; then the run is dropped, or it would seem to be under way for ever.
+        """
+        folder = self._folder / run_id
+        with self._dropping(folder):
+            write_whole(folder / REPLY, codec.encode(reply))
 
     def fail(self, run_id: str, error: ErrorReply) -> None:
-        """Keep the error that ended a run; nothing is done where there is no such run, or it has its reply."""
+        """Keep the error that ended a run; nothing is done where there is no such run, or it has its reply.
+
+        Raises:
+            OSError: if the disk refuses; then the run is dropped.
+        """
         folder = self._folder / checked_name(run_id, "run_id")
         if folder.is_dir() and not (folder / REPLY).exists():
-            for leftover in folder.glob(".*"):
-                leftover.unlink(missing_ok=True)
-            write_whole(folder / ERROR, codec.encode(error))
+            with self._dropping(folder):
+                for leftover in folder.glob(".*"):
+                    leftover.unlink(missing_ok=True)
+                write_whole(folder / ERROR, codec.encode(error))
 
     def discard(self, run_id: str) -> None:
         """Forget a run whose request was refused."""
@@ -141,7 +159,10 @@ class RunStore:
             shutil.rmtree(leftover, ignore_errors=True)
         for folder in self._folders():
             if not has_ended(folder):
-                self.fail(folder.name, error)
+                try:
+                    self.fail(folder.name, error)
+                except OSError as refusal:
+                    _log.warning("run %s, left behind, is dropped: %s", folder.name, refusal)
 
     def summaries(self) -> list[RunSummary]:
         """The runs that are kept, newest first."""
@@ -152,7 +173,7 @@ class RunStore:
         """One run.
 
         Raises:
-            UnknownObject: if there is none of that name.
+            UnknownObject: if there is none of that name, or a file of it is damaged.
         """
         folder = self._existing(run_id)
         try:
@@ -164,9 +185,9 @@ class RunStore:
         return RunReply(
             run_id=run_id,
             began=began,
-            request=msgspec.json.decode(request, type=PlanRequest),
-            reply=None if reply is None else msgspec.json.decode(reply, type=PlanReply),
-            error=None if error is None else msgspec.json.decode(error, type=ErrorReply),
+            request=_whole(run_id, REQUEST, request, PlanRequest),
+            reply=None if reply is None else _whole(run_id, REPLY, reply, PlanReply),
+            error=None if error is None else _whole(run_id, ERROR, error, ErrorReply),
         )
 
     def recording(self, run_id: str) -> Path:
@@ -209,6 +230,15 @@ class RunStore:
             return
         shutil.rmtree(grave, ignore_errors=True)
 
+    @contextlib.contextmanager
+    def _dropping(self, folder: Path) -> Iterator[None]:
+        """Drop a run if the disk refuses what the block writes of it; a full disk still lets go of files."""
+        try:
+            yield
+        except OSError:
+            self._drop(folder)
+            raise
+
     def _make_room(self) -> None:
         """Drop ended runs that are too old, and the oldest until one more fits."""
         kept = (_extent(folder) for folder in self._folders() if has_ended(folder))
@@ -240,6 +270,20 @@ def _extent(folder: Path) -> _Extent | None:
         return _Extent(folder, folder.stat().st_mtime, sum(file.stat().st_size for file in folder.iterdir()))
     except FileNotFoundError:  # dropped meanwhile, by another process
         return None
+
+
+def _whole(run_id: str, file: str, data: bytes, kind: type[_M]) -> _M:
+    """The message that a file of a run holds.
+
+    Raises:
+        UnknownObject: if it holds none.
+    """
+    message = decoded(data, kind)
+    if message is None:
+        raise UnknownObject(
+            f"run {run_id!r} can't be read: its {file} is damaged; `delete` removes it", run_id=run_id, file=file
+        )
+    return message
 
 
 def _unknown(run_id: str) -> UnknownObject:

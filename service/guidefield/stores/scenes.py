@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import msgspec
-
 from guidefield.errors import RequestTooLarge, SceneInvalid
 from guidefield.messages import codec
 from guidefield.messages.faults import MOST_NAMED, nearest
 from guidefield.messages.scene import Scene
 from guidefield.scene import library
-from guidefield.stores.files import checked_name, read_if_any
+from guidefield.stores.files import checked_name, decoded, read_if_any
 from guidefield.whole_file import write_whole
 
 
@@ -70,11 +68,14 @@ class SceneStore:
         """One scene.
 
         Raises:
-            SceneInvalid: if it is unknown; lists those that can be read.
+            SceneInvalid: if it is unknown, and lists those that can be read; or if its file is damaged.
         """
         stored = read_if_any(self._path(name))
         if stored is not None:
-            return msgspec.json.decode(stored, type=Scene)
+            scene = decoded(stored, Scene)
+            if scene is None:
+                raise SceneInvalid(f"scene {name!r} can't be read: its file is damaged; store it again", scene=name)
+            return scene
         if name in self._packaged.names():
             return self._packaged.read(name)
         raise _unknown(name, self.names())

@@ -1,0 +1,125 @@
+"""Files of a store that were cut short, at every length: each is told by itself, and everything else is there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from guidefield.engine import Engine
+from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject, WorkerCrashed
+from guidefield.handlers.robots import robots
+from guidefield.messages.replies import RunsReply, error_reply
+from guidefield.messages.requests import ReadRun, ReadRuns, RobotFiles
+from guidefield.messages.scene import Box, Scene
+from guidefield.messages.store_requests import UNREADABLE
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.run import whole_recording
+from guidefield.stores.robots import RobotStore
+from guidefield.stores.runs import RunStore
+from guidefield.stores.scenes import SceneStore
+from tests.replies import plan_reply
+from tests.robots import box_arm
+from tests.stores.test_runs import CRASH, REQUEST
+
+ARM = RobotFiles(urdf=box_arm("y", 2).text)
+
+
+def _cut(file: Path) -> list[int]:
+    """Lengths to cut a file to: those near its ends, and some between."""
+    size = file.stat().st_size
+    return sorted({0, 1, 2, size - 1, size - 2, *range(3, size, max(1, size // 12))})
+
+
+def _runs(folder: Path) -> RunStore:
+    store = RunStore(folder)
+    for run_id in ("whole", "damaged"):
+        store.begin(run_id, REQUEST)
+        store.finish(run_id, plan_reply(run_id))
+    store.begin("crashed", REQUEST)
+    store.fail("crashed", CRASH)
+    return store
+
+
+@pytest.mark.parametrize(("run_id", "name"), [("damaged", "request"), ("damaged", "reply"), ("crashed", "error")])
+def test_a_damaged_run_is_listed_among_the_others_and_can_be_deleted(run_id: str, name: str, tmp_path: Path) -> None:
+    engine = Engine(runs=_runs(tmp_path / "runs"))
+    file = tmp_path / "runs" / run_id / f"{name}.json"
+    content = file.read_bytes()
+    for length in _cut(file):
+        file.write_bytes(content[:length])
+        listed = engine.answer(ReadRuns())
+        assert isinstance(listed, RunsReply)
+        lines = {run.run_id: run for run in listed.runs}
+        assert set(lines) == {"whole", "damaged", "crashed"}
+        assert lines["whole"].status == "SUCCESS"
+        assert UNREADABLE in (lines[run_id].status, lines[run_id].robot)
+        with pytest.raises(UnknownObject, match=rf"{name}\.json is damaged"):
+            engine.answer(ReadRun(run_id))
+    assert [run.run_id for run in engine.answer(ReadRuns(status=UNREADABLE)).runs] == [run_id] * (name != "request")
+    RunStore(tmp_path / "runs").delete(run_id)
+    assert run_id not in {run.run_id for run in engine.answer(ReadRuns()).runs}
+
+
+def test_a_damaged_recording_is_told(tmp_path: Path) -> None:
+    store = _runs(tmp_path / "runs")
+    for content in (b"", b"RRF2 and nothing that follows"):
+        store.recording_path("damaged").write_bytes(content)
+        with pytest.raises(UnknownObject, match="recording of run 'damaged' is damaged"):
+            whole_recording(store, "damaged")
+
+
+@pytest.mark.parametrize("folder", ["names", "contents"])
+def test_a_damaged_robot_is_told_in_the_list_and_stored_again(folder: str, tmp_path: Path) -> None:
+    store, catalog = RobotStore(tmp_path / "robots"), Catalog()
+    store.write("whole", ARM, catalog.load)
+    store.write("damaged", RobotFiles(urdf=box_arm("y", 3).text), catalog.load)
+    if folder == "names":
+        file = tmp_path / "robots" / "names" / "damaged"
+    else:
+        content = (tmp_path / "robots" / "names" / "damaged").read_text()
+        file = tmp_path / "robots" / "contents" / content / "robot.json"
+    written = file.read_bytes()
+    for length in (0, len(written) // 2):
+        file.write_bytes(written[:length])
+        lines = {line.name: line.problem for line in robots(catalog, store).robots if line.source == "stored"}
+        assert set(lines) == {"whole", "damaged"}
+        assert lines["whole"] is None
+        assert "damaged" in (lines["damaged"] or "")
+        with pytest.raises(RobotInvalid, match="store it again"):
+            store.find("damaged")
+    store.write("damaged", RobotFiles(urdf=box_arm("y", 3).text), catalog.load)
+    assert catalog.load(store.find("damaged")).name == "damaged"
+
+
+def test_a_name_that_leads_elsewhere_is_damaged(tmp_path: Path) -> None:
+    store = RobotStore(tmp_path / "robots")
+    store.write("mine", ARM, Catalog().load)
+    (tmp_path / "robots" / "names" / "mine").write_bytes(b"../names\xff")
+    with pytest.raises(RobotInvalid, match="damaged"):
+        store.find("mine")
+    store.delete("mine")
+    assert store.names() == []
+
+
+def test_a_damaged_scene_is_told_and_stored_again(tmp_path: Path) -> None:
+    store = SceneStore(tmp_path)
+    scene = Scene("shelf", obstacles=[Box(name="b", size=(0.1, 0.1, 0.1))])
+    store.write(scene)
+    file = tmp_path / "shelf.json"
+    written = file.read_bytes()
+    for length in _cut(file):
+        file.write_bytes(written[:length])
+        assert "shelf" in store.names()
+        with pytest.raises(SceneInvalid, match="damaged"):
+            store.read("shelf")
+    store.write(scene)
+    assert store.read("shelf") == scene
+
+
+def test_a_sweep_passes_over_what_is_damaged(tmp_path: Path) -> None:
+    store = _runs(tmp_path / "runs")
+    (tmp_path / "runs" / "damaged" / "reply.json").write_bytes(b"{")
+    (tmp_path / "runs" / "whole" / "request.json").write_bytes(b"")
+    store.sweep(error_reply(WorkerCrashed("left behind")))
+    assert {run.status for run in store.summaries()} == {"SUCCESS", "CRASH", UNREADABLE}
