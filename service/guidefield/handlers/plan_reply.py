@@ -111,9 +111,9 @@ def _trajectory(
     if trajectory is None:
         return None
     states = trajectory if sample_rate is None else trajectory.resampled(sample_rate)
-    velocities, accelerations = states.velocities, states.accelerations
+    velocities, accelerations = cast(Tangents, states.velocities), cast(Tangents, states.accelerations)
     if not group.is_euclidean:
-        velocities, accelerations = _tangent_rates(group, states.positions, velocities, accelerations)
+        velocities, accelerations = _tangent_rates(group, states.positions, states.velocities, states.accelerations)
     return replies.Trajectory(
         times=states.times.tolist(),
         positions=[group.wire_positions(z) for z in states.positions],

@@ -18,7 +18,7 @@ from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.inverse_kinematics import MOST_REJECTED, IkResult, solve
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.ik.unreachable import Cause
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 GOAL_SOLUTIONS = 8
 """Configurations for which a connection looks at once, for a pose."""
@@ -52,7 +52,7 @@ def check_start(problem: Problem) -> None:
         raise StageFailed(status, f"the start violates a path constraint: {message}", stage="start", **details)
 
 
-def goal_points(problem: Problem) -> np.ndarray | None:
+def goal_points(problem: Problem) -> ChartPoints | None:
     """Chart points (m, nv) that would reach the goal and are free; None where the last guide plane is the goal.
 
     Raises:
@@ -65,7 +65,7 @@ def goal_points(problem: Problem) -> np.ndarray | None:
     return None
 
 
-def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint] = ()) -> np.ndarray:
+def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint] = ()) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
     Args:
@@ -106,7 +106,7 @@ def _solved(
     problem: Problem,
     target: PoseTarget,
     starts: Sequence[ChartPoint],
-    free: Callable[[Problem, np.ndarray], np.ndarray],
+    free: Callable[[Problem, ChartPoints], np.ndarray],
     most: int = MOST_REJECTED,
 ) -> IkResult:
     return solve(
@@ -122,7 +122,7 @@ def _solved(
     )
 
 
-def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
+def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) touch nothing, are inside of nothing and keep the clearance: (n,), bool.
 
     What lanes find free is; what they don't is judged by Coal where there is nothing else.
@@ -131,19 +131,19 @@ def are_free(problem: Problem, zs: np.ndarray) -> np.ndarray:
     return free if free.any() else np.array([_keeps_off(problem, z) for z in zs])
 
 
-def _are_outside(problem: Problem, zs: np.ndarray) -> np.ndarray:
+def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) surely touch nothing and are inside of nothing: (n,), bool."""
     free = _touch_nothing(problem, zs)
     free[free] = [_is_outside(problem, z) for z in zs[free]]
     return free
 
 
-def _keep_some_distance(problem: Problem, zs: np.ndarray) -> np.ndarray:
+def _keep_some_distance(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) keep more than the clearance, so that a certificate isn't stopped by grazing."""
     return _touch_nothing(problem, zs, GRAZING)
 
 
-def _touch_nothing(problem: Problem, zs: np.ndarray, beyond: float = 0.0) -> np.ndarray:
+def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:
     """Which chart points (n, nv) surely touch nothing, keep the clearance and more, and the path constraints: (n,)."""
     free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
     if problem.path_constraints:
@@ -186,10 +186,10 @@ def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | N
     return None
 
 
-def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
+def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     """Chart points (m, nv) of the configurations that are free."""
     zs = np.array([problem.group.chart(q) for q in goal.configurations])
-    free: np.ndarray = zs[are_free(problem, zs)]
+    free: ChartPoints = zs[are_free(problem, zs)]
     if len(free):
         return free
     touching = [z for z in zs if end_fault(problem, z) is not None]
@@ -206,7 +206,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> np.ndarray:
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 
 
-def _kept_goals(problem: Problem, goals: np.ndarray) -> np.ndarray:
+def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
     """The goals that keep the path constraints."""
     faults = [_violated(problem, goal) for goal in goals]
     kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
@@ -218,7 +218,7 @@ def _kept_goals(problem: Problem, goals: np.ndarray) -> np.ndarray:
     raise StageFailed(status, f"the goal violates a path constraint: {message}", stage="goal", **details)
 
 
-def _violated(problem: Problem, z: np.ndarray) -> tuple[str, dict[str, Any]] | None:
+def _violated(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
     """Which path constraint a chart point violates most, as a sentence and values; None if it keeps them all."""
     if not problem.path_constraints:
         return None

@@ -20,6 +20,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stage, StageFailed
 from guidefield.planner.task.trace import Note
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.robot.model.spaces import ChartPoints
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane
 
@@ -54,7 +55,7 @@ def connect_to_plane(problem: Problem, found: PathSoFar, stuck: Crossing, index:
     return approached.failed(Ending(stuck.status, message, stuck.details))
 
 
-def _points_on(problem: Problem, plane: GuidePlane, stuck: Crossing) -> np.ndarray:
+def _points_on(problem: Problem, plane: GuidePlane, stuck: Crossing) -> ChartPoints:
     """Chart points (m, nv) with the tip on a plane: next to where the approach got stuck, else in the plane's middle.
 
     Raises:
@@ -83,7 +84,7 @@ def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
 
 
 def connect_to_goal(
-    problem: Problem, found: PathSoFar, goals: np.ndarray, stage: Stage, *, prove: bool = True
+    problem: Problem, found: PathSoFar, goals: ChartPoints, stage: Stage, *, prove: bool = True
 ) -> PathSoFar:
     """Go on to a goal.
 
@@ -110,7 +111,7 @@ def connect_to_goal(
     return found.extended(connection.path, proven=connection.proven)
 
 
-def _tried(problem: Problem, found: PathSoFar, goals: np.ndarray, prove: bool) -> Connection:
+def _tried(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:
     """A connection from the end of the motion so far, along path constraints if there are any."""
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
@@ -120,7 +121,7 @@ def _tried(problem: Problem, found: PathSoFar, goals: np.ndarray, prove: bool) -
 
 
 def _connected(
-    problem: Problem, found: PathSoFar, goals: np.ndarray, rng: np.random.Generator, prove: bool
+    problem: Problem, found: PathSoFar, goals: ChartPoints, rng: np.random.Generator, prove: bool
 ) -> Connection:
     """With the clearance asked for if there is such a connection, else any that is free."""
     part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem

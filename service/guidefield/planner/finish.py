@@ -31,6 +31,7 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 REPAIRS = 12
 """How often the spline is drawn closer to the path where the certificate refused it."""
@@ -60,7 +61,7 @@ class Finished:
     """
 
     verdict: Verdict
-    path: np.ndarray
+    path: ChartPoints
     crossings: Mapping[int, int]
     trajectory: Trajectory | None = None
     failure: Ending | None = None
@@ -139,7 +140,7 @@ def _of_relaxed(problem: Problem, relaxed: Relaxed, stages: Stages) -> Finished:
     return replace(finished, warnings=(HURRIED,)) if relaxed.outcome is Outcome.OUT_OF_TIME else finished
 
 
-def _certified(problem: Problem, path: np.ndarray, crossings: Mapping[int, int], stages: Stages) -> Finished:
+def _certified(problem: Problem, path: ChartPoints, crossings: Mapping[int, int], stages: Stages) -> Finished:
     """Time and certify the spline through a path, drawing it closer to the path where it is refused."""
     knots, marks = path, dict(crossings)
     for repair in range(REPAIRS + 1):
@@ -162,7 +163,7 @@ def _certified(problem: Problem, path: np.ndarray, crossings: Mapping[int, int],
     return Finished(verdict, knots, marks, trajectory)
 
 
-def _judged(problem: Problem, pieces: np.ndarray) -> Verdict:
+def _judged(problem: Problem, pieces: ChartCurves) -> Verdict:
     """Whether a motion is free, and keeps the path constraints."""
     stopped = _at_the_very_end(problem)
     verdict = certify(problem.world, pieces, problem.min_clearance, stopped=stopped)
@@ -179,7 +180,7 @@ def _at_the_very_end(problem: Problem) -> Callable[[], object]:
     return lambda: time.monotonic() >= until and problem.budget.spent()
 
 
-def through(problem: Problem, path: np.ndarray) -> CubicSpline:
+def through(problem: Problem, path: ChartPoints) -> CubicSpline:
     """The spline through a path's chart points (n, nv), n >= 2, that keeps the joints' position limits."""
     return interpolate(path, problem.group.lower, problem.group.upper)
 
@@ -192,7 +193,7 @@ def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
     return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
 
 
-def _refused_at(problem: Problem, z: np.ndarray, reason: Reason) -> bool:
+def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
     """Whether a chart point (nv,) itself is refused for a reason: contact, less than the clearance, beyond limits."""
     match reason:
         case Reason.BEYOND_LIMITS:
@@ -207,7 +208,7 @@ def _refused_at(problem: Problem, z: np.ndarray, reason: Reason) -> bool:
     return False
 
 
-def _nearest(path: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray]:
+def _nearest(path: ChartPoints, place: ChartPoint) -> tuple[int, ChartPoint]:
     """The segment of a path (n, nv) that is nearest to a place (nv,), and the point (nv,) of it that is."""
     along = np.diff(path, axis=0)
     share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
@@ -217,8 +218,8 @@ def _nearest(path: np.ndarray, place: np.ndarray) -> tuple[int, np.ndarray]:
 
 
 def _denser(
-    problem: Problem, path: np.ndarray, crossings: dict[int, int], worst: int
-) -> tuple[np.ndarray, dict[int, int]]:
+    problem: Problem, path: ChartPoints, crossings: dict[int, int], worst: int
+) -> tuple[ChartPoints, dict[int, int]]:
     """Midpoints inserted into a segment and those next to it, within the path constraints."""
     split = [i for i in range(worst - 1, worst + 2) if 0 <= i < len(path) - 1]
     middles = np.array([0.5 * (path[i] + path[i + 1]) for i in split])

@@ -19,6 +19,7 @@ from guidefield.planner.finish import Finished, through, timed
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.robot.model.spaces import ChartPoint
 
 SLIGHT = 0.01
 """A contact deeper than this is not slight [m]."""
@@ -45,8 +46,8 @@ class Left:
         contacts: What touched at the start.
     """
 
-    start: np.ndarray
-    end: np.ndarray
+    start: ChartPoint
+    end: ChartPoint
     contacts: tuple[Contact, ...]
 
     @property
@@ -117,7 +118,7 @@ def _with_way_out(problem: Problem, left: Left, after: Trajectory) -> tuple[Traj
     return Trajectory(times, positions, np.concatenate([first.velocities, after.velocities[1:]])), first.duration
 
 
-def _judge(problem: Problem, contacts: tuple[Contact, ...], start: np.ndarray) -> Callable[[np.ndarray], bool]:
+def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -> Callable[[ChartPoint], bool]:
     """Judges the straight motions from the start."""
     world, group = problem.world, problem.group
     allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
@@ -126,12 +127,12 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: np.ndarray) -
     touching = [k for k in range(len(world.pairs)) if world.pair_names(k) in names]
     enough = max(APART, problem.min_clearance)
 
-    def distances(z: np.ndarray) -> np.ndarray:
+    def distances(z: ChartPoint) -> np.ndarray:
         q = group.expand_from_chart(z)
         pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
         return np.array([world.distance(k)[0] for k in touching])
 
-    def leads_out(end: np.ndarray) -> bool:
+    def leads_out(end: ChartPoint) -> bool:
         q = group.expand_from_chart(end)
         if (distances(end) < enough).any() or world.in_collision(q):
             return False

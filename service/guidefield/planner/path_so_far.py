@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,7 @@ class PathSoFar:
         failure: Why the stage after it found nothing; None while none failed.
     """
 
-    path: np.ndarray
+    path: ChartPoints
     crossings: Mapping[int, int] = field(default_factory=dict)
     proven: bool = True
     failure: Ending | None = None
@@ -33,7 +34,7 @@ class PathSoFar:
         """Nothing but a problem's start."""
         return cls(problem.z_start[None])
 
-    def extended(self, points: np.ndarray, *, proven: bool = True) -> PathSoFar:
+    def extended(self, points: ChartPoints, *, proven: bool = True) -> PathSoFar:
         """Gone on along chart points, shape (n, nv), whose first is where the path ends; whether they are certified."""
         path = np.concatenate([self.path, points[1:]])
         return dataclasses.replace(self, path=path, proven=self.proven and proven)

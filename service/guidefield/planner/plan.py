@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
@@ -26,6 +24,7 @@ from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
 from guidefield.planner.timed_guide import cross_planes_timed
+from guidefield.robot.model.spaces import ChartPoints
 
 
 class Planner(enum.Enum):
@@ -57,7 +56,7 @@ class Plan:
     status: Status
     message: str
     verdict: Verdict
-    path: np.ndarray
+    path: ChartPoints
     trajectory: Trajectory | None = None
     crossings: Mapping[int, int] = field(default_factory=dict)
     stages: tuple[StageLeft, ...] = ()
@@ -116,7 +115,7 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
     return _to_goal(problem, found, goals, stages)
 
 
-def _ends(problem: Problem, planner: Planner, stages: Stages) -> np.ndarray | None:
+def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
     """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes.
 
     Raises:
@@ -169,7 +168,7 @@ def _cross_planes(
     return found
 
 
-def _to_goal(problem: Problem, found: PathSoFar, goals: np.ndarray, stages: Stages) -> Finished:
+def _to_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
     """Connect and finish: what is free at samples is relaxed at once; where that fails, it is proven before."""
     with stages.entered("connect", "to the goal") as stage:
         connected = connect_to_goal(problem, found, goals, stage, prove=False)

@@ -15,6 +15,7 @@ from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest,
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.model.spaces import Configurations
 
 SPACING = 0.05
 """Joint distance between samples of the clearance [rad or m]."""
@@ -97,7 +98,7 @@ class ClearanceProfile:
     """
 
     times: np.ndarray
-    configurations: np.ndarray
+    configurations: Configurations
     lengths: np.ndarray
     obstacle_distance: np.ndarray
     obstacle_pair: tuple[tuple[str, str] | None, ...]

@@ -28,6 +28,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 NOMINAL = 0.9
 """Share of the velocity limits, and of the square root of the acceleration limits, that motions are timed with."""
@@ -50,7 +51,7 @@ class TimedPath:
         failure: Why the next plane was not reached; None while all were.
     """
 
-    points: tuple[np.ndarray, ...]
+    points: tuple[ChartPoint, ...]
     times: tuple[float, ...] = (0.0,)
     crossings: Mapping[int, int] = field(default_factory=dict)
     failure: Ending | None = None
@@ -60,7 +61,7 @@ class TimedPath:
         """When it ends [s]."""
         return self.times[-1]
 
-    def extended(self, points: Sequence[np.ndarray], times: Sequence[float]) -> TimedPath:
+    def extended(self, points: Sequence[ChartPoint], times: Sequence[float]) -> TimedPath:
         """Gone on to more chart points, each of shape (nv,), where the robot is at some times [s]."""
         return dataclasses.replace(self, points=(*self.points, *points), times=(*self.times, *times))
 
@@ -207,12 +208,12 @@ def _judged(problem: Problem, path: TimedPath, longer: TimedPath) -> Verdict:
     return verdict
 
 
-def _from_rest_to_rest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def _from_rest_to_rest(start: ChartPoint, end: ChartPoint) -> ChartPoints:
     """Bezier control points of the cubic that begins and ends at rest."""
     return np.array([start, start, end, end])
 
 
-def duration(problem: Problem, start: np.ndarray, end: np.ndarray) -> float:
+def duration(problem: Problem, start: ChartPoint, end: ChartPoint) -> float:
     """How long the cubic from rest to rest takes within the limits [s]: 3/2 d/T is its velocity, 6 d/T^2 its ends'.
 
     Args:

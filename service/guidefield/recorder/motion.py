@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ from guidefield.planner.quality import ClearanceProfile
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.frames import frame_index
-from guidefield.robot.model.spaces import Configuration, Configurations, Tangents, WireColumns
+from guidefield.robot.model.spaces import ChartPoints, ChartRates, Configuration, Configurations, Tangents, WireColumns
 
 SHOWN_SPEED = 1.0
 """How fast the quickest joint moves along a path that has no times [rad/s or m/s]."""
@@ -114,9 +114,12 @@ def curves(group: PlanningGroup, trajectory: messages.Trajectory) -> Curves:
     knots = Curves(*(np.array(getattr(trajectory, name)) for name in trajectory.__struct_fields__))
     if not group.is_euclidean:
         return knots
-    curve = Trajectory(times=knots.times, positions=knots.positions, velocities=knots.velocities)
+    # the columns are the chart's coordinates, and the tangents are their rates
+    curve = Trajectory(knots.times, cast(ChartPoints, knots.positions), cast(ChartRates, knots.velocities))
     times = _shown_times(curve.times)
-    return Curves(times, *curve.evaluate(times))
+    positions, velocities, accelerations = curve.evaluate(times)
+    columns = cast(WireColumns, positions)
+    return Curves(times, columns, cast(Tangents, velocities), cast(Tangents, accelerations))
 
 
 def _configuration(group: PlanningGroup, row: Sequence[float]) -> Configuration:

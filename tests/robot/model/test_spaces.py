@@ -12,9 +12,14 @@ HOUSE = Path(__file__).resolve().parents[3]
 MIXED = """
 import numpy as np
 
+from guidefield.collision.certify.certificate import certify, motion_free
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.planner.motion.spline import interpolate
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.configuration import configuration_from_wire
@@ -50,6 +55,17 @@ def judges(world: World, many: BatchCollision, group: PlanningGroup, q: Configur
     many.touching(z)  # refused
     Kinematics(group).tip_position(z)  # refused
     Kinematics(group).tip_position(q)  # refused
+
+
+def planned(world: World, q: Configuration, z: ChartPoint, zs: ChartPoints) -> None:
+    certify(world, polyline(zs))
+    motion_free(world, zs[0], z)
+    interpolate(zs, world.group.lower, world.group.upper).evaluate(np.zeros(1))
+    Trajectory(np.zeros(1), zs, Trajectory(np.zeros(1), zs, zs).velocities)  # refused
+    PathSoFar(zs).extended(z)  # refused
+    PathSoFar(q)  # refused
+    certify(world, zs)  # refused
+    motion_free(world, q, z)  # refused
 
 
 def plain(group: PlanningGroup, array: np.ndarray) -> None:

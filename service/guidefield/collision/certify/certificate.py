@@ -20,6 +20,7 @@ from guidefield.collision.certify.position_limits import TOLERANCE, excesses
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
 from guidefield.robot.model.configuration import LimitFault
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelConfiguration
 
 COAL_ACCURACY = 1e-6
 """Added to every margin: how far off Coal's answers may be [m]."""
@@ -39,7 +40,7 @@ BATCH = 64
 
 def certify(
     world: World,
-    pieces: np.ndarray,
+    pieces: ChartCurves,
     min_clearance: float = 0.0,
     floor: float = 1e-5,
     stopped: Callable[[], object] = lambda: None,
@@ -84,13 +85,13 @@ def certify(
 
 
 def motion_free(
-    world: World, z0: np.ndarray, z1: np.ndarray, min_clearance: float = 0.0, floor: float = 1e-5
+    world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0, floor: float = 1e-5
 ) -> Verdict:
     """Judge the straight motion between two points, each of shape (nv,), of the group's chart; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
 
 
-def _beyond_limits(world: World, pieces: np.ndarray) -> Verdict | None:
+def _beyond_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     """The refusal of the first piece on which a joint leaves its limits, where it is farthest beyond; None if none."""
     group = world.group
     found, places = excesses(pieces, group.lower, group.upper)
@@ -106,12 +107,12 @@ def _beyond_limits(world: World, pieces: np.ndarray) -> Verdict | None:
     return Verdict(Reason.BEYOND_LIMITS, 0, piece, parameter, 0.0, None, z, fault)
 
 
-def _point(controls: np.ndarray, parameter: float) -> np.ndarray:
+def _point(controls: ChartPoints, parameter: float) -> ChartPoint:
     """The point (nv,) of a Bezier curve, control points (k, nv), at a parameter: de Casteljau's scheme."""
     row = controls
     while len(row) > 1:
         row = row[:-1] + parameter * (row[1:] - row[:-1])
-    point: np.ndarray = row[0]
+    point: ChartPoint = row[0]
     return point
 
 
@@ -168,7 +169,7 @@ class _Judge:
             share = min(share, apart / bounds[pair]) if bounds[pair] > 0.0 else share
         return max(share, LEAST_SHARE)
 
-    def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[np.ndarray], np.ndarray, list[list[int]]]:
+    def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[ModelConfiguration], np.ndarray, list[list[int]]]:
         """At each segment's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
         world, group = self.world, self.world.group
         low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
@@ -203,7 +204,7 @@ class _Judge:
             found[row].append(pair)
         return found
 
-    def _left(self, q: np.ndarray, bounds: np.ndarray, pairs: list[int]) -> list[int]:
+    def _left(self, q: ModelConfiguration, bounds: np.ndarray, pairs: list[int]) -> list[int]:
         """Those of some pairs that are within their bounds (n,), and what they have to keep, at a configuration.
 
         Hulls are asked first, the meshes in them only where that does not tell.
@@ -234,7 +235,7 @@ class _Judge:
         names = self.world.pair_names(found[1])
         return Verdict(found[0], self.evaluations, rest.piece, rest.start, free_until, names, z)
 
-    def _touching(self, z: np.ndarray, pairs: list[int]) -> tuple[Reason, int] | None:
+    def _touching(self, z: ChartPoint, pairs: list[int]) -> tuple[Reason, int] | None:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""
         world, group = self.world, self.world.group
         self.evaluations += 1

@@ -15,13 +15,14 @@ import numpy as np
 from guidefield.collision.certify.curve_segments import halved
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
+from guidefield.robot.model.spaces import ChartCurves
 
 FLOOR = 1e-5
 """Curves that span no more than this in every coordinate, and still can't be told, are refused [rad or m]."""
 
 
 def certify_constraints(
-    frames: ConstrainedFrames, turns: np.ndarray, pieces: np.ndarray, stopped: Callable[[], object] = lambda: None
+    frames: ConstrainedFrames, turns: np.ndarray, pieces: ChartCurves, stopped: Callable[[], object] = lambda: None
 ) -> Verdict:
     """Judge whether a motion keeps path constraints; the first place where it doesn't, along the motion, is told.
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
+
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
 WIDEST = 0.3
 """Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
@@ -26,15 +28,15 @@ class CurveSegment(NamedTuple):
     """
 
     piece: int
-    controls: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    controls: ChartCurves
+    low: ChartPoint
+    high: ChartPoint
     start: float
     end: float
     pairs: list[int] | None
 
     @classmethod
-    def of(cls, piece: int, controls: np.ndarray, start: float, end: float, pairs: list[int] | None) -> CurveSegment:
+    def of(cls, piece: int, controls: ChartCurves, start: float, end: float, pairs: list[int] | None) -> CurveSegment:
         """The segment of some control points, shape (m, k, nv)."""
         points = controls.reshape(-1, controls.shape[-1])
         return cls(piece, controls, points.min(axis=0), points.max(axis=0), start, end, pairs)
@@ -56,7 +58,7 @@ class CurveSegment(NamedTuple):
         ]
 
 
-def curve_segments(pieces: np.ndarray) -> list[CurveSegment]:
+def curve_segments(pieces: ChartCurves) -> list[CurveSegment]:
     """Pieces in order: short ones together, long ones halved until no coordinate spans more than `WIDEST`.
 
     Args:
@@ -82,7 +84,7 @@ def curve_segments(pieces: np.ndarray) -> list[CurveSegment]:
     return found
 
 
-def halved(controls: np.ndarray) -> np.ndarray:
+def halved(controls: ChartCurves) -> ChartCurves:
     """Both halves of each Bezier curve, in order, by de Casteljau's scheme.
 
     Args:
@@ -92,7 +94,7 @@ def halved(controls: np.ndarray) -> np.ndarray:
         Shape (2 n, k, nv).
     """
     order = controls.shape[1]
-    halves = np.empty((2 * len(controls), *controls.shape[1:]))
+    halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
     row = controls
     for step in range(order):
         halves[0::2, step] = row[:, 0]

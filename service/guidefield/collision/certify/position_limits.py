@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.certify.curve_segments import halved
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
 TOLERANCE = 1e-9
 """What a coordinate may be beyond its limit, for rounding [rad or m]."""
@@ -20,7 +21,7 @@ MOST_HALVINGS = 60
 """Parts shorter than this leaves can't be told from a point."""
 
 
-def excesses(pieces: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
     """By how much each coordinate of each piece is beyond its limits at most, and where.
 
     Args:

@@ -17,6 +17,7 @@ import pinocchio as pin
 from guidefield.collision.certify.certificate import COAL_ACCURACY, certify
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 from guidefield.scene.obstacle import Obstacle
 
 FLOOR = 1e-3
@@ -56,7 +57,7 @@ class TimedWorld:
 
 
 def certify_timed(
-    worlds: TimedWorld, pieces: np.ndarray, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
+    worlds: TimedWorld, pieces: ChartCurves, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
 ) -> Verdict:
     """Judge a motion in time; see `certify`.
 
@@ -75,7 +76,7 @@ def certify_timed(
 
 
 def certify_moving(
-    worlds: TimedWorld, pieces: np.ndarray, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
+    worlds: TimedWorld, pieces: ChartCurves, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
 ) -> Verdict:
     """`certify_timed` for the obstacles that move alone.
 
@@ -121,7 +122,7 @@ class _TimedSegment:
     """A part of a piece: control points, parameters on the piece, times, and the pairs that are left."""
 
     piece: int
-    control: np.ndarray
+    control: ChartPoints
     start: float
     end: float
     since: float
@@ -169,7 +170,7 @@ class _Judge:
             return refused
         return self.refusal(first) or self.refusal(second)
 
-    def _bounds(self, middle: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+    def _bounds(self, middle: ChartPoint, half_widths: ChartPoint) -> np.ndarray:
         """How much closer the robot alone brings each pair within a box of the chart [m]; places it at its middle."""
         world = self.worlds.moving
         group = world.group
@@ -197,7 +198,7 @@ class _Judge:
         self, rest: _TimedSegment, free_until: float, left: list[int], bounds: np.ndarray
     ) -> Verdict | None:
         """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less."""
-        self._bounds(rest.control[0], np.zeros(rest.control.shape[1]))
+        self._bounds(rest.control[0], np.zeros_like(rest.control[0]))
         found = self._touching(rest.since, left)
         if found is None:
             undecided = [k for k in left if bounds[k] <= self.floor]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-import numpy as np
-
 from guidefield.collision.world import PairNames
 from guidefield.robot.model.configuration import LimitFault
+from guidefield.robot.model.spaces import ChartPoint
 
 
 class Reason(enum.Enum):
@@ -51,7 +50,7 @@ class Verdict:
     parameter: float | None = None
     free_until: float | None = None
     pair: PairNames | None = None
-    configuration: np.ndarray | None = None
+    configuration: ChartPoint | None = None
     beyond: LimitFault | None = None
 
     @property

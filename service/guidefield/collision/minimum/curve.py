@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.robot.model.spaces import ChartPoints, ChartRates
+from guidefield.robot.model.spaces import ChartCurveRates, ChartCurves, ChartPoints, ChartRates
 
 JUMP = 1e-9
 """Rates that differ by less than this share of the largest one count as equal: they do but for rounding."""
@@ -22,26 +22,26 @@ class Curve:
         times: When they begin and the last one ends, shape (m + 1,) [s]; pieces may take no time.
     """
 
-    pieces: np.ndarray
+    pieces: ChartCurves
     times: np.ndarray
 
     @cached_property
-    def _velocities(self) -> np.ndarray:
+    def _velocities(self) -> ChartCurveRates:
         """Control points of the rates, shape (m, k - 1, nv)."""
         return self._derived(self.pieces)
 
     @cached_property
-    def _accelerations(self) -> np.ndarray:
+    def _accelerations(self) -> ChartCurveRates:
         """Control points of the rates' rates, shape (m, max(k - 2, 1), nv)."""
         if self._velocities.shape[1] == 1:
             return np.zeros_like(self._velocities)
         return self._derived(self._velocities)
 
-    def _derived(self, controls: np.ndarray) -> np.ndarray:
+    def _derived(self, controls: ChartCurves | ChartCurveRates) -> ChartCurveRates:
         """Control points of the derivative in time; 0 where no time passes."""
         spans = np.diff(self.times)[:, None, None]
         steps = (controls.shape[1] - 1) * np.diff(controls, axis=1)
-        rates: np.ndarray = np.divide(steps, spans, out=np.zeros_like(steps), where=spans > 0.0)
+        rates: ChartCurveRates = np.divide(steps, spans, out=np.zeros_like(steps), where=spans > 0.0)
         return rates
 
     @cached_property

@@ -18,6 +18,7 @@ from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.connect.unconnected import no_way, why_not
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
 """Samples per length [1/rad or 1/m] by which a tree judges a motion; how often the certificate may refuse what it
@@ -41,12 +42,12 @@ class Connection:
 
     status: Status
     message: str
-    path: np.ndarray
+    path: ChartPoints
     proven: bool = True
 
 
 def connect(
-    problem: Problem, z_start: np.ndarray, goals: np.ndarray, rng: np.random.Generator, *, prove: bool = True
+    problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator, *, prove: bool = True
 ) -> Connection:
     """Find a free motion from a chart point to one of several.
 
@@ -72,7 +73,7 @@ def connect(
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
     resolution, refused = LANE_RESOLUTION, 0
 
-    def accepted(path: np.ndarray) -> bool:
+    def accepted(path: ChartPoints) -> bool:
         return not prove or _certified(problem, path)
 
     for _ in range(LANE_ATTEMPTS):
@@ -97,7 +98,7 @@ def connect(
 
 
 def _unconnected(
-    problem: Problem, z_start: np.ndarray, found: tree_search.FoundPath, goals: int, refused: int
+    problem: Problem, z_start: ChartPoint, found: tree_search.FoundPath, goals: int, refused: int
 ) -> Connection:
     """A connection that was not found, and why; how many paths the certificate refused before."""
     spent = problem.budget.spent()
@@ -111,7 +112,7 @@ def _unconnected(
     return Connection(status, message, z_start[None])
 
 
-def _certified(problem: Problem, path: np.ndarray) -> bool:
+def _certified(problem: Problem, path: ChartPoints) -> bool:
     """Whether the straight motions along a path (n, nv) are proven to be free."""
     for z0, z1 in pairwise(path):
         verdict = motion_free(problem.world, z0, z1, problem.min_clearance)

@@ -17,6 +17,7 @@ from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind
 from guidefield.robot.group.path_constraints import ConstrainedFrames
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 ROOM = 0.6
 """Configurations are brought to within this share of each limit: what lies between them has the rest."""
@@ -47,7 +48,7 @@ class Keeper:
     problem: Problem
     frames: ConstrainedFrames
 
-    def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
+    def held_directions(self, z: ChartPoint, descent: ChartPoint) -> np.ndarray:
         """Directions of the chart in which a descent would leave the constraints.
 
         Args:
@@ -63,7 +64,7 @@ class Keeper:
         held: np.ndarray = directions[strengths > 1e-9]
         return held
 
-    def brought_back(self, z: np.ndarray) -> np.ndarray | None:
+    def brought_back(self, z: ChartPoint) -> ChartPoint | None:
         """The chart point next to z (nv,), within limits, that keeps the constraints with room; None if there is none.
 
         Newton's steps of least length on the numbers that are too large.
@@ -80,11 +81,11 @@ class Keeper:
             z = np.clip(z - step, group.lower, group.upper)
         return None
 
-    def keeps(self, z: np.ndarray) -> bool:
+    def keeps(self, z: ChartPoint) -> bool:
         """Whether a chart point, shape (nv,), keeps the constraints."""
         return bool((self.frames.values(z) <= self.frames.limits).all())
 
-    def steps(self, origin: np.ndarray, target: np.ndarray) -> list[np.ndarray]:
+    def steps(self, origin: ChartPoint, target: ChartPoint) -> list[ChartPoint]:
         """Free chart points, a stride apart, from one towards another, as far as they come nearer to it.
 
         Args:
@@ -97,7 +98,7 @@ class Keeper:
         taken, here = [], origin
         while (left := float(np.linalg.norm(target - here))) > 1e-9:
             if left <= STRIDE:
-                there: np.ndarray | None = target
+                there: ChartPoint | None = target
             else:
                 there = self.brought_back(here + (target - here) * (STRIDE / left))
             if there is None or left - np.linalg.norm(target - there) < LEAST_GAIN * min(STRIDE, left):
@@ -108,7 +109,7 @@ class Keeper:
             here = there
         return taken
 
-    def _free(self, here: np.ndarray, there: np.ndarray) -> bool:
+    def _free(self, here: ChartPoint, there: ChartPoint) -> bool:
         if not self.keeps(there) or not self.keeps(0.5 * (here + there)):
             return False
         self.problem.counters.collision_checks += 1
@@ -116,7 +117,7 @@ class Keeper:
 
 
 def connect_constrained(
-    problem: Problem, keeper: Keeper, z_start: np.ndarray, goals: np.ndarray, rng: np.random.Generator
+    problem: Problem, keeper: Keeper, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
 ) -> Connection:
     """Find a motion within path constraints from a chart point to one of several, free by samples.
 
@@ -153,14 +154,14 @@ def connect_constrained(
     return Connection(Status.PLANNING_FAILED, "no connection within the path constraints was found", z_start[None])
 
 
-def _grown(tree: Tree, node: int, steps: list[np.ndarray]) -> int:
+def _grown(tree: Tree, node: int, steps: list[ChartPoint]) -> int:
     """Add steps to a tree, one after the other; the last node."""
     for step in steps:
         node = tree.add(step, node)
     return node
 
 
-def _shortened(keeper: Keeper, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _shortened(keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
     """The path with detours between random waypoints left out where steps lead across."""
     for _ in range(SHORTCUTS):
         if len(path) < 4 or keeper.problem.budget.spent():

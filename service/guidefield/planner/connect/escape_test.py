@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.robot.model.spaces import ChartPoints
 
 LENGTHS = 0.3, 0.1, 0.03, 0.01
 """How far the motions go that are tried [rad or m]."""
@@ -14,7 +15,7 @@ DIRECTIONS = 1024
 
 
 def can_be_left(
-    lanes: BatchCollision, roots: np.ndarray, clearance: float, resolution: float, rng: np.random.Generator
+    lanes: BatchCollision, roots: ChartPoints, clearance: float, resolution: float, rng: np.random.Generator
 ) -> bool:
     """Whether any of many short motions out of some configurations is free.
 

@@ -11,6 +11,7 @@ from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ANGLE, ROAM, ROTATION, TRANSLATION, WIND
+from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class Sources:
             array.setflags(write=False)
         return cls(sampling, packed(sampling), roams, around)
 
-    def about(self, roots: np.ndarray) -> Sources:
+    def about(self, roots: ChartPoints) -> Sources:
         """Where coordinates roam, a box with `around` beside all of some chart points (n, nv)."""
         if len(self.roams) == 0:
             return self
@@ -45,7 +46,7 @@ class Sources:
         lower[self.roams], width[self.roams] = least - self.around, largest - least + 2.0 * self.around
         return Sources.of(self.sampling._replace(lower=lower, width=width), self.roams, self.around)
 
-    def between(self, starts: np.ndarray, goals: np.ndarray, length: float) -> Sources:
+    def between(self, starts: ChartPoints, goals: ChartPoints, length: float) -> Sources:
         """A box about all points through which a path of some length may lead from a start (k, nv) to a goal (m, nv).
 
         Of one start and one goal these are an ellipsoid with both in its foci (Gammell 2014); a coordinate that wraps

@@ -16,6 +16,7 @@ import numpy as np
 from guidefield.planner.connect import tree_search
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Budget, Problem
+from guidefield.robot.model.spaces import ChartPoints
 
 ROUND = 2000
 """Motions that a round judges at most."""
@@ -37,7 +38,7 @@ class Shorter:
         message: What a person is told of them.
     """
 
-    path: np.ndarray
+    path: ChartPoints
     rounds: int
     message: str
 
@@ -59,11 +60,11 @@ class Rounds:
 
 def shorter(
     problem: Problem,
-    path: np.ndarray,
-    goals: np.ndarray,
+    path: ChartPoints,
+    goals: ChartPoints,
     rounds: Rounds,
     rng: np.random.Generator,
-    accepted: Callable[[np.ndarray], bool],
+    accepted: Callable[[ChartPoints], bool],
 ) -> Shorter:
     """Look for shorter paths from where a path begins to one of several goals.
 

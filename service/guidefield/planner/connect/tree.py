@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
 
 class Tree:
     """A tree of chart points; grows its arrays by doubling."""
 
-    def __init__(self, roots: np.ndarray) -> None:
+    def __init__(self, roots: ChartPoints) -> None:
         self._points = np.empty((max(64, 2 * len(roots)), roots.shape[1]))
         self._parents = np.full(len(self._points), -1)
         self._points[: len(roots)] = roots
         self.size = len(roots)
 
-    def add(self, point: np.ndarray, parent: int) -> int:
+    def add(self, point: ChartPoint, parent: int) -> int:
         """Add a chart point, shape (nv,), as a node below another one; its index."""
         if self.size == len(self._points):
             self._points = np.concatenate([self._points, np.empty_like(self._points)])
@@ -23,17 +25,17 @@ class Tree:
         self.size += 1
         return self.size - 1
 
-    def nearest(self, point: np.ndarray) -> int:
+    def nearest(self, point: ChartPoint) -> int:
         """Index of the node nearest to a chart point, shape (nv,)."""
         apart = self._points[: self.size] - point
         return int(np.argmin(np.einsum("ij,ij->i", apart, apart)))
 
-    def point(self, index: int) -> np.ndarray:
+    def point(self, index: int) -> ChartPoint:
         """The chart point of a node, shape (nv,)."""
-        point: np.ndarray = self._points[index]
+        point: ChartPoint = self._points[index]
         return point
 
-    def branch(self, index: int) -> list[np.ndarray]:
+    def branch(self, index: int) -> list[ChartPoint]:
         """Chart points, each of shape (nv,), from the root to a node."""
         points = []
         while index >= 0:

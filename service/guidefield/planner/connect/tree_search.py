@@ -6,7 +6,7 @@ import math
 import threading
 import weakref
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from guidefield.planner.connect.escape_test import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
 from guidefield.planner.task.problem import Budget
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoints
 
 MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
 """Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
@@ -45,7 +46,7 @@ class FoundPath(NamedTuple):
         enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
     """
 
-    path: np.ndarray | None
+    path: ChartPoints | None
     counters: np.ndarray
     search: lane_nodes.TreeSearch
     enclosed: int | None = None
@@ -72,7 +73,7 @@ class FoundPath(NamedTuple):
         first, second = self.counters[lane_nodes.TRIED : lane_nodes.TRIED + 2].tolist()
         return first, second
 
-    def trees(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    def trees(self) -> tuple[tuple[ChartPoints, np.ndarray], ...]:
         """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
         held = zip(*held_by(self.search)[:2], self.sizes, strict=True)
         return tuple((nodes[:, :size].T.astype(float), parents[:size].copy()) for nodes, parents, size in held)
@@ -80,8 +81,8 @@ class FoundPath(NamedTuple):
 
 def grow(
     lanes: BatchCollision,
-    starts: np.ndarray,
-    goals: np.ndarray,
+    starts: ChartPoints,
+    goals: ChartPoints,
     resolution: float,
     clearance: float,
     rng: np.random.Generator,
@@ -165,7 +166,7 @@ class _Room:
 
     search: lane_nodes.TreeSearch
     words: Words
-    path: np.ndarray
+    path: ChartPoints
 
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
@@ -201,7 +202,7 @@ class _Room:
     @classmethod
     def of(cls, search: lane_nodes.TreeSearch) -> _Room:
         """The memory of some trees."""
-        return cls(search, packed(search), search.path.reshape(-1, search.nv))
+        return cls(search, packed(search), cast(ChartPoints, search.path.reshape(-1, search.nv)))
 
     def roomier(self) -> _Room:
         """The same trees with room for twice as many nodes."""

@@ -7,13 +7,14 @@ import numpy as np
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.planner.connect.tree_search import MOST_MOTIONS, FoundPath
 from guidefield.robot.model.chart import ANGLE
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 FEW = 0.01
 """An end is hard to get away from if its tree has less configurations than this share of the motions tried there."""
 
 
 def no_way(
-    lanes: BatchCollision, start: np.ndarray, goals: np.ndarray, resolution: float, clearance: float
+    lanes: BatchCollision, start: ChartPoint, goals: ChartPoints, resolution: float, clearance: float
 ) -> str | None:
     """Why a group of one coordinate can't get to any goal, or None where it can or has several coordinates.
 

@@ -12,6 +12,7 @@ from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.model.spaces import Configuration
 
 REGULARIZATION = 1e-2
 """Share of the metric's mean diagonal added to it: full steps are mostly accepted, symmetric links don't spin."""
@@ -37,7 +38,7 @@ class Descent:
         potentials: U at the first and at each of them [m].
     """
 
-    path: tuple[np.ndarray, ...]
+    path: tuple[Configuration, ...]
     potentials: tuple[float, ...]
 
     @property
@@ -73,7 +74,7 @@ def descend(
     problem, group = guided.problem, guided.problem.group
     swept, field = swept_world(problem.world), problem.robot_field
     q, planned, longest = group.expand(guided.q), planned_values(group), 1.0
-    path: list[np.ndarray] = []
+    path: list[Configuration] = []
     potentials: list[float] = []
     trial, counts = np.empty(2), np.zeros(3, np.int64)
     while True:

@@ -24,6 +24,7 @@ from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
 
 CREEPING = 0.1
@@ -52,12 +53,12 @@ class Crossing:
 
     status: Status
     message: str
-    path: np.ndarray
+    path: Configurations
     details: dict[str, Any] = field(default_factory=dict)
 
 
 def cross(
-    problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempts: Sequence[Attempt] = PROJECTED
+    problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempts: Sequence[Attempt] = PROJECTED
 ) -> Crossing:
     """Bring the tip onto a guide plane: each attempt from the same start, until one succeeds.
 
@@ -89,7 +90,7 @@ def cross(
     return best
 
 
-def _attempt(problem: Problem, q: np.ndarray, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
+def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
     """Rounds until the tip is on the plane or a reason to give up turns up."""
     aim = Aim(plane, inset_of(problem, plane))
     guided = GuidedPath(problem, q, margin_at(problem, q), index)
@@ -151,7 +152,7 @@ def _given_up(status: Status, message: str, guided: GuidedPath, aim: Aim, index:
     return Crossing(status, message, np.array(guided.path), details)
 
 
-def margin_at(problem: Problem, q: np.ndarray) -> float:
+def margin_at(problem: Problem, q: Configuration) -> float:
     """Distance that steps keep from obstacles [m]: what is asked for, a little more where the start allows it.
 
     Args:

@@ -18,6 +18,7 @@ from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.model.spaces import ChartPoint, Configuration
 
 MARGIN = 2e-3
 """Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
@@ -31,7 +32,7 @@ WIDE_MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
 DIPS = (0.06, 0.045, 0.03, 0.015)
 """A way dips that does not keep the widest of these distances that both its ends keep [m]."""
 
-Reach = Callable[[Problem, np.ndarray, np.ndarray], Iterable[np.ndarray]]
+Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
 
 
@@ -44,7 +45,7 @@ class Moved:
         step: Distance that the tip moved [m].
     """
 
-    q: np.ndarray | None
+    q: Configuration | None
     step: float
 
 
@@ -58,16 +59,16 @@ class GuidedPath:
         plane: Index of the guide plane that is approached, for reports.
     """
 
-    def __init__(self, problem: Problem, q: np.ndarray, margin: float, plane: int) -> None:
+    def __init__(self, problem: Problem, q: Configuration, margin: float, plane: int) -> None:
         self.problem = problem
         self.path = [q]
         self.margin = margin
         self.plane = plane
         self._tip: np.ndarray | None = None
-        self._refused: tuple[np.ndarray, np.ndarray] | None = None
+        self._refused: tuple[ChartPoint, ChartPoint] | None = None
 
     @property
-    def q(self) -> np.ndarray:
+    def q(self) -> Configuration:
         """Where the robot is now, shape (nq,)."""
         return self.path[-1]
 
@@ -78,7 +79,7 @@ class GuidedPath:
             self._tip = self.problem.kinematics.tip_position(self.problem.group.expand(self.q))
         return self._tip
 
-    def free(self, q0: np.ndarray, q1: np.ndarray) -> bool:
+    def free(self, q0: Configuration, q1: Configuration) -> bool:
         """Whether the straight motion between two configurations (nq,) is free over its whole length."""
         swept = swept_world(self.problem.world)
         z0, z1 = swept.ends(q0, q1)
@@ -90,7 +91,7 @@ class GuidedPath:
             return False
         return self.judged(q0, q1)
 
-    def judged(self, q0: np.ndarray, q1: np.ndarray) -> bool:
+    def judged(self, q0: Configuration, q1: Configuration) -> bool:
         """`free` by the certificate, where capsules can't tell; each configuration of shape (nq,)."""
         z0, z1 = swept_world(self.problem.world).ends(q0, q1)
         verdict = motion_free(self.problem.world, z0, z1, self.margin)
@@ -140,7 +141,7 @@ class GuidedPath:
         self._tip = None
         self.problem.tell(Note("comes too near to obstacles on the way: goes back, and on in shorter advances"))
 
-    def keeps(self, q0: np.ndarray, q1: np.ndarray, margin: float) -> bool:
+    def keeps(self, q0: Configuration, q1: Configuration, margin: float) -> bool:
         """Whether capsules can tell that the straight motion between configurations (nq,) keeps a margin [m]."""
         swept = swept_world(self.problem.world)
         self.problem.counters.collision_checks += 1
@@ -155,12 +156,12 @@ class GuidedPath:
             return None
         return motion_free(self.problem.world, *self._refused, self.margin)
 
-    def refused_between(self, *ends: np.ndarray) -> None:
+    def refused_between(self, *ends: Configuration) -> None:
         """Note the ends of the last motion that was not free, two configurations (nq,); none if there was none."""
         self._refused = swept_world(self.problem.world).ends(*ends) if ends else None
 
     def take(
-        self, q: np.ndarray, kind: StepKind, message: str, potential: float | None = None, *, kept: bool = True
+        self, q: Configuration, kind: StepKind, message: str, potential: float | None = None, *, kept: bool = True
     ) -> None:
         """Accept a configuration.
 
@@ -196,7 +197,7 @@ class GuidedPath:
         return Moved(None, 0.0)
 
 
-def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarray | None:
+def reach_point(problem: Problem, q: Configuration, point: np.ndarray) -> Configuration | None:
     """The configuration near q whose tip is at a point, by the least change of joints weighted with their reach.
 
     Args:
@@ -212,5 +213,5 @@ def reach_point(problem: Problem, q: np.ndarray, point: np.ndarray) -> np.ndarra
     reached = np.empty_like(start)
     if not reach(mover_of(group), start, point, reached):
         return None
-    planned: np.ndarray = reached[planned_values(group)]
+    planned: Configuration = reached[planned_values(group)]
     return planned

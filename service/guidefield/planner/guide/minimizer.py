@@ -10,6 +10,7 @@ import numpy as np
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import Configuration
 
 MOST_ROUNDS = 6
 """Rounds of slide and reorient on one plane."""
@@ -24,7 +25,7 @@ class Minimizer(Protocol):
     def name(self) -> str:
         """Its name, for reports."""
 
-    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterable[np.ndarray]:
+    def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterable[Configuration]:
         """Configurations near one whose tip is at a point: those that an advance tries, in order.
 
         Args:

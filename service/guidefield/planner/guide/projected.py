@@ -16,6 +16,7 @@ from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
 from guidefield.planner.guide.tip_constraints import on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
+from guidefield.robot.model.spaces import Configuration
 
 
 class Blocks(enum.Enum):
@@ -44,7 +45,7 @@ class Projected:
         """Its name, for reports."""
         return f"projected in {self.blocks.value}"
 
-    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterator[np.ndarray]:
+    def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterator[Configuration]:
         """The one configuration with the tip at a point that changes the joints least, if there is one near.
 
         Args:

@@ -7,6 +7,7 @@ import numpy as np
 from guidefield.kernels.guide.tip_constraint import HELD, ON_PLANE, SLIDING, TipConstraint, constraint_at
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.mover import mover_of
+from guidefield.robot.model.spaces import Configuration
 
 _NONE = np.eye(3)
 
@@ -37,7 +38,7 @@ def reorienting(point: np.ndarray) -> TipConstraint:
     return TipConstraint(HELD, _held(point), _held(np.zeros(3)), _NONE)
 
 
-def evaluated(constraint: TipConstraint, group: PlanningGroup, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def evaluated(constraint: TipConstraint, group: PlanningGroup, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
     """A constraint's numbers and their derivative by the tangent.
 
     Args:

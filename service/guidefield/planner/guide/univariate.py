@@ -25,6 +25,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.link_chain import SerialChain
 from guidefield.robot.group.mover import mover_of
+from guidefield.robot.model.spaces import Configuration, Configurations
 
 FIRST_TURN, LAST_TURN = np.deg2rad(5.0), np.deg2rad(0.5)
 """A search for an angle begins with the one and ends below the other [rad]."""
@@ -53,7 +54,7 @@ class Univariate:
         """Its name, for reports."""
         return "univariate"
 
-    def reach(self, problem: Problem, q: np.ndarray, point: np.ndarray) -> Iterator[np.ndarray]:
+    def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterator[Configuration]:
         """A floating chain as a whole; a fixed one with its last link's rotation held, then by the least change.
 
         Args:
@@ -100,7 +101,7 @@ class Univariate:
             if fallen < self.negligible * (before + fallen) or problem.budget.spent():
                 return
 
-    def _swept(self, guided: GuidedPath, normal: np.ndarray, guard: TipGuard) -> np.ndarray:
+    def _swept(self, guided: GuidedPath, normal: np.ndarray, guard: TipGuard) -> Configurations:
         """One round: configurations (n, nq) after every step that was taken."""
         problem, chain, mover = guided.problem, self.chain, mover_of(self.chain.group)
         swept = swept_world(problem.world)
@@ -115,7 +116,7 @@ class Univariate:
         problem.counters.collision_checks += int(counts[1])
         return path[:taken]
 
-    def _configuration(self, q: np.ndarray, rotations: np.ndarray, joints: np.ndarray) -> np.ndarray | None:
+    def _configuration(self, q: Configuration, rotations: np.ndarray, joints: np.ndarray) -> Configuration | None:
         """Configuration (nq,) near q within the limits whose joints stand at places; None if there is none."""
         found, turned = np.empty_like(q), np.empty_like(rotations)
         if not chain_configuration(self.chain.table, joints, q, rotations, found, turned):

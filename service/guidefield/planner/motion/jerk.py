@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from itertools import product
+from typing import cast
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from guidefield.planner.motion.spline import CubicSpline
 from guidefield.planner.motion.timing import fastest, parameterize
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.motion.within_limits import leaving, smoothly_within
+from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6)
 """Windows that are tried, as shares of the optimal duration."""
@@ -34,7 +36,7 @@ _FINE = 8
 
 
 def parameterize_gently(
-    spline: CubicSpline, velocity_limits: np.ndarray, acceleration_limits: np.ndarray, jerk_limits: np.ndarray
+    spline: CubicSpline, velocity_limits: ChartRate, acceleration_limits: ChartRate, jerk_limits: ChartRate
 ) -> Trajectory:
     """A fast motion along a spline, from rest to rest, that exceeds no limit at any time.
 
@@ -72,7 +74,7 @@ def parameterize_gently(
 
 def _averaged(
     spline: CubicSpline, s: np.ndarray, times: np.ndarray, rates: np.ndarray, window: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, ChartPoints, ChartRates]:
     """Knots of the motion whose parameter is the average of s over a window: times, positions, velocities."""
     duration = float(times[-1]) + window
     count = int(np.clip(math.ceil(SAMPLES * duration / window), 8, MOST_SAMPLES))
@@ -107,7 +109,7 @@ def _integral(s: np.ndarray, times: np.ndarray, rates: np.ndarray, at: np.ndarra
     return integral
 
 
-def _smooth(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _smooth(times: np.ndarray, positions: ChartPoints) -> tuple[ChartPoints, ChartRates]:
     """Positions and velocities (n, nv) of the C² cubic through points at even times, at rest at both ends.
 
     No acceleration at an end takes away the freedom of the point next to it, which moves a little. With step h and
@@ -119,7 +121,7 @@ def _smooth(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.nd
     lower, upper = np.ones(n - 2), np.ones(n - 2)
     lower[1], right[1] = 2.0, 3.0 * (positions[3] - positions[0]) / h
     upper[-2], right[-2] = 2.0, 3.0 * (positions[-1] - positions[-4]) / h
-    velocities = np.zeros_like(positions)
+    velocities = cast(ChartRates, np.zeros_like(positions))
     velocities[1:-1] = _tridiagonal(lower, 4.0, upper, right)
     moved = positions.copy()
     moved[1] = positions[0] + h * velocities[1] / 3.0
@@ -143,11 +145,11 @@ def _tridiagonal(lower: np.ndarray, diagonal: float, upper: np.ndarray, right: n
 
 def _load(
     times: np.ndarray,
-    positions: np.ndarray,
-    velocities: np.ndarray,
-    velocity_limits: np.ndarray,
-    acceleration_limits: np.ndarray,
-    jerk_limits: np.ndarray,
+    positions: ChartPoints,
+    velocities: ChartRates,
+    velocity_limits: ChartRate,
+    acceleration_limits: ChartRate,
+    jerk_limits: ChartRate,
 ) -> float:
     """The factor by which time has to be stretched to exceed no limit, and to reach one."""
     speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])

@@ -8,6 +8,7 @@ import numpy as np
 
 from guidefield.kernels.timing import natural_spline
 from guidefield.planner.motion.within_limits import leaving, smoothly_within
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 # A waypoint at most this far from the one before is the same: a nanometre at a metre's reach [rad or m].
 REPEATED = 1e-9
@@ -27,10 +28,10 @@ class CubicSpline:
     """
 
     knots: np.ndarray
-    waypoints: np.ndarray
+    waypoints: ChartPoints
     coefficients: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    lower: ChartPoint
+    upper: ChartPoint
 
     def __post_init__(self) -> None:
         for array in (self.knots, self.waypoints, self.coefficients, self.lower, self.upper):
@@ -41,7 +42,7 @@ class CubicSpline:
         """Whether the curve stays where it starts."""
         return bool(np.all(self.waypoints == self.waypoints[0]))
 
-    def evaluate(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate(self, s: np.ndarray) -> tuple[ChartPoints, ChartRates, ChartRates]:
         """The curve and its first two derivatives by the parameter.
 
         Args:
@@ -63,7 +64,7 @@ class CubicSpline:
         q[s == self.knots[-1]] = self.waypoints[-1]
         return q, c[:, 1] + r * (2.0 * c[:, 2] + 3.0 * r * c[:, 3]), 2.0 * c[:, 2] + 6.0 * r * c[:, 3]
 
-    def bezier(self) -> np.ndarray:
+    def bezier(self) -> ChartCurves:
         """Control points of the pieces, shape (m, 4, nv): the same curve, inside their convex hulls [rad or m]."""
         h = np.diff(self.knots)[:, None]
         c = self.coefficients
@@ -74,7 +75,7 @@ class CubicSpline:
 
 
 def interpolate(
-    waypoints: np.ndarray, lower: np.ndarray | float = -np.inf, upper: np.ndarray | float = np.inf
+    waypoints: ChartPoints, lower: ChartPoint | float = -np.inf, upper: ChartPoint | float = np.inf
 ) -> CubicSpline:
     """The natural cubic spline through waypoints, its knots spaced by the square root of the chords.
 
@@ -114,7 +115,7 @@ def interpolate(
     return _within(CubicSpline(knots, distinct, _coefficients(np.diff(knots), distinct), lower, upper))
 
 
-def _distinct(waypoints: np.ndarray) -> np.ndarray:
+def _distinct(waypoints: ChartPoints) -> ChartPoints:
     """The waypoints without repetitions, first and last kept; a single one if they are all the same."""
     if np.linalg.norm(np.diff(waypoints, axis=0), axis=1).min() > REPEATED:
         return waypoints.copy()
@@ -130,7 +131,7 @@ def _distinct(waypoints: np.ndarray) -> np.ndarray:
     return np.array(kept)
 
 
-def _coefficients(h: np.ndarray, waypoints: np.ndarray) -> np.ndarray:
+def _coefficients(h: np.ndarray, waypoints: ChartPoints) -> np.ndarray:
     """Coefficients of the pieces, shape (m, 4, nv), from the steps of the knots and the waypoints."""
     second = np.empty_like(waypoints)
     natural_spline.second_derivatives(h, waypoints, np.empty(len(waypoints)), second)

@@ -10,7 +10,7 @@ few microradians on a relaxed path, by up to 0.3 milliradians near sharp corners
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from guidefield.kernels.timing import hermite, path_parameterization
 from guidefield.planner.motion.spline import CubicSpline
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.motion.within_limits import bounded_slopes, leaving
+from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 # The grid's steps count in r, with (dr/ds)² = 1 + (weight |q'| / its mean)². Two weights are tried on the first grid:
 # the spline's own parameter, and nearly the arc length. Waypoints unevenly spaced on a straight line cost up to twice
@@ -52,20 +53,20 @@ class _Curve(NamedTuple):
         mean_rate: Mean of |q'|, about.
     """
 
-    positions: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
+    positions: ChartPoints
+    first: ChartRates
+    second: ChartRates
     steps: np.ndarray
-    between: np.ndarray
+    between: ChartRates
     mean_rate: float
 
 
 class _Path(NamedTuple):
     """The same by r: q, dq/dr and d²q/dr², each of shape (g, nv), and the differences of r, shape (g - 1,)."""
 
-    positions: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
+    positions: ChartPoints
+    first: ChartRates
+    second: ChartRates
     steps: np.ndarray
 
 
@@ -73,8 +74,8 @@ class _Motion(NamedTuple):
     """Knots of a motion, and how many times its limit each joint reaches on each piece, each (n - 1, nv)."""
 
     times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
+    positions: ChartPoints
+    velocities: ChartRates
     speed_loads: np.ndarray
     acceleration_loads: np.ndarray
 
@@ -97,7 +98,7 @@ class _Limits(NamedTuple):
     acceleration: np.ndarray
 
 
-def parameterize(spline: CubicSpline, velocity_limits: np.ndarray, acceleration_limits: np.ndarray) -> Trajectory:
+def parameterize(spline: CubicSpline, velocity_limits: ChartRate, acceleration_limits: ChartRate) -> Trajectory:
     """The fastest motion along a spline, from rest to rest, that exceeds no limit at any time.
 
     Args:
@@ -114,12 +115,13 @@ def parameterize(spline: CubicSpline, velocity_limits: np.ndarray, acceleration_
     nv = spline.waypoints.shape[1]
     limits = _Limits(_checked("velocity", velocity_limits, nv), _checked("acceleration", acceleration_limits, nv))
     if spline.is_point:
-        return Trajectory(np.zeros(1), spline.waypoints[:1].copy(), np.zeros((1, nv)))
+        still = cast(ChartRates, np.zeros((1, nv)))
+        return Trajectory(np.zeros(1), spline.waypoints[:1].copy(), still)
     return _stretched(_within(_fastest(spline, limits)[1], spline, limits), limits)
 
 
 def fastest(
-    spline: CubicSpline, velocity_limits: np.ndarray, acceleration_limits: np.ndarray
+    spline: CubicSpline, velocity_limits: ChartRate, acceleration_limits: ChartRate
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The spline's parameter s over time in the fastest motion, before its last traces of excess are removed.
 
@@ -146,7 +148,7 @@ def _fastest(spline: CubicSpline, limits: _Limits) -> tuple[np.ndarray, _Motion]
     return finer, _optimal(_path(_sampled(spline, finer), weight), limits)
 
 
-def _checked(kind: str, limits: np.ndarray, nv: int) -> np.ndarray:
+def _checked(kind: str, limits: ChartRate, nv: int) -> ChartRate:
     limits = np.asarray(limits, dtype=float)
     if limits.shape != (nv,) or not (np.isfinite(limits).all() and (limits > 0.0).all()):
         raise ValueError(f"expected {nv} finite and positive {kind} limits, got {limits}")
@@ -255,7 +257,7 @@ def _timed(path: _Path, tightened: _Limits, limits: _Limits) -> _Motion:
     return _judged(np.concatenate([[0.0], np.cumsum(dt)]), path.positions, path.first * speed[:, None], limits)
 
 
-def _judged(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray, limits: _Limits) -> _Motion:
+def _judged(times: np.ndarray, positions: ChartPoints, velocities: ChartRates, limits: _Limits) -> _Motion:
     speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
     hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
     return _Motion(times, positions, velocities, speeds / limits.velocity, accelerations / limits.acceleration)

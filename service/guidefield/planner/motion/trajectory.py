@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 
 from guidefield.planner.motion.within_limits import bezier
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +27,9 @@ class MotionSamples:
     """
 
     times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    accelerations: np.ndarray
+    positions: ChartPoints
+    velocities: ChartRates
+    accelerations: ChartRates
 
     def __post_init__(self) -> None:
         for array in (self.times, self.positions, self.velocities, self.accelerations):
@@ -51,10 +53,10 @@ class Trajectory:
     """
 
     times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
+    positions: ChartPoints
+    velocities: ChartRates
     stretch: float = 1.0
-    accelerations: np.ndarray = field(init=False)
+    accelerations: ChartRates = field(init=False)
 
     def __post_init__(self) -> None:
         at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
@@ -75,7 +77,7 @@ class Trajectory:
         jerks = (at_end - at_start) / np.diff(self.times)[:, None]
         return float(np.abs(jerks).max(initial=0.0))
 
-    def bezier(self) -> np.ndarray:
+    def bezier(self) -> ChartCurves:
         """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].
 
         Piece i runs from ``times[i]`` to ``times[i + 1]``. A motion that goes nowhere is one piece of four equal
@@ -89,7 +91,7 @@ class Trajectory:
         """When the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""
         return np.repeat(self.times, 2) if len(self.times) == 1 else self.times.copy()
 
-    def evaluate(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates, ChartRates]:
         """Position, velocity and acceleration at given times; before the start and after the end it is at rest.
 
         Args:
@@ -103,7 +105,7 @@ class Trajectory:
         piece = np.searchsorted(self.times[1:-1], inside, side="right")
         at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
         if len(at_start) == 0:
-            still = np.zeros((len(times), self.positions.shape[1]))
+            still = cast(ChartRates, np.zeros((len(times), self.positions.shape[1])))
             return still + self.positions[0], still, still.copy()
         v, a = self.velocities[piece], at_start[piece]
         jerk = (at_end - at_start)[piece] / np.diff(self.times)[piece, None]
@@ -134,8 +136,8 @@ class Trajectory:
 
 
 def piece_accelerations(
-    times: np.ndarray, positions: np.ndarray, velocities: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    times: np.ndarray, positions: ChartPoints, velocities: ChartRates
+) -> tuple[ChartRates, ChartRates]:
     """Accelerations at the two ends of every Hermite piece, each of shape (n - 1, nv) [rad/s^2 or m/s^2].
 
     Args:

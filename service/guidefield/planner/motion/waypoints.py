@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
-def length_of(path: np.ndarray) -> float:
+
+def length_of(path: ChartPoints) -> float:
     """Length of a path of chart points (n, nv) [rad or m]."""
     along = path[1:] - path[:-1]
     return float(np.sqrt(np.einsum("ij,ij->i", along, along)).sum())
 
 
-def cut(path: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
+def cut(path: ChartPoints, chosen: np.ndarray, longest: float) -> tuple[ChartPoints, np.ndarray]:
     """A path with some of its segments cut evenly into pieces.
 
     Args:
@@ -30,7 +32,7 @@ def cut(path: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[np.ndarra
     return np.vstack([path[of] + shares[:, None] * along[of], path[-1:]]), indices
 
 
-def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndarray, np.ndarray]:
+def respaced(path: ChartPoints, kept: np.ndarray, segments: int) -> tuple[ChartPoints, np.ndarray]:
     """A path cut into segments of about equal length.
 
     Each stretch between two kept waypoints is cut evenly, into at least one segment.
@@ -57,7 +59,7 @@ def respaced(path: np.ndarray, kept: np.ndarray, segments: int) -> tuple[np.ndar
     return points, indices
 
 
-def polyline(path: np.ndarray) -> np.ndarray:
+def polyline(path: ChartPoints) -> ChartCurves:
     """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
 
     A single point is one piece.

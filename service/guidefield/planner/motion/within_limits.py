@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.certify.position_limits import excesses
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 ROUNDING = 1e-12
 """A curve that is beyond a limit by no more than this keeps it [rad or m]."""
 
 
 def leaving(
-    knots: np.ndarray, values: np.ndarray, slopes: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> np.ndarray:
     """Which coordinates of a cubic Hermite curve leave their limits, at or between its knots.
 
@@ -30,7 +31,7 @@ def leaving(
     return left
 
 
-def bezier(knots: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartCurves:
     """Control points of a cubic Hermite curve's pieces, shape (n - 1, 4, c); arguments as those of `leaving`."""
     third = np.diff(knots)[:, None] / 3.0
     start, end = values[:-1], values[1:]
@@ -38,8 +39,8 @@ def bezier(knots: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndar
 
 
 def smoothly_within(
-    knots: np.ndarray, values: np.ndarray, slopes: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
+) -> tuple[ChartPoints, ChartRates]:
     """A C² cubic curve brought within limits, and still C²: it leaves its values where it has to, never at its ends.
 
     Its de Boor points are brought within, in whose hull it is. With steps h, that of knot i is b - (h_{i-1} / h_i)
@@ -69,8 +70,8 @@ def smoothly_within(
 
 
 def bounded_slopes(
-    knots: np.ndarray, values: np.ndarray, slopes: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> np.ndarray:
+    knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
+) -> ChartRates:
     """Slopes with which a cubic Hermite curve through values keeps limits; C² it need not be.
 
     The control points next to a knot, a third of a step along the slope away from its value, are brought within.
@@ -90,5 +91,5 @@ def bounded_slopes(
     most, least = np.full(values.shape, np.inf), np.full(values.shape, -np.inf)
     most[:-1], least[:-1] = above[:-1] / thirds, -below[:-1] / thirds
     most[1:], least[1:] = np.minimum(most[1:], below[1:] / thirds), np.maximum(least[1:], -above[1:] / thirds)
-    bounded: np.ndarray = np.clip(slopes, least, most)
+    bounded: ChartRates = np.clip(slopes, least, most)
     return bounded

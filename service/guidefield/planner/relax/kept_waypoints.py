@@ -10,6 +10,7 @@ import numpy as np
 from guidefield.planner.motion.waypoints import respaced
 from guidefield.planner.relax.plane_crossing import PlaneCrossing
 from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class KeptWaypoints:
 
     @classmethod
     def of(
-        cls, problem: Problem, path: np.ndarray, crossings: Mapping[int, int], fixed: np.ndarray | None
+        cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int], fixed: np.ndarray | None
     ) -> KeptWaypoints:
         """The ends and fixed waypoints, which stay, and those on guide planes; on two planes at once they stay too.
 
@@ -67,7 +68,7 @@ class KeptWaypoints:
         """By index of each guide plane, its index in the path."""
         return {plane: int(self.at[which]) for plane, which in self.planes.items()}
 
-    def spread(self, path: np.ndarray, segments: int) -> tuple[np.ndarray, KeptWaypoints]:
+    def spread(self, path: ChartPoints, segments: int) -> tuple[ChartPoints, KeptWaypoints]:
         """The path with its other waypoints spread evenly over about so many segments, and these in it.
 
         Args:

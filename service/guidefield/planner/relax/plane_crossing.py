@@ -8,6 +8,7 @@ import numpy as np
 
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.guide_plane import GuidePlane
 
 ON_PLANE = 1e-7
@@ -35,7 +36,7 @@ class PlaneCrossing:
     inset: float
 
     @classmethod
-    def through(cls, problem: Problem, plane: GuidePlane, z: np.ndarray) -> PlaneCrossing:
+    def through(cls, problem: Problem, plane: GuidePlane, z: ChartPoint) -> PlaneCrossing:
         """The crossing of a plane at a chart point, with half the guide's inset or what it has, if less.
 
         Args:
@@ -47,7 +48,7 @@ class PlaneCrossing:
         depth = float((plane.inward @ _foot(plane, tip) - plane.offsets).min())
         return cls(problem, plane, min(0.5 * inset_of(problem, plane), max(depth, 0.0)))
 
-    def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
+    def held_directions(self, z: ChartPoint, descent: ChartPoint) -> np.ndarray:
         """Directions of the chart in which the waypoint must not move, orthonormal rows, shape (r, nv).
 
         The plane's normal, carried to the joints; where the tip is at an edge of the inset polygon and the descent
@@ -63,7 +64,7 @@ class PlaneCrossing:
         edges = (plane.inward[depths <= AT_EDGE] @ plane.flat.axes) @ J
         return _orthonormal(np.vstack([plane.normal @ J, edges[edges @ descent < 0.0]]))
 
-    def brought_back(self, z: np.ndarray) -> np.ndarray | None:
+    def brought_back(self, z: ChartPoint) -> ChartPoint | None:
         """Chart coordinates next to z, within limits, with the tip on the inset polygon; None if there are none near.
 
         Args:
@@ -82,7 +83,7 @@ class PlaneCrossing:
             z = np.clip(z + move, group.lower, group.upper)
         return None
 
-    def _tip(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _tip(self, z: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
         """Position of the tip, shape (3,), and its derivative by the chart coordinates, shape (3, nv)."""
         group, kinematics = self.problem.group, self.problem.kinematics
         q = group.expand_from_chart(z)

@@ -29,6 +29,7 @@ from guidefield.planner.relax.sampled_robot import sampled_robot
 from guidefield.planner.relax.waypoint_chain import Shape, WaypointChain, WaypointKeeper
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
+from guidefield.robot.model.spaces import ChartPoints
 from guidefield.scene.distance_tables import distance_tables
 
 SEGMENT = 0.14
@@ -88,7 +89,7 @@ class Relaxed:
         outcome: How it ended.
     """
 
-    path: np.ndarray
+    path: ChartPoints
     crossings: dict[int, int]
     iterations: int
     energy_before: float
@@ -98,7 +99,7 @@ class Relaxed:
 
 def relax(
     problem: Problem,
-    path: np.ndarray,
+    path: ChartPoints,
     crossings: Mapping[int, int],
     *,
     fixed: np.ndarray | None = None,
@@ -139,7 +140,7 @@ def relax(
 
 
 def _spread(
-    problem: Problem, robot: SampledRobot, path: np.ndarray, kept: KeptWaypoints, segment: float
+    problem: Problem, robot: SampledRobot, path: ChartPoints, kept: KeptWaypoints, segment: float
 ) -> tuple[WaypointChain, Shape, KeptWaypoints]:
     """The chain of a path's waypoints, spread evenly."""
     most = int(MOST_SEGMENTS * SEGMENT / segment)
@@ -155,7 +156,7 @@ def _spread(
     return chain, chain.at(points), kept
 
 
-def _with_short_ends(problem: Problem, path: np.ndarray, kept: KeptWaypoints) -> tuple[np.ndarray, dict[int, int]]:
+def _with_short_ends(problem: Problem, path: ChartPoints, kept: KeptWaypoints) -> tuple[ChartPoints, dict[int, int]]:
     """A relaxed path with the segments next to waypoints that stay cut, and where the guide planes' crossings are."""
     stays = np.zeros(len(path), bool)
     stays[kept.held] = True
@@ -166,7 +167,7 @@ def _with_short_ends(problem: Problem, path: np.ndarray, kept: KeptWaypoints) ->
     return points, {plane: int(indices[index]) for plane, index in kept.marks.items()}
 
 
-def _bring_back(keeper: Keeper, points: np.ndarray, which: list[int]) -> None:
+def _bring_back(keeper: Keeper, points: ChartPoints, which: list[int]) -> None:
     """Replace waypoints by those next to them that keep the path constraints, where there are any."""
     for k in which:
         back = keeper.brought_back(points[k])

@@ -13,6 +13,7 @@ from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.model.spaces import ChartPoints
 
 WEIGHT = 100.0
 """Sum of the weights of all points."""
@@ -27,7 +28,7 @@ COARSER = 3
 """One in so many of a link's points stands for all against other links: the first ones, which are spread as evenly."""
 
 
-def sampled_robot(problem: Problem, tables: DistanceTables, ends: np.ndarray) -> SampledRobot:
+def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -> SampledRobot:
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
     Bodies that stand still don't count, nor do pairs that the world doesn't test. Links that are within range of each

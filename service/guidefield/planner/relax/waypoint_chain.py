@@ -18,6 +18,7 @@ from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.relax.path_samples import path_samples
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.chart import TRANSLATION
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables
 
 STRETCH = 0.5
@@ -39,7 +40,7 @@ SLIDING_UNIT = 0.5
 class WaypointKeeper(Protocol):
     """Keeps a waypoint where it may be: on a guide plane, or within path constraints."""
 
-    def held_directions(self, z: np.ndarray, descent: np.ndarray) -> np.ndarray:
+    def held_directions(self, z: ChartPoint, descent: ChartPoint) -> np.ndarray:
         """Directions of the chart in which a waypoint must not move.
 
         Args:
@@ -51,7 +52,7 @@ class WaypointKeeper(Protocol):
         """
         ...
 
-    def brought_back(self, z: np.ndarray) -> np.ndarray | None:
+    def brought_back(self, z: ChartPoint) -> ChartPoint | None:
         """Chart coordinates next to z (nv,) where the waypoint may be; None if there are none near."""
         ...
 
@@ -67,7 +68,7 @@ class Shape:
         diagonal, upper: Blocks of the Hessian, shapes (n, nv, nv) and (n - 1, nv, nv).
     """
 
-    path: np.ndarray
+    path: ChartPoints
     value: float
     gradient: np.ndarray
     diagonal: np.ndarray
@@ -101,8 +102,8 @@ class WaypointChain:
     units: np.ndarray
     clearance: float
     floor: float
-    lower: np.ndarray
-    upper: np.ndarray
+    lower: ChartPoint
+    upper: ChartPoint
     near: NearBodies
     held: list[int]
     crossings: Mapping[int, WaypointKeeper]
@@ -112,7 +113,7 @@ class WaypointChain:
         cls,
         problem: Problem,
         robot: SampledRobot,
-        path: np.ndarray,
+        path: ChartPoints,
         held: list[int],
         crossings: Mapping[int, WaypointKeeper],
     ) -> WaypointChain:
@@ -148,7 +149,7 @@ class WaypointChain:
             crossings=crossings,
         )
 
-    def at(self, path: np.ndarray) -> Shape:
+    def at(self, path: ChartPoints) -> Shape:
         """The objective of waypoints, chart points of shape (n, nv), and its derivatives."""
         n, nv = path.shape
         gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
@@ -163,7 +164,7 @@ class WaypointChain:
         stretch = 0.5 * float((self.stiffness * np.diff(shape.path, axis=0) ** 2).sum())
         return shape.value + stretch * ((self.length / length) ** 2 - 1.0)
 
-    def step(self, shape: Shape, damping: float) -> np.ndarray | None:
+    def step(self, shape: Shape, damping: float) -> ChartPoints | None:
         """Newton's step (n, nv), damped; None where rounding keeps the system from being solved.
 
         A joint at a limit that it is pushed against stays; so does what a crossing holds.
@@ -182,10 +183,10 @@ class WaypointChain:
             upper[k - 1] = upper[k - 1] @ across
             upper[k] = across @ upper[k]
             right[k] = across @ right[k]
-        step = np.empty(path.shape)
+        step = np.empty_like(path)
         return step if solve_free(diagonal, upper, right, free, damping * self.stiffness, step) else None
 
-    def moved(self, path: np.ndarray, step: np.ndarray, stride: float) -> np.ndarray | None:
+    def moved(self, path: ChartPoints, step: ChartPoints, stride: float) -> ChartPoints | None:
         """Waypoints after a step that is taken `stride` times, or as far as the largest step lets it be.
 
         Args:
@@ -197,7 +198,7 @@ class WaypointChain:
             Shape (n, nv): within limits, on guide planes, what stays bit for bit; None if one can't be brought back.
         """
         longest = max(float(np.abs(step / self.units).max()), 1e-300)
-        moved: np.ndarray = path + step * min(stride, LARGEST_STEP / longest)
+        moved: ChartPoints = path + step * min(stride, LARGEST_STEP / longest)
         moved = np.minimum(np.maximum(moved, self.lower), self.upper)
         moved[self.held] = path[self.held]
         for k, crossing in self.crossings.items():

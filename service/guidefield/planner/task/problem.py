@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
@@ -20,7 +18,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
 from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.spaces import ChartPoint, ChartRate, Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -32,7 +30,7 @@ if TYPE_CHECKING:  # its kernels take a sixth of the time until a first plan tha
 class ConfigurationGoal:
     """Reach any one of some configurations of the group, shape (k, nq)."""
 
-    configurations: tuple[np.ndarray, ...]
+    configurations: tuple[Configuration, ...]
 
 
 @dataclass(frozen=True)
@@ -109,14 +107,14 @@ class Problem:
     world: World
     robot_field: RobotField
     kinematics: Kinematics
-    q_start: np.ndarray
+    q_start: Configuration
     goal: Goal
     guide_planes: tuple[GuidePlane, ...] = ()
     derived_planes: int = 0
     min_clearance: float = 0.0
     allowed_collisions: tuple[tuple[str, str], ...] = ()
     leave_start_contact: bool = False
-    jerk_limits: np.ndarray | None = None
+    jerk_limits: ChartRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
     optimization_iterations: int | None = None
     seed: int = 0

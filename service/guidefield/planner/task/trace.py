@@ -9,6 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from guidefield.robot.model.spaces import ChartPoints, Configuration
+
 
 @dataclass(frozen=True)
 class StageEntered:
@@ -58,7 +60,7 @@ class Step:
     """
 
     kind: StepKind
-    q: np.ndarray
+    q: Configuration
     message: str
     potential: float | None = None
     plane: int | None = None
@@ -82,7 +84,7 @@ class TreeGrown:
             while it is told, as the next search begins in the same memory.
     """
 
-    trees: Callable[[], tuple[tuple[np.ndarray, np.ndarray], ...]]
+    trees: Callable[[], tuple[tuple[ChartPoints, np.ndarray], ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ class PathRelaxed:
         objective: J, what is descended (planner/relax/relaxation.py), dimensionless.
     """
 
-    path: np.ndarray
+    path: ChartPoints
     objective: float
 
 

@@ -18,6 +18,7 @@ from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotMod
 from guidefield.robot.model.spaces import (
     ChartPoint,
     ChartPoints,
+    ChartRate,
     Configuration,
     ModelChartPoint,
     ModelConfiguration,
@@ -63,8 +64,8 @@ class PlanningGroup:
     q_origin: Configuration
     lower: ChartPoint
     upper: ChartPoint
-    velocity_limits: np.ndarray
-    acceleration_limits: np.ndarray
+    velocity_limits: ChartRate
+    acceleration_limits: ChartRate
     expand_velocity: np.ndarray
     expand_offset: ModelChartPoint
     alike: Alike

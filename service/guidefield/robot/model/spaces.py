@@ -57,12 +57,21 @@ straight lines and splines are drawn (`robot/model/chart.py`)."""
 ChartPoints = np.ndarray[tuple[int, ChartAxis], np.dtype[np.float64]]
 """Several, shape (n, group.nv)."""
 
+ChartCurves = np.ndarray[tuple[int, int, ChartAxis], np.dtype[np.float64]]
+"""Bezier curves in the chart, by their control points, shape (m, k, group.nv); k - 1 is their degree."""
+
 ModelChartPoint = np.ndarray[tuple[ModelChartAxis], np.dtype[np.float64]]
 """z of a group's planned joints and those that follow them, shape (group.model.nv,) [rad or m]."""
 
+ChartRate = np.ndarray[tuple[ChartRateAxis], np.dtype[np.float64]]
+"""Derivatives of chart coordinates by time, of any order, or limits of theirs, shape (group.nv,) [rad/s or m/s, and so
+on]. Where a joint has several freedoms they are no tangent (`PlanningGroup.tangent_map`)."""
+
 ChartRates = np.ndarray[tuple[int, ChartRateAxis], np.dtype[np.float64]]
-"""Derivatives of chart points by time, of any order, shape (n, group.nv) [rad/s or m/s, and so on]. They add to chart
-points; where a joint has several freedoms they are not tangents (`PlanningGroup.tangent_map`)."""
+"""Several, or derivatives by a curve's parameter, shape (n, group.nv)."""
+
+ChartCurveRates = np.ndarray[tuple[int, int, ChartRateAxis], np.dtype[np.float64]]
+"""Bezier curves of rates, by their control points, shape (m, k, group.nv)."""
 
 Tangent = np.ndarray[tuple[TangentAxis], np.dtype[np.float64]]
 """v of a group's planned joints, shape (group.nv,): what Pinocchio integrates, in the moved frame of each joint [rad or
