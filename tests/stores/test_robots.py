@@ -49,6 +49,14 @@ def test_a_stored_robot_is_loaded_by_another_process_with_the_meshes_that_came(s
     assert store.names() == ["mine"]
 
 
+def test_a_folder_may_be_named_from_where_one_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    RobotStore(Path("here")).write("mine", MESHED, load)
+    found = RobotStore(Path("here")).find("mine")
+    assert found is not None
+    assert Catalog().load(found).name == "mine"
+
+
 def test_a_planar_root_is_kept(store: RobotStore):
     store.write("mine", PLAIN, load)
     robot = Catalog().load(store.find("mine"))

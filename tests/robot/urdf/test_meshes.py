@@ -136,6 +136,12 @@ def test_what_else_is_refused(home, uri, words):
     assert words in refused(MeshResolver.for_wire([home / "ws"]), uri).message
 
 
+def test_an_error_about_a_missing_mesh_says_what_to_do(home):
+    lost = "package://nowhere/lost.stl"
+    assert "`meshes` of `Client.store_robot`" in refused(MeshResolver.for_wire(), lost).message
+    assert "`package_dirs`" in refused(MeshResolver.for_file(home / "ws" / "arm" / "arm.urdf"), lost).message
+
+
 def test_a_folder_is_no_mesh(home):
     (home / "ws/arm/folder.stl").mkdir()
     assert "was not found" in refused(MeshResolver.for_wire([home / "ws"]), "package://arm/folder.stl").message

@@ -19,6 +19,9 @@ MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"
 PACKAGE_SCHEMES = ("package", "model")
 CATALOG_PACKAGE = "example-robot-data"
 
+SEND_IT = "send it with the robot: `meshes` of `Client.store_robot`"
+NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-dir of `guidefield robots`"
+
 
 @functools.cache
 def catalog_share() -> Path:
@@ -39,6 +42,7 @@ class MeshResolver:
         given: Files that came with the robot, by the URIs that it has for them; these come before all others.
         folders: Every allowed folder: those of the other attributes.
         told: What an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours.
+        advice: What an error says to do about a mesh that isn't there.
     """
 
     package_dirs: tuple[Path, ...] = ()
@@ -46,6 +50,7 @@ class MeshResolver:
     packages: Mapping[str, Path] = field(default_factory=dict)
     given: Mapping[str, Path] = field(default_factory=dict)
     told: tuple[str, ...] | None = None
+    advice: str = ""
     folders: tuple[Path, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -61,7 +66,7 @@ class MeshResolver:
         folders = tuple(package_dirs)
         own = ("further packages of the service",) if folders else ()
         told = ("meshes sent with the robot", f"package://{CATALOG_PACKAGE}/", *own)
-        return cls(packages=_catalog_packages(), package_dirs=folders, given=given or {}, told=told)
+        return cls(packages=_catalog_packages(), package_dirs=folders, given=given or {}, told=told, advice=SEND_IT)
 
     @classmethod
     def for_file(cls, urdf_path: Path, package_dirs: Iterable[Path] = ()) -> MeshResolver:
@@ -72,7 +77,8 @@ class MeshResolver:
         """
         folder = urdf_path.resolve().parent
         packages = {**_catalog_packages(), **_enclosing_package(folder)}
-        return cls(packages=packages, package_dirs=(*package_dirs, *_package_dirs_of_environment()), base=folder)
+        dirs = (*package_dirs, *_package_dirs_of_environment())
+        return cls(packages=packages, package_dirs=dirs, base=folder, advice=NAME_ITS_FOLDER)
 
     def resolve(self, uri: str) -> Path:
         """The file that a mesh URI means, as an absolute path without links.
@@ -85,7 +91,7 @@ class MeshResolver:
                 folders; names the URI and what is allowed.
         """
         if uri in self.given:
-            return self.given[uri]
+            return self.given[uri].resolve()
         if Path(uri).suffix.lower() not in MESH_SUFFIXES:
             raise self._refused(uri, f"is not a mesh file; one ends in {', '.join(MESH_SUFFIXES)}")
         candidates = self._candidates(uri)
@@ -96,8 +102,8 @@ class MeshResolver:
                 return real
             raise self._refused(uri, "is a link that leads outside what is allowed")
         if candidates and not inside:
-            raise self._refused(uri, "lies outside what is allowed")
-        raise self._refused(uri, "was not found")
+            raise self._refused(uri, "lies outside what is allowed", self.advice)
+        raise self._refused(uri, "was not found", self.advice)
 
     def _candidates(self, uri: str) -> list[Path]:
         """Paths that a URI may mean, `..` folded; nothing is looked up on disk."""
@@ -114,11 +120,10 @@ class MeshResolver:
             return [_folded(Path(path))]
         return [_folded(start / path) for start in (self.base, *self.package_dirs) if start is not None]
 
-    def _refused(self, uri: str, why: str) -> RobotInvalid:
+    def _refused(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
         allowed = [str(folder) for folder in self.folders] if self.told is None else list(self.told)
-        return RobotInvalid(
-            f"mesh {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})", uri=uri, allowed=allowed
-        )
+        words = f"mesh {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})"
+        return RobotInvalid(f"{words}; {advice}" if advice else words, uri=uri, allowed=allowed)
 
 
 def _catalog_packages() -> dict[str, Path]:
