@@ -31,8 +31,13 @@ if TYPE_CHECKING:
         UnknownObject as UnknownObject,
         WorkerCrashed as WorkerCrashed,
     )
-    from guidefield.messages.replies import PlanReply as PlanReply, Progress as Progress
+    from guidefield.messages.replies import (
+        CertifyReply as CertifyReply,
+        PlanReply as PlanReply,
+        Progress as Progress,
+    )
     from guidefield.messages.requests import (
+        CertifyRequest as CertifyRequest,
         Clearance as Clearance,
         ForwardKinematics as ForwardKinematics,
         GuidePlaneGoal as GuidePlaneGoal,
@@ -84,8 +89,9 @@ _ROOMS = {
         "UnknownObject",
         "WorkerCrashed",
     ),
-    "messages.replies": ("PlanReply", "Progress"),
+    "messages.replies": ("CertifyReply", "PlanReply", "Progress"),
     "messages.requests": (
+        "CertifyRequest",
         "Clearance",
         "ForwardKinematics",
         "GuidePlaneGoal",

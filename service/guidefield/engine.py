@@ -22,6 +22,7 @@ from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import (
+    CertifyReply,
     Done,
     InfoReply,
     PlanReply,
@@ -130,7 +131,7 @@ class Engine:
         try:
             decoded = codec.decode_request(request)
             if received is None:
-                if isinstance(decoded, requests.PlanRequest | requests.KinematicsRequest):
+                if isinstance(decoded, requests.MotionRequest | requests.KinematicsRequest):
                     compile_kernels(_log.warning)
                 if isinstance(decoded, requests.PlanRequest):
                     from guidefield.handlers.plan import prepare_ahead
@@ -167,6 +168,8 @@ class Engine:
     ) -> Reply:
         if isinstance(request, requests.PlanRequest):
             return self._plan(request, record_to, received, watcher)
+        if isinstance(request, requests.CertifyRequest):
+            return self._certify(request, received)
         kind = type(request)
         if record_to is not None:
             raise MalformedRequest(f"only a plan can be recorded, not {kind.__name__}")
@@ -205,6 +208,13 @@ class Engine:
         except Exception as error:
             run.fail(error_reply(unforeseen(error)))
             raise
+
+    def _certify(self, request: requests.CertifyRequest, received: float) -> CertifyReply:
+        from guidefield.handlers.certify import answer_certify
+
+        began, run_id = time.monotonic(), request.run_id or uuid.uuid4().hex
+        robot, scene = self._robot(request.robot), self._scene(request.scene)
+        return answer_certify(request, robot, scene, run_id=run_id, received=received, began=began)
 
     def _kinematics(self, request: requests.KinematicsRequest) -> Reply:
         from guidefield.handlers.kinematics import answer_kinematics

@@ -10,7 +10,8 @@ import numpy as np
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import codec, scene as messages
-from guidefield.planner.task.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Problem
 from guidefield.planner.task.trace import Event
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup

@@ -12,8 +12,9 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import GOAL_SOLUTIONS, check_start, goal_points
+from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.ending import Ending
-from guidefield.planner.task.problem import Budget, ConfigurationGoal, TipGoal
+from guidefield.planner.task.problem import ConfigurationGoal, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.pose_target import PoseTarget
 from tests.planner.problems import closed_shell, problem, scene_of

@@ -24,7 +24,8 @@ from guidefield.messages.values import Placement
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
-from guidefield.planner.task.problem import Budget, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build
 from tests.planner.guide.test_guide import plane_at

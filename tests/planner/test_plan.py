@@ -16,7 +16,8 @@ from guidefield.messages import scene as messages
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.relax.relaxation import Relaxed, relax
-from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem, TipGoal
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.scene.guide_plane import build

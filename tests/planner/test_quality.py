@@ -18,7 +18,7 @@ from guidefield.messages.values import Placement
 from guidefield.planner import quality
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import END_STRETCH, clearance, clearance_profile
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.planner.problems import problem, scene_of

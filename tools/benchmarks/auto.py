@@ -26,7 +26,8 @@ from guidefield.errors import Status
 from guidefield.planner.guide.auto_planes import derive
 from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.task.problem import Budget, LastPlaneGoal
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import LastPlaneGoal
 
 
 def run(arguments: list[str]) -> None:

@@ -25,7 +25,8 @@ from guidefield.messages.values import Float32Array
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import LANE_RESOLUTION
 from guidefield.planner.plan import Planner, plan
-from guidefield.planner.task.problem import Budget, ConfigurationGoal
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build

@@ -24,7 +24,8 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import LANE_RESOLUTION, connect
 from guidefield.planner.guide.attempts import ATTEMPTS
-from guidefield.planner.task.problem import Budget, LastPlaneGoal, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share

@@ -33,7 +33,8 @@ from guidefield.errors import Status
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.quality import END_STRETCH, figures
-from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 
 JUDGED_STEP = 0.02

@@ -19,7 +19,8 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import LANE_MARGIN, LANE_RESOLUTION
 from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.task.problem import Budget, ConfigurationGoal
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal
 
 SECONDS = 20.0
 """Budget of one problem."""

@@ -30,7 +30,7 @@ import pinocchio as pin
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.planner.connect import tree_search
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene import library

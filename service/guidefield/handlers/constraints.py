@@ -6,13 +6,13 @@ import numpy as np
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages import requests
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import MotionRequest
 from guidefield.robot.group import path_constraints
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import Cone, PathConstraint
 
 
-def constraints_of(request: PlanRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:
+def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:
     """What frames have to keep all along the motion.
 
     Raises:

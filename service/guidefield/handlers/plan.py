@@ -20,7 +20,8 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.quality import ClearanceProfile, clearance, clearance_profile
-from guidefield.planner.task.problem import Budget, ConfigurationGoal, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, Silent
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select

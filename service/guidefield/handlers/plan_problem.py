@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from guidefield.collision.world import World
-from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest
+from guidefield.errors import InvalidGoal, MalformedRequest
 from guidefield.geometry.placements import se3
+from guidefield.handlers.asked_group import clamp_slight, jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.task.problem import Budget, ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
+from guidefield.robot.model.configuration import configuration_from_wire, limit_faults
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import Configuration, RobotConfiguration
+from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
@@ -46,10 +46,10 @@ def problem_of(
     """
     _require_served(request, scene)
     robot = holding(robot, request.attached_objects, scene)
-    q_whole, warnings = _start(request, robot)
+    q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
-    group = _limited(group, request)
+    group = limited(group, request)
     planes = given_planes(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
@@ -66,7 +66,7 @@ def problem_of(
         allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
         path_constraints=constraints_of(request, group),
         leave_start_contact=request.leave_start_contact,
-        jerk_limits=_jerk_limits(group, request),
+        jerk_limits=jerk_limits(group, request),
         optimization_iterations=request.optimization_iterations,
         seed=request.seed,
         budget=budget,
@@ -87,47 +87,6 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
     for what, asked in unserved.items():
         if asked:
             raise MalformedRequest(f"this version does not serve {what} yet; leave it out", unserved=what)
-
-
-def _start(request: PlanRequest, robot: RobotModel) -> tuple[RobotConfiguration, list[str]]:
-    """The start of the whole robot, clamped where it was beyond a limit by next to nothing, and warnings about that."""
-    q = configuration_from_wire(robot, request.start)
-    warnings = [
-        f"start {fault.joint} was {fault.excess:.2g} beyond its limit and was clamped"
-        for fault in limit_faults(robot.joints, q)
-        if fault.excess <= LIMIT_TOLERANCE
-    ]
-    return (_clamp_slight(robot, q) if warnings else q), warnings
-
-
-def _clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration:
-    """The configuration with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
-    slight = [j for f in limit_faults(robot.joints, q) if f.excess <= LIMIT_TOLERANCE and (j := robot.joint(f.joint))]
-    return clamp(slight, q)
-
-
-def _limited(group: PlanningGroup, request: PlanRequest) -> PlanningGroup:
-    names = [joint.name for joint in group.joints]
-    for name in request.limits:
-        if name not in names:
-            raise InvalidConfiguration(
-                f"`limits` names joint {name!r}, which is not planned for; planned are {', '.join(names)}",
-                joint=name,
-                available=names,
-            )
-    return group.with_limits(
-        {name: limits.velocity for name, limits in request.limits.items() if limits.velocity is not None},
-        {name: limits.acceleration for name, limits in request.limits.items() if limits.acceleration is not None},
-        request.max_velocity_scaling_factor,
-        request.max_acceleration_scaling_factor,
-    )
-
-
-def _jerk_limits(group: PlanningGroup, request: PlanRequest) -> np.ndarray | None:
-    asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
-    if not asked:
-        return None
-    return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])
 
 
 def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:
@@ -162,4 +121,4 @@ def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> 
                 joint=name,
                 available=sorted(planned),
             )
-    return group.part_of(_clamp_slight(group.robot, q))
+    return group.part_of(clamp_slight(group.robot, q))

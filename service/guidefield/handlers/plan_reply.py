@@ -58,7 +58,7 @@ def reply_to(
         status=replies.Outcome(
             code=int(made.status), name=made.status.name, message=made.message, details=made.details
         ),
-        warnings=[*warnings, *made.warnings, *_unmeasured(measured)],
+        warnings=[*warnings, *made.warnings, *unmeasured(measured)],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         path=[group.wire_positions(z) for z in made.path],
@@ -142,9 +142,9 @@ def _clearance(measured: Clearance | None, made: Plan, problem: Problem) -> repl
     if closest.pair is None:
         return replies.ClearanceFigures(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
     return replies.ClearanceFigures(
-        minimum=_stated(closest, certified),
+        minimum=stated(closest, certified),
         mean=measured.mean,
-        inner=None if measured.inner is None else _stated(measured.inner, certified),
+        inner=None if measured.inner is None else stated(measured.inner, certified),
         ends=measured.ends,
         pair=list(closest.pair),
         time=closest.time,
@@ -156,7 +156,7 @@ def _self_clearance(measured: Clearance | None, made: Plan) -> replies.SelfClear
         return None
     if measured.own.pair is None:
         return replies.SelfClearance(minimum=None, pair=None)
-    return replies.SelfClearance(minimum=_stated(measured.own, _certified(made, 0.0)), pair=list(measured.own.pair))
+    return replies.SelfClearance(minimum=stated(measured.own, _certified(made, 0.0)), pair=list(measured.own.pair))
 
 
 def _certified(made: Plan, kept: float) -> float:
@@ -164,7 +164,7 @@ def _certified(made: Plan, kept: float) -> float:
     return kept if made.verdict.free and made.judged_from == 0.0 else -np.inf
 
 
-def _stated(closest: Closest, certified: float) -> float | None:
+def stated(closest: Closest, certified: float) -> float | None:
     """The smallest distance [m]; where there was no time to find it, what is certain; None if nothing is."""
     if closest.exact:
         return closest.distance
@@ -172,7 +172,7 @@ def _stated(closest: Closest, certified: float) -> float | None:
     return kept if np.isfinite(kept) else None
 
 
-def _unmeasured(measured: Clearance | None) -> list[str]:
+def unmeasured(measured: Clearance | None) -> list[str]:
     """A warning for each smallest distance that there was no time to find."""
     if measured is None:
         return []

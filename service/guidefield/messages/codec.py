@@ -53,6 +53,7 @@ def _decoder(kind: Any, encoding: Encoding) -> Any:
 for _kind in (
     _Tag,
     requests.PlanRequest,
+    requests.CertifyRequest,
     requests.KinematicsRequest,
     requests.TaggedRequest,
     requests.RobotFiles,

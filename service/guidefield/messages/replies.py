@@ -7,6 +7,15 @@ from typing import Any
 import msgspec
 
 from guidefield.errors import ERRORS, GuidefieldError, InternalFailure
+from guidefield.messages.certify_reply import (
+    Along as Along,
+    CertifyReply as CertifyReply,
+    LimitShares as LimitShares,
+    LimitUse as LimitUse,
+    MotionCertificate as MotionCertificate,
+    MotionClearance as MotionClearance,
+    Place as Place,
+)
 from guidefield.messages.kinematics_replies import (
     ClearanceReply as ClearanceReply,
     ForwardKinematicsReply as ForwardKinematicsReply,
@@ -124,6 +133,7 @@ class Done(Reply):
 
 AnyReply = (
     PlanReply
+    | CertifyReply
     | ForwardKinematicsReply
     | InverseKinematicsReply
     | ClearanceReply

@@ -6,6 +6,15 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from guidefield.messages.certify_request import CertifyRequest as CertifyRequest, GivenTrajectory as GivenTrajectory
+from guidefield.messages.conditions import (
+    AttachedObject as AttachedObject,
+    JointLimits as JointLimits,
+    LineConstraint as LineConstraint,
+    OrientationCone as OrientationCone,
+    PathConstraint as PathConstraint,
+    PlaneConstraint as PlaneConstraint,
+)
 from guidefield.messages.goals import (
     Goal as Goal,
     GuidePlaneGoal as GuidePlaneGoal,
@@ -31,7 +40,7 @@ from guidefield.messages.references import (
     UrdfFile as UrdfFile,
     UrdfText as UrdfText,
 )
-from guidefield.messages.scene import GuidePlane, Obstacle
+from guidefield.messages.scene import GuidePlane
 from guidefield.messages.store_requests import (
     DeleteRobot as DeleteRobot,
     DeleteRun as DeleteRun,
@@ -53,97 +62,9 @@ from guidefield.messages.values import (
     Name,
     NonNegative,
     Placement,
-    Positive,
     RunId,
-    Vector3,
     require_finite_number,
 )
-
-
-class AttachedObject(Message):
-    """An object held by a link.
-
-    Attributes:
-        obstacle: Its shape; its name stands for it in replies.
-        link: What holds it.
-        placement: Of its frame in the link's.
-        touch_links: Links that it may touch beside that one.
-    """
-
-    obstacle: Obstacle
-    link: Name
-    placement: Placement = Placement()
-    touch_links: list[Name] = []
-
-
-class OrientationCone(Message, tag_field="type", tag="orientation_cone"):
-    """Keep an axis of a frame within a cone.
-
-    Attributes:
-        frame: Whose axis.
-        axis: The axis in the frame, of any length but 0.
-        target_axis: The cone's axis in the world, of any length but 0.
-        half_angle: Largest angle between them [rad].
-    """
-
-    frame: Name
-    axis: Vector3
-    target_axis: Vector3
-    half_angle: Positive
-
-
-class PlaneConstraint(Message, tag_field="type", tag="plane"):
-    """Keep a frame's origin near a plane.
-
-    Attributes:
-        frame: Whose origin.
-        point: On the plane [m, world].
-        normal: Of the plane, in the world, of any length but 0.
-        tolerance: Largest distance [m].
-    """
-
-    frame: Name
-    point: Vector3
-    normal: Vector3
-    tolerance: Positive
-
-
-class LineConstraint(Message, tag_field="type", tag="line"):
-    """Keep a frame's origin near a line.
-
-    Attributes:
-        frame: Whose origin.
-        point: On the line [m, world].
-        direction: Of the line, in the world, of any length but 0.
-        tolerance: Largest distance [m].
-    """
-
-    frame: Name
-    point: Vector3
-    direction: Vector3
-    tolerance: Positive
-
-
-PathConstraint = OrientationCone | PlaneConstraint | LineConstraint
-
-
-class JointLimits(Message):
-    """Limits of one joint's motion that replace the robot's own; null keeps them.
-
-    Attributes:
-        velocity: [rad/s or m/s].
-        acceleration: [rad/s^2 or m/s^2].
-        jerk: [rad/s^3 or m/s^3]; null for none.
-    """
-
-    velocity: Positive | None = None
-    acceleration: Positive | None = None
-    jerk: Positive | None = None
-
-    def __post_init__(self) -> None:
-        for field in ("velocity", "acceleration", "jerk"):
-            if (limit := getattr(self, field)) is not None:
-                require_finite_number(field, limit)
 
 
 class PlanRequest(Message):
@@ -221,5 +142,6 @@ class PlanRequest(Message):
         require_finite_number("min_clearance", self.min_clearance)
 
 
-TaggedRequest = KinematicsRequest | StoreRequest
+MotionRequest = PlanRequest | CertifyRequest
+TaggedRequest = KinematicsRequest | CertifyRequest | StoreRequest
 Request = PlanRequest | TaggedRequest

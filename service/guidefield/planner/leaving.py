@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,9 @@ LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 DIRECTIONS = 48
 """Directions that are tried with each length."""
 
+CLOSER = 1e-6
+"""A distance that becomes smaller by less has not become smaller [m]."""
+
 SAMPLES = 24
 """Places on the motion where what touches is measured: it must not get any closer."""
 
@@ -53,8 +56,7 @@ class Left:
     @property
     def warning(self) -> str:
         """What happened, as a sentence."""
-        told = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in self.contacts)
-        return f"the start was in contact ({told}): the motion begins by leaving it, and is certified free from then on"
+        return left_contacts(self.contacts)
 
 
 def leave(problem: Problem, stages: Stages) -> Left | None:
@@ -123,14 +125,8 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
     world, group = problem.world, problem.group
     allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(group, problem.scene, allowed)
-    names = {one.pair for one in contacts}
-    touching = [k for k in range(len(world.pairs)) if world.pair_names(k) in names]
+    distances = distances_of(world, touching_pairs(world, contacts))
     enough = max(APART, problem.min_clearance)
-
-    def distances(z: ChartPoint) -> np.ndarray:
-        q = group.expand_from_chart(z)
-        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
-        return np.array([world.distance(k)[0] for k in touching])
 
     def leads_out(end: ChartPoint) -> bool:
         q = group.expand_from_chart(end)
@@ -139,11 +135,34 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
         if problem.min_clearance > 0.0 and clearance_at(world, q).obstacle_distance < problem.min_clearance:
             return False
         along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, SAMPLES)])
-        if (np.diff(along, axis=0) < -1e-6).any():
+        if (np.diff(along, axis=0) < -CLOSER).any():
             return False
         return motion_free(others, start, end).free
 
     return leads_out
+
+
+def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
+    """The world's pairs of the bodies of contacts."""
+    names = {one.pair for one in contacts}
+    return [k for k in range(len(world.pairs)) if world.pair_names(k) in names]
+
+
+def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint], np.ndarray]:
+    """Measures, at a chart point (nv,), how far some pairs are apart: (k,) [m], signed or 0 in contact."""
+
+    def distances(z: ChartPoint) -> np.ndarray:
+        q = world.group.expand_from_chart(z)
+        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
+        return np.array([world.distance(k)[0] for k in pairs])
+
+    return distances
+
+
+def left_contacts(contacts: Sequence[Contact]) -> str:
+    """What is warned of where contacts at the start are left, as a sentence."""
+    told = ", ".join(f"{one.pair[0]} and {one.pair[1]}{_depth(one)}" for one in contacts)
+    return f"the start was in contact ({told}): the motion begins by leaving it, and is certified free from then on"
 
 
 def _refusal(contact: Contact, why: str) -> StageFailed:

@@ -6,13 +6,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
+from guidefield.planner.judgement import GivenProblem
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import Configurations
@@ -28,8 +31,31 @@ END_STRETCH = 0.3
 """Joint distance at each end that the inner clearance leaves out [rad or m]."""
 FINER = 100
 """Times between two close ones at which it is looked when exactly a distance has been travelled."""
+MOST_FINE = 100_000
+"""Times at which it is looked how far has been travelled, at most."""
 LAST_MEASUREMENT = 0.5
 """For how long the smallest distances may still be looked for when time is up or the run is ended [s]."""
+
+
+class MotionInTime(Protocol):
+    """A motion that can be measured: a plan's trajectory, or one that was given."""
+
+    @property
+    def times(self) -> np.ndarray:
+        """Of the knots, shape (n,), increasing [s]."""
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+
+    def bezier(self) -> np.ndarray:
+        """Control points of the pieces, shape (m, k, nv) [rad or m]."""
+
+    def piece_times(self) -> np.ndarray:
+        """When the pieces begin, and the last one ends, shape (m + 1,) [s]."""
+
+    def evaluate(self, times: np.ndarray, /) -> tuple[np.ndarray, ...]:
+        """Chart points, shape (k, nv), first of all, at times (k,) [s]."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +158,7 @@ class Figures:
     smoothness: float
 
 
-def clearance(trajectory: Trajectory, problem: Problem) -> Clearance:
+def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
     The smallest distances are looked for until time is up, and at least for `LAST_MEASUREMENT`: see `Closest.exact`.
@@ -172,7 +198,7 @@ def clearance(trajectory: Trajectory, problem: Problem) -> Clearance:
     )
 
 
-def clearance_profile(measured: Clearance, problem: Problem) -> ClearanceProfile:
+def clearance_profile(measured: Clearance, problem: Problem | GivenProblem) -> ClearanceProfile:
     """Distances and potential at the samples of a trajectory that was measured, for its recording."""
     group, surveyor = problem.group, measured.surveyor
     smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
@@ -198,12 +224,12 @@ def clearance_profile(measured: Clearance, problem: Problem) -> ClearanceProfile
         self_distance=self_distance,
         self_pair=tuple(None if pair is None else problem.world.pair_names(pair) for pair in self_pair),
         potentials=lambda: np.array(
-            [problem.at(t).robot_field.potential(q) for t, q in zip(times.tolist(), configurations, strict=True)]
+            [problem.potential(t, q) for t, q in zip(times.tolist(), configurations, strict=True)]
         ),
     )
 
 
-def _closest(found: Smallest, problem: Problem) -> Closest:
+def _closest(found: Smallest, problem: Conditions) -> Closest:
     """An answer in the words of the scene."""
     pair = None if found.pair < 0 else problem.world.pair_names(found.pair)
     return Closest(found.distance, found.bound, found.time, pair)
@@ -234,7 +260,9 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     )
 
 
-def _samples(trajectory: Trajectory, problem: Problem) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
+def _samples(
+    trajectory: MotionInTime, problem: Conditions
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
     fine, travelled = _travelled(trajectory)
     inside = None
@@ -257,20 +285,21 @@ def _even_lengths(travelled: np.ndarray) -> np.ndarray:
     return np.linspace(0.0, travelled[-1], count)
 
 
-def _when(trajectory: Trajectory, fine: np.ndarray, travelled: np.ndarray, length: float) -> float:
+def _when(trajectory: MotionInTime, fine: np.ndarray, travelled: np.ndarray, length: float) -> float:
     """When a trajectory has travelled a joint distance [s], from many times (n,) and the distances by then (n,)."""
     first = int(np.clip(np.searchsorted(travelled, length) - 1, 0, len(fine) - 2))
     finer = np.linspace(fine[first], fine[first + 1], FINER)
     return float(np.interp(length, travelled[first] + _lengths(trajectory, finer), finer))
 
 
-def _travelled(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+def _travelled(trajectory: MotionInTime) -> tuple[np.ndarray, np.ndarray]:
     """Many times along a trajectory, and the joint distances that it has travelled by then."""
-    fine = np.linspace(0.0, trajectory.duration, 20 * len(trajectory.times) + 2)
+    many = min(20 * len(trajectory.times) + 2, MOST_FINE)
+    fine = np.linspace(trajectory.times[0], trajectory.times[-1], many)
     return fine, _lengths(trajectory, fine)
 
 
-def _lengths(trajectory: Trajectory, times: np.ndarray) -> np.ndarray:
+def _lengths(trajectory: MotionInTime, times: np.ndarray) -> np.ndarray:
     """Joint distances travelled since the first of some times (n,), shape (n,) [rad or m]."""
     steps = np.linalg.norm(np.diff(trajectory.evaluate(times)[0], axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -12,7 +12,7 @@ from guidefield.collision.world import World
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.layout import AXIS_AND_REACH
 from guidefield.planner.connect import tree_search
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from tests.collision.lanes.test_scene_tables import scene
 from tests.robots import group
 

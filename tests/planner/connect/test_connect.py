@@ -14,7 +14,7 @@ from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import cross
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from tests.collision.lanes.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest

@@ -14,7 +14,7 @@ from guidefield.planner.connect.connect import connect
 from guidefield.planner.connect.sample_sources import sources_of
 from guidefield.planner.connect.shorter import LEAST, Rounds, Shorter, shorter
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import densely_free, problem
 from tests.robots import box_arm, group, grouped

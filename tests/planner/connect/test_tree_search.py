@@ -21,7 +21,7 @@ from guidefield.kernels.tree.rrt_connect import way_of
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.planner.connect import tree_search
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import scene_of
 from tests.robots import box_arm, grouped

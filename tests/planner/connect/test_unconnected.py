@@ -15,7 +15,7 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.connect.escape_test import can_be_left
 from guidefield.planner.connect.unconnected import why_not
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import problem, scene_of

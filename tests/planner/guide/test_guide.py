@@ -13,7 +13,7 @@ from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.rounds import ON_PLANE
 from guidefield.planner.guide.tip_reach import inset_of, tip_radius
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.trace import Step, StepKind
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem

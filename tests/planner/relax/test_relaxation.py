@@ -26,7 +26,8 @@ from guidefield.planner.relax.relaxation import (
     Outcome,
     relax,
 )
-from guidefield.planner.task.problem import Budget, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build

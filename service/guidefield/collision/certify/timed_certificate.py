@@ -7,6 +7,7 @@ the robot by `MotionBound`, the obstacle by its largest speed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,9 @@ from guidefield.scene.obstacle import Obstacle
 
 FLOOR = 1e-3
 """Where robot and obstacle together can't move farther than this and still can't be told apart, it is undecided [m]."""
+
+ASKED_EVERY = 16
+"""After so many evaluations it is asked whether the judgement is to end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +61,12 @@ class TimedWorld:
 
 
 def certify_timed(
-    worlds: TimedWorld, pieces: ChartCurves, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
+    worlds: TimedWorld,
+    pieces: ChartCurves,
+    times: np.ndarray,
+    min_clearance: float = 0.0,
+    floor: float = FLOOR,
+    stopped: Callable[[], object] = lambda: None,
 ) -> Verdict:
     """Judge a motion in time; see `certify`.
 
@@ -67,16 +76,22 @@ def certify_timed(
         times: When they begin and the last one ends, shape (m + 1,) [s].
         min_clearance: What robot and obstacles must keep apart [m].
         floor: See `FLOOR` [m].
+        stopped: Asked now and then; anything true ends the judgement.
     """
-    verdict = certify(worlds.resting, pieces, min_clearance)
-    moving = certify_moving(worlds, pieces, times, min_clearance, floor)
+    verdict = certify(worlds.resting, pieces, min_clearance, stopped=stopped)
+    moving = certify_moving(worlds, pieces, times, min_clearance, floor, stopped)
     evaluations = verdict.evaluations + moving.evaluations
     first = verdict if _place(verdict) <= _place(moving) else moving
     return replace(first, evaluations=evaluations)
 
 
 def certify_moving(
-    worlds: TimedWorld, pieces: ChartCurves, times: np.ndarray, min_clearance: float = 0.0, floor: float = FLOOR
+    worlds: TimedWorld,
+    pieces: ChartCurves,
+    times: np.ndarray,
+    min_clearance: float = 0.0,
+    floor: float = FLOOR,
+    stopped: Callable[[], object] = lambda: None,
 ) -> Verdict:
     """`certify_timed` for the obstacles that move alone.
 
@@ -86,8 +101,9 @@ def certify_moving(
         times: When each piece begins, and the last ends, shape (n + 1,) [s].
         min_clearance: What to keep from the obstacles [m].
         floor: As there.
+        stopped: As there.
     """
-    judge = _Judge(worlds, min_clearance, floor)
+    judge = _Judge(worlds, min_clearance, floor, stopped)
     for index, piece in enumerate(np.asarray(pieces, float)):
         every = list(range(len(worlds.pairs)))
         refusal = judge.refusal(
@@ -146,14 +162,18 @@ class _TimedSegment:
 class _Judge:
     """One judgement, and how often Coal was asked."""
 
-    def __init__(self, worlds: TimedWorld, min_clearance: float, floor: float) -> None:
+    def __init__(self, worlds: TimedWorld, min_clearance: float, floor: float, stopped: Callable[[], object]) -> None:
         self.worlds = worlds
+        self.stopped = stopped
         self.kept = min_clearance
         self.floor = floor
         self.evaluations = 0
 
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
         """Why a segment is refused, or None; the first half is judged before the second."""
+        if self.evaluations % ASKED_EVERY == 0 and self.stopped():
+            at, z = segment.start, segment.control[0]
+            return Verdict(Reason.STOPPED, self.evaluations, segment.piece, at, at, None, z)
         low, high = segment.control.min(axis=0), segment.control.max(axis=0)
         time, half = 0.5 * (segment.since + segment.until), 0.5 * (segment.until - segment.since)
         bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))

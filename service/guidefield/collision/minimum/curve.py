@@ -57,7 +57,7 @@ class Curve:
         """Chart points and their rates at times (n,), both of shape (n, nv) [rad or m, and per s]."""
         piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.pieces) - 1)
         share = self._shares(times, piece)
-        return _restricted(self.pieces[piece], share, share)[:, 0], _restricted(self._velocities[piece], share, share)[
+        return restricted(self.pieces[piece], share, share)[:, 0], restricted(self._velocities[piece], share, share)[
             :, 0
         ]
 
@@ -81,7 +81,7 @@ class Curve:
         low, high = self._shares(since[owner], piece), self._shares(until[owner], piece)
         found = []
         for controls in (self._velocities, self._accelerations):
-            largest = np.abs(_restricted(controls[piece], low, high)).max(axis=1)
+            largest = np.abs(restricted(controls[piece], low, high)).max(axis=1)
             found.append(np.maximum.reduceat(largest, starts, axis=0))
         return found[0], found[1]
 
@@ -93,7 +93,7 @@ class Curve:
         return shares
 
 
-def _restricted(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def restricted(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Control points of parts of Bezier curves, by their blossom.
 
     Args:

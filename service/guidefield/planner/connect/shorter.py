@@ -15,7 +15,8 @@ import numpy as np
 
 from guidefield.planner.connect import tree_search
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.task.problem import Budget, Problem
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoints
 
 ROUND = 2000

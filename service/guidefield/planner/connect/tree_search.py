@@ -19,7 +19,7 @@ from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.sphere_rejection import SIEVE
 from guidefield.planner.connect.escape_test import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
-from guidefield.planner.task.problem import Budget
+from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
 

@@ -9,6 +9,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.group import PlanningGroup
 
 SLACK = 1e-3
 """A motion that is refused where it keeps the clearance asked for, and no more than this on top, is too close [m]."""
@@ -28,6 +29,18 @@ def stopped_before(status: Status, plane: str, distance: float) -> str:
     return f"time was up {where}; a longer `allowed_planning_time` lets it go on"
 
 
+def refused_at(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
+    """What a verdict says about what was refused: pair, configuration, the joint that is beyond its limits."""
+    details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+    if verdict.configuration is not None:
+        columns = group.wire_positions(verdict.configuration)
+        details["configuration"] = dict(zip(group.position_names, columns, strict=True))
+    if (fault := verdict.beyond) is not None:
+        limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
+        details |= limits | {"excess": fault.excess}
+    return details
+
+
 def refusal(problem: Problem, verdict: Verdict) -> Ending:
     """Why a motion is not certified, and where.
 
@@ -39,11 +52,10 @@ def refusal(problem: Problem, verdict: Verdict) -> Ending:
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"
-    details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
+    details = refused_at(problem.group, verdict)
     if verdict.configuration is None:
         return Ending(status, message, details)
     group = problem.group
-    details["configuration"] = dict(zip(group.position_names, group.wire_positions(verdict.configuration), strict=True))
     if verdict.reason is Reason.STOPPED:
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
         return Ending(status, f"{why} before the motion was certified", details)
@@ -52,8 +64,7 @@ def refusal(problem: Problem, verdict: Verdict) -> Ending:
             f"the certificate refused the motion: joint {fault.joint} reaches {fault.value:.6g},"
             f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
         )
-        limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
-        return Ending(status, message, details | limits | {"excess": fault.excess})
+        return Ending(status, message, details)
     distance = clearance_at(problem.world, group.expand_from_chart(verdict.configuration)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
         message = (

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from guidefield.errors import Status
+from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.ending import Ending
-from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StageEntered, StageLeft
 
 
@@ -39,10 +39,10 @@ class Stage:
 
 
 class Stages:
-    """Keeps the time of every stage of a problem and tells its observer."""
+    """Keeps the time of every stage and tells the observer."""
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self, conditions: Conditions) -> None:
+        self._conditions = conditions
         self.left: list[StageLeft] = []
         self.seconds: dict[str, float] = {}
 
@@ -55,7 +55,7 @@ class Stages:
             message: One sentence for a person.
             plane: Index of the guide plane that it is about.
         """
-        self._problem.tell(StageEntered(name, message))
+        self._conditions.tell(StageEntered(name, message))
         stage, begin = Stage(), time.perf_counter()
         try:
             yield stage
@@ -67,4 +67,4 @@ class Stages:
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
             left = StageLeft(name, stage.outcome, seconds, plane)
             self.left.append(left)
-            self._problem.tell(left)
+            self._conditions.tell(left)

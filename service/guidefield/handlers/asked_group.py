@@ -1,0 +1,63 @@
+"""What a request says about the robot that moves: its start, and the limits of its joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.errors import InvalidConfiguration
+from guidefield.messages.requests import MotionRequest, Positions
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import ChartRate, RobotConfiguration
+
+
+def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguration, list[str]]:
+    """The start of the whole robot, shape (nq,), clamped where it is beyond a limit by next to nothing; and warnings.
+
+    Raises:
+        InvalidConfiguration: as `configuration_from_wire`.
+    """
+    q = configuration_from_wire(robot, positions)
+    warnings = [
+        f"start {fault.joint} was {fault.excess:.2g} beyond its limit and was clamped"
+        for fault in limit_faults(robot.joints, q)
+        if fault.excess <= LIMIT_TOLERANCE
+    ]
+    return (clamp_slight(robot, q) if warnings else q), warnings
+
+
+def clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration:
+    """A configuration (nq,) with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
+    slight = [j for f in limit_faults(robot.joints, q) if f.excess <= LIMIT_TOLERANCE and (j := robot.joint(f.joint))]
+    return clamp(slight, q)
+
+
+def limited(group: PlanningGroup, request: MotionRequest) -> PlanningGroup:
+    """The group with the limits of a request, and its scaling factors.
+
+    Raises:
+        InvalidConfiguration: if a joint is named that doesn't move.
+    """
+    names = [joint.name for joint in group.joints]
+    for name in request.limits:
+        if name not in names:
+            raise InvalidConfiguration(
+                f"`limits` names joint {name!r}, which is not planned for; planned are {', '.join(names)}",
+                joint=name,
+                available=names,
+            )
+    return group.with_limits(
+        {name: limits.velocity for name, limits in request.limits.items() if limits.velocity is not None},
+        {name: limits.acceleration for name, limits in request.limits.items() if limits.acceleration is not None},
+        request.max_velocity_scaling_factor,
+        request.max_acceleration_scaling_factor,
+    )
+
+
+def jerk_limits(group: PlanningGroup, request: MotionRequest) -> ChartRate | None:
+    """Jerk limits of every coordinate, shape (nv,), infinite where there is none; None where none is asked for."""
+    asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
+    if not asked:
+        return None
+    return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])

@@ -1,0 +1,89 @@
+"""The certify request: the motion that it gives, the judgement, and the reply, in order."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from guidefield.handlers.certify_problem import certify_problem
+from guidefield.handlers.certify_reply import reply_to
+from guidefield.messages.replies import CertifyReply
+from guidefield.messages.requests import CertifyRequest
+from guidefield.planner.judgement import GivenProblem, judge
+from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.quality import Clearance, ClearanceProfile, clearance, clearance_profile
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.trace import Event, Silent
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.model import RobotModel
+from guidefield.scene.scene import Scene
+
+
+class CertifyRecording(Protocol):
+    """Somebody who records a judgement: an observer who is told the end, once."""
+
+    def observe(self, event: Event) -> None:
+        """Be told of an event."""
+
+    def finish_given(
+        self, reply: CertifyReply, motion: GivenMotion, profile: Callable[[], ClearanceProfile | None]
+    ) -> None:
+        """Be told the end, and write; the clearance along the way is measured when it is asked for."""
+
+
+RecordGiven = Callable[[PlanningGroup, Scene], CertifyRecording | None]
+"""Opens the recording of a run, once it is known what moves where."""
+
+
+def answer_certify(
+    request: CertifyRequest,
+    robot: RobotModel,
+    scene: Scene,
+    *,
+    run_id: str,
+    received: float,
+    began: float | None = None,
+    record: RecordGiven = lambda *_: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> CertifyReply:
+    """Judge a motion, and say what came of it.
+
+    Args:
+        request: What is asked.
+        robot: The robot that it names.
+        scene: The scene that it names.
+        run_id: Name of the run.
+        received: When it arrived, on the clock of `time.monotonic` [s]; the deadline counts from then.
+        began: When loading its robot and scene began, on the same clock [s]; None: now.
+        record: Opens the recording.
+        cancelled: Whether somebody asked to stop.
+
+    Raises:
+        GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
+            MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
+    """
+    began = time.monotonic() if began is None else began
+    budget = Budget(received + request.allowed_time, cancelled)
+    problem, warnings = certify_problem(request, robot, scene, budget)
+    recording = record(problem.group, scene)
+    problem = dataclasses.replace(problem, observer=recording or Silent())
+    load_seconds = time.monotonic() - began
+    stages = Stages(problem)
+    with stages.entered("certify", "on the exact geometry, between rows too") as stage:
+        judgement = judge(problem)
+        stage.outcome = judgement.verdict.reason.value
+    with stages.entered("measure", "the smallest distances along the motion"):
+        measured = _measured(problem)
+    seconds = {"load": load_seconds, **stages.seconds}
+    reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
+    if recording is not None:
+        recording.finish_given(reply, problem.motion, lambda: clearance_profile(measured, problem))
+    return reply
+
+
+def _measured(problem: GivenProblem) -> Clearance:
+    motion = problem.motion
+    return clearance(motion.scheduled if problem.scene.moves else motion.measured, problem)

@@ -1,0 +1,243 @@
+"""From a certify request to a motion and what it is judged by: what is ill-posed about it is refused here, by name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
+from guidefield.geometry.placements import se3
+from guidefield.handlers.asked_group import jerk_limits, limited, start_of
+from guidefield.handlers.attached import holding
+from guidefield.handlers.constraints import constraints_of
+from guidefield.handlers.given_columns import (
+    Columns,
+    chart_points,
+    chart_rates,
+    first_positions,
+    require_same_joints,
+    velocity_names_of,
+)
+from guidefield.messages.requests import CertifyRequest, GivenTrajectory
+from guidefield.planner.judgement import GivenProblem
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, spline_rates
+from guidefield.planner.motion.trajectory import piece_accelerations
+from guidefield.planner.task.conditions import Budget
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model import chart
+from guidefield.robot.model.configuration import configuration_from_wire
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import ChartPoints, ChartRates, RobotConfiguration
+from guidefield.scene.scene import Scene
+
+LEAST_STEP = 1e-9
+"""Between two times at least [s]."""
+
+SAME = 1e-6
+"""Accelerations that differ by less than this share, or by this [rad/s² or m/s²], are the same."""
+
+
+def certify_problem(
+    request: CertifyRequest, robot: RobotModel, scene: Scene, budget: Budget
+) -> tuple[GivenProblem, tuple[str, ...]]:
+    """The motion that a request gives among what it is judged by, and warnings about what was odd but harmless.
+
+    Args:
+        request: What is asked.
+        robot: The robot that it names.
+        scene: The scene that it names.
+        budget: How long judging may go on.
+
+    Raises:
+        InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest: if the question
+            is ill-posed.
+    """
+    _require_served(request, scene)
+    robot = holding(robot, request.attached_objects, scene)
+    rows = _positions(request)
+    columns = _columns(request, robot)
+    columns.require_width(_field(request), rows)
+    q_whole, warnings = _first(request, columns, rows, robot)
+    root = request.robot_placement
+    place = se3(root.position, root.quaternion_xyzw)
+    group = limited(select(robot, _group(request, columns, robot), request.tip, q_whole, place), request)
+    _require_in_group(columns, group)
+    motion, odd = _motion(request, columns, rows, group)
+    problem = GivenProblem(
+        group=group,
+        scene=scene,
+        world=World.build(group, scene, request.allowed_collisions),
+        min_clearance=request.min_clearance,
+        allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
+        path_constraints=constraints_of(request, group),
+        leave_start_contact=request.leave_start_contact,
+        jerk_limits=jerk_limits(group, request),
+        budget=budget,
+        motion=motion,
+    )
+    return problem, (*robot.warnings, *scene.warnings, *warnings, *odd)
+
+
+def _require_served(request: CertifyRequest, scene: Scene) -> None:
+    """Refuse what has no answer, by name."""
+    if scene.moves and request.trajectory is None:
+        moving = [one.name for one in scene.obstacles if one.motion is not None]
+        raise MalformedRequest(
+            f"obstacles move ({', '.join(moving)}), and a `path` has no times: give a `trajectory`", obstacles=moving
+        )
+    if scene.moves and request.leave_start_contact:
+        what = "leave_start_contact among obstacles that move"
+        raise MalformedRequest(f"this version does not serve {what} yet; leave it out", unserved=what)
+
+
+def _first(
+    request: CertifyRequest, columns: Columns, rows: np.ndarray, robot: RobotModel
+) -> tuple[RobotConfiguration, list[str]]:
+    """The configuration of the whole robot, shape (nq,), in the first of the rows (n, k), and warnings."""
+    standing = {name: value for name, value in request.start.items() if name not in columns.of}
+    q, warnings = start_of(standing, robot)
+    return configuration_from_wire(robot, first_positions(columns, rows, robot), base=q), warnings
+
+
+def _field(request: CertifyRequest) -> str:
+    """What the request calls the rows."""
+    return "path" if request.trajectory is None else "trajectory.positions"
+
+
+def _positions(request: CertifyRequest) -> np.ndarray:
+    """The rows, shape (n, k)."""
+    rows = request.path if request.trajectory is None else request.trajectory.positions
+    return np.array(rows, float)
+
+
+def _columns(request: CertifyRequest, robot: RobotModel) -> Columns:
+    """What the columns of positions are: as they are named, or as a plan's reply has them for the group."""
+    names = request.position_names
+    if names is None:
+        names = select(robot, request.group, request.tip, robot.rest, se3((0, 0, 0), (0, 0, 0, 1))).position_names
+    return Columns.named("position_names", names, robot, chart.POSITION_SUFFIXES)
+
+
+def _group(request: CertifyRequest, columns: Columns, robot: RobotModel) -> str | list[str] | None:
+    """The joints that move: those of the request, else those that have columns."""
+    if request.group is not None or request.position_names is None:
+        return request.group
+    free = {joint.name for joint in robot.joints if joint.mimic is None}
+    named = [name for name in columns.of if name in free]
+    if not named:
+        raise InvalidGroup("`position_names` has only joints that follow others: there is nothing that moves")
+    return named
+
+
+def _require_in_group(columns: Columns, group: PlanningGroup) -> None:
+    """Refuse a column of a joint that the group doesn't move."""
+    moving = {joint.name for joint in group.joints}
+    for joint in group.robot.joints:
+        driver = joint.name if joint.mimic is None else joint.mimic.driver
+        if joint.name in columns.of and joint.mimic is None and driver not in moving:
+            raise InvalidConfiguration(
+                f"`position_names` has joint {joint.name!r}, which the group doesn't move; it moves"
+                f" {', '.join(sorted(moving))}",
+                joint=joint.name,
+                available=sorted(moving),
+            )
+
+
+def _motion(
+    request: CertifyRequest, columns: Columns, rows: np.ndarray, group: PlanningGroup
+) -> tuple[GivenMotion, list[str]]:
+    """The curve through the rows, and warnings."""
+    points, warnings = chart_points(columns, rows, group, _field(request))
+    given = request.trajectory
+    if given is None:
+        kept = np.flatnonzero(np.r_[True, (np.diff(points, axis=0) != 0.0).any(axis=1)])
+        return GivenMotion(CurveKind.LINEAR, points[kept], _with_end(kept, len(points))), warnings
+    times, rates = _times(request, given), _rates(request, given.velocities, "velocities", columns, group, points)
+    kept, odd = _moments(times, points, rates)
+    warnings += odd
+    times, points, end = times[kept], points[kept], _with_end(kept, len(points))
+    if rates is not None:
+        motion = GivenMotion(CurveKind.HERMITE, points, end, times, rates[kept])
+        if group.is_euclidean:
+            told = _rates(request, given.accelerations, "accelerations", columns, group, points)
+            warnings += [] if told is None else _other_accelerations(motion, told[kept])
+        return motion, warnings
+    if request.interpolation == "linear":
+        return GivenMotion(CurveKind.LINEAR, points, end, times), warnings
+    return GivenMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
+
+
+def _rates(
+    request: CertifyRequest,
+    given: list[list[float]] | None,
+    what: str,
+    columns: Columns,
+    group: PlanningGroup,
+    points: ChartPoints,
+) -> ChartRates | None:
+    """Rates of the chart at its points (n, nv), from velocities or accelerations as they are given; None without."""
+    if given is None:
+        return None
+    names = request.velocity_names or velocity_names_of(columns, group.robot)
+    named = Columns.named("velocity_names", names, group.robot, chart.VELOCITY_SUFFIXES)
+    require_same_joints(columns, named)
+    rows = np.array(given, float)
+    named.require_width(f"trajectory.{what}", rows)
+    return chart_rates(named, rows, group, points, f"trajectory.{what}")
+
+
+def _with_end(kept: np.ndarray, count: int) -> np.ndarray:
+    """Indices of the rows that are kept, the last of which stands for the last of all."""
+    rows: np.ndarray = np.append(kept[:-1], count - 1)
+    return rows
+
+
+def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
+    """When each row is, shape (n,) [s]."""
+    if given.times is not None:
+        return np.array(given.times, float)
+    assert request.time_step is not None, "a trajectory has times or a step"
+    return request.time_step * np.arange(len(given.positions))
+
+
+def _moments(times: np.ndarray, points: np.ndarray, rates: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
+    """Which rows are kept: one of each time; and a warning about the others.
+
+    Raises:
+        MalformedRequest: if times don't increase, or two rows of one time differ.
+    """
+    steps = np.diff(times)
+    same = (steps == 0.0) & (np.diff(points, axis=0) == 0.0).all(axis=1)
+    if rates is not None:
+        same &= (np.diff(rates, axis=0) == 0.0).all(axis=1)
+    if len(wrong := np.flatnonzero(~same & ~(steps >= LEAST_STEP))):
+        row = int(wrong[0])
+        how = "is the same, and the rows differ" if steps[row] == 0.0 else f"is less than {LEAST_STEP:g} s later"
+        raise MalformedRequest(
+            f"`trajectory.times` must increase: times[{row + 1}] = {times[row + 1]:.9g} after times[{row}] ="
+            f" {times[row]:.9g} {how}",
+            row=row + 1,
+        )
+    kept = np.flatnonzero(np.r_[True, ~same])
+    if len(kept) == len(times):
+        return kept, []
+    return kept, [f"rows that repeat the one before, its time too, were left out: {len(times) - len(kept)}"]
+
+
+def _other_accelerations(motion: GivenMotion, told: np.ndarray) -> list[str]:
+    """A warning where accelerations (n, nv) that were given are not those of the curve."""
+    if motion.is_point or motion.times is None or motion.velocities is None:
+        return []
+    begins, ends = piece_accelerations(motion.times, motion.positions, motion.velocities)
+    near = [
+        np.abs(told - mine) <= SAME * (1.0 + np.abs(mine))
+        for mine in (np.vstack([begins, ends[-1:]]), np.vstack([begins[:1], ends]))
+    ]
+    if len(other := np.flatnonzero(~(near[0] | near[1]).all(axis=1))):
+        row = int(motion.rows[other[0]])
+        return [
+            "`trajectory.accelerations` are not those of the cubic curve that is judged, first in row"
+            f" {row}: a controller that follows them executes another one"
+        ]
+    return []

@@ -1,0 +1,242 @@
+"""The reply to a certify request, from the judgement that was made."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.errors import Status
+from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
+from guidefield.messages import replies
+from guidefield.messages.replies import CertifyReply
+from guidefield.planner.given_leaving import Leaving
+from guidefield.planner.judgement import GivenProblem, Judgement
+from guidefield.planner.leaving import left_contacts
+from guidefield.planner.motion.limit_shares import Use
+from guidefield.planner.quality import Clearance
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.refusal import refused_at
+
+RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}
+"""Limits of rates, by their fields in a reply."""
+
+
+def reply_to(
+    problem: GivenProblem,
+    judgement: Judgement,
+    measured: Clearance,
+    run_id: str,
+    received: float,
+    seconds: Mapping[str, float],
+    warnings: Sequence[str],
+) -> CertifyReply:
+    """Put a judgement into the wire's words.
+
+    Args:
+        problem: What was judged.
+        judgement: What came of it.
+        measured: How far the motion keeps from everything.
+        run_id: Name of the run.
+        received: As in `answer_certify`.
+        seconds: Time by stage [s].
+        warnings: What was odd before judging.
+    """
+    group, ended = problem.group, _ending(problem, judgement)
+    return CertifyReply(
+        run_id=run_id,
+        status=replies.Outcome(
+            code=int(ended.status), name=ended.status.name, message=ended.message, details=ended.details
+        ),
+        warnings=[*warnings, *_left(judgement), *unmeasured(measured)],
+        curve=problem.motion.kind.value,
+        position_names=group.position_names,
+        velocity_names=group.velocity_names,
+        certificate=_certificate(problem, judgement),
+        clearance=_clearance(problem, judgement, measured),
+        self_clearance=_self_clearance(judgement, measured),
+        limits=_limits(problem, judgement),
+        timing=replies.Timing(**seconds, total=time.monotonic() - received),
+        counters=replies.Counters(collision_checks=problem.counters.collision_checks),
+        recording=None,
+    )
+
+
+def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
+    """The verdict as a status, and a sentence."""
+    verdict = judgement.verdict
+    if verdict.free and judgement.within_limits:
+        return Ending(Status.SUCCESS, "the motion is certified free over its whole length and within its limits")
+    if verdict.free:
+        return _beyond_a_rate(problem, judgement)
+    where = _where(*_refused(problem, verdict))
+    details = refused_at(problem.group, verdict)
+    if verdict.reason is Reason.STOPPED:
+        status = problem.budget.spent() or Status.TIMED_OUT
+        why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
+        until = _where(*_free_until(problem, verdict))
+        return Ending(status, f"{why} before the motion was certified; it is free until {until}", details)
+    return Ending(Status.INVALID_MOTION_PLAN, f"{_why(problem, judgement)}, at {where}", details)
+
+
+def _why(problem: GivenProblem, judgement: Judgement) -> str:
+    """Why a motion is refused, as the beginning of a sentence."""
+    verdict = judgement.verdict
+    pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
+    match verdict.reason:
+        case Reason.CONTACT:
+            return _contact(judgement, pair)
+        case Reason.TOO_CLOSE:
+            return f"the motion keeps less than {1000 * problem.min_clearance:g} mm between {pair}"
+        case Reason.BEYOND_LIMITS:
+            fault = verdict.beyond
+            assert fault is not None, "a joint is beyond its limits"
+            return (
+                f"joint {fault.joint} reaches {fault.value:.6g}, {fault.excess:.3g} beyond its limits"
+                f" [{fault.lower:.6g}, {fault.upper:.6g}]"
+            )
+        case Reason.PATH_CONSTRAINT:
+            return "the motion violates a path constraint"
+        case _:
+            return f"the motion brings {pair} so close that it can't be told whether they touch"
+
+
+def _contact(judgement: Judgement, pair: str) -> str:
+    """How a pair is in contact, as the beginning of a sentence."""
+    if judgement.enclosed:
+        return f"the motion begins with {pair}, one wholly inside the other"
+    if judgement.leaving is not None and not judgement.leaving.leaves:
+        return f"the motion begins in contact and doesn't leave it without coming closer: {pair}"
+    return f"the motion is in contact: {pair}"
+
+
+def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
+    """The ending of a motion that is free, but exceeds a limit of a rate."""
+    group, motion = problem.group, problem.motion
+    exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).kept}
+    name, use = max(exceeded.items(), key=lambda item: np.inf if item[1].share is None else item[1].share)
+    assert use.coordinate is not None, "a limit that is exceeded is of a joint"
+    joint = group.joints[_joint_of(problem, use.coordinate)].name
+    place = motion.along(use.piece, use.at)
+    more = f" (and {', '.join(other for other in exceeded if other != name)})" if len(exceeded) > 1 else ""
+    if use.share is None:
+        message = f"the acceleration of joint {joint} jumps at {_where(*place)}, so that it keeps no jerk limit"
+    else:
+        message = f"joint {joint} uses {100 * use.share:.4g} % of its {name} limit{more}, at {_where(*place)}"
+    details: dict[str, Any] = {"stage": "limits", "limit": name, "joint": joint, "share": use.share}
+    return Ending(Status.INVALID_MOTION_PLAN, message, details)
+
+
+def _where(row: float, time: float | None) -> str:
+    """A place, for a person."""
+    return f"row {row:.6g}" if time is None else f"{time:.6g} s (row {row:.6g})"
+
+
+def _refused(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
+    """Row and time of the place that was judged; of the end, if it is free."""
+    if verdict.piece is None or verdict.parameter is None:
+        return problem.motion.end
+    return problem.motion.along(verdict.piece, verdict.parameter)
+
+
+def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
+    """Row and time up to which the motion is certified."""
+    if verdict.piece is None or verdict.free_until is None:
+        return problem.motion.end
+    return problem.motion.along(verdict.piece, verdict.free_until)
+
+
+def _left(judgement: Judgement) -> list[str]:
+    """A warning about a contact at the start that is left."""
+    leaving = judgement.leaving
+    return [] if leaving is None or not leaving.leaves else [left_contacts(leaving.contacts)]
+
+
+def _covered(problem: GivenProblem, leaving: Leaving | None) -> str:
+    """What the certificate is about."""
+    what = "path" if problem.motion.times is None else "trajectory"
+    if leaving is None or not leaving.leaves:
+        return what
+    row, when = problem.motion.along(leaving.piece, leaving.share)
+    return f"{what} after row {row:.6f}" if when is None else f"{what} after {when:.6f} s"
+
+
+def _certificate(problem: GivenProblem, judgement: Judgement) -> replies.MotionCertificate:
+    group, place, verdict = problem.group, None, judgement.verdict
+    if verdict.configuration is not None:
+        row, when = _refused(problem, verdict)
+        columns = group.wire_positions(verdict.configuration)
+        place = replies.Place(row=row, time=when, configuration=dict(zip(group.position_names, columns, strict=True)))
+    row, when = _free_until(problem, verdict)
+    return replies.MotionCertificate(
+        collision_free=verdict.free,
+        method=CERTIFICATE,
+        covers=_covered(problem, judgement.leaving),
+        evaluations=verdict.evaluations,
+        reason=verdict.reason.value,
+        free_until=replies.Along(row=row, time=when),
+        pair=list(verdict.pair) if verdict.pair else None,
+        place=place,
+    )
+
+
+def _clearance(problem: GivenProblem, judgement: Judgement, measured: Clearance) -> replies.MotionClearance:
+    closest = measured.obstacle
+    if closest.pair is None:
+        return replies.MotionClearance(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
+    certified = problem.min_clearance if judgement.verdict.free and judgement.leaving is None else -np.inf
+    row, when = _measured_at(problem, closest.time)
+    return replies.MotionClearance(
+        minimum=stated(closest, certified),
+        mean=measured.mean,
+        inner=None if measured.inner is None else stated(measured.inner, certified),
+        ends=measured.ends,
+        pair=list(closest.pair),
+        time=when,
+        row=row,
+    )
+
+
+def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | None]:
+    """Row and time of a place that was measured at a time [s]."""
+    motion = problem.motion
+    if not problem.scene.moves:
+        return motion.along_measured(time)
+    times = motion.scheduled.times
+    if motion.is_point:
+        return motion.along(0, 0.0)
+    piece = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+    return motion.along(piece, float(np.clip((time - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0)))
+
+
+def _self_clearance(judgement: Judgement, measured: Clearance) -> replies.SelfClearance:
+    if measured.own.pair is None:
+        return replies.SelfClearance(minimum=None, pair=None)
+    certified = 0.0 if judgement.verdict.free and judgement.leaving is None else -np.inf
+    return replies.SelfClearance(minimum=stated(measured.own, certified), pair=list(measured.own.pair))
+
+
+def _limits(problem: GivenProblem, judgement: Judgement) -> replies.LimitShares:
+    uses = judgement.uses
+    return replies.LimitShares(
+        position=_use(problem, uses.position),
+        velocity=_use(problem, uses.velocity),
+        acceleration=_use(problem, uses.acceleration),
+        jerk=_use(problem, uses.jerk),
+    )
+
+
+def _use(problem: GivenProblem, use: Use) -> replies.LimitUse:
+    if use.coordinate is None:
+        return replies.LimitUse()
+    row, when = problem.motion.along(use.piece, use.at)
+    joint = problem.group.joints[_joint_of(problem, use.coordinate)].name
+    return replies.LimitUse(share=use.share, joint=joint, row=row, time=when, steps=use.steps)
+
+
+def _joint_of(problem: GivenProblem, coordinate: int) -> int:
+    """Index of the group's joint that has a coordinate of the chart."""
+    return next(k for k, j in enumerate(problem.group.joints) if j.idx_v <= coordinate < j.idx_v + j.nv)

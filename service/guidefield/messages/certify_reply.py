@@ -1,0 +1,147 @@
+"""The answer to a certify request, and what it is made of."""
+
+from __future__ import annotations
+
+from guidefield.messages.plan_reply import (
+    CertificateFigures,
+    ClearanceFigures,
+    Counters,
+    Outcome,
+    SelfClearance,
+    Timing,
+)
+from guidefield.messages.values import Reply
+
+
+class Along(Reply):
+    """A place along a motion as it was given.
+
+    Attributes:
+        row: Index of the row before it, and the share of the way to the next: 12.25 is a quarter of the way from row 12
+            to row 13; in a trajectory a quarter of the time.
+        time: When [s]; null where the motion has no times.
+    """
+
+    row: float
+    time: float | None
+
+
+class Place(Along):
+    """Where a motion was refused.
+
+    Attributes:
+        configuration: Joint values there, by the names of `position_names`.
+    """
+
+    configuration: dict[str, float]
+
+
+class MotionCertificate(CertificateFigures):
+    """What the certificate says about a motion that was given.
+
+    Attributes:
+        reason: "free", or why it is refused: "contact", "too close", "beyond limits", "violates a path constraint",
+            "undecided" or "stopped".
+        free_until: How far the motion is certified from its beginning; its end if it is free.
+        pair: The two bodies that were refused; null if it is free, or where no pair is to blame.
+        place: Where it was refused; null if it is free.
+    """
+
+    reason: str
+    free_until: Along
+    pair: list[str] | None = None
+    place: Place | None = None
+
+
+class MotionClearance(ClearanceFigures):
+    """`ClearanceFigures` along a motion that was given.
+
+    Attributes:
+        row: Where it is smallest, as in `Along`; null without such a pair.
+    """
+
+    row: float | None = None
+
+
+class LimitUse(Reply):
+    """How much of a limit a motion uses at most, exactly, between its rows too.
+
+    Attributes:
+        share: 1 is the limit: of a position the distance from the middle of its range, as a share of half of it; of a
+            rate its size, as a share of the most. Null where nothing is limited, or where the curve has no such rate.
+        joint: Whose it is.
+        row: Where, as in `Along`.
+        time: When [s].
+        steps: Whether the rate below jumps there, so that no limit is kept: then the share is null.
+    """
+
+    share: float | None = None
+    joint: str | None = None
+    row: float | None = None
+    time: float | None = None
+    steps: bool = False
+
+
+class LimitShares(Reply):
+    """The largest share of each limit that a motion uses.
+
+    Attributes:
+        position: Of the joints' ranges.
+        velocity: Null without times.
+        acceleration: Null without times, and of straight pieces, whose velocity jumps.
+        jerk: The same, and where the request limits none.
+    """
+
+    position: LimitUse
+    velocity: LimitUse
+    acceleration: LimitUse
+    jerk: LimitUse
+
+
+class CertifyReply(Reply):
+    """The verdict about a motion, an honest "no" included.
+
+    Look at `status` first: SUCCESS where the motion is free, keeps what was asked for and is within all limits;
+    INVALID_MOTION_PLAN where it isn't, and `certificate` or `limits` says why; TIMED_OUT or PREEMPTED where that can't
+    be told, with how far it is free.
+
+    Attributes:
+        run_id: Name of the run.
+        status: The verdict.
+        curve: Which curve was judged: "hermite", cubic through knots with velocities; "spline", cubic and twice
+            continuously differentiable through samples; "linear", straight pieces.
+        position_names: Columns of configurations, in the robot's order.
+        velocity_names: Columns of rates.
+        certificate: Whether it is free, and how far.
+        clearance: From obstacles, along the motion.
+        self_clearance: Of the robot from itself.
+        limits: How much of each limit is used.
+        timing: Where time went.
+        counters: What was done how often.
+        recording: Key or file of the recording, if there is one.
+        schema: Version of this message.
+        warnings: What was odd but harmless.
+
+    Example:
+        >>> import guidefield
+        >>> names = ["shoulder_pan_joint", "elbow_joint"]
+        >>> request = {"type": "certify", "robot": "ur5", "scene": "table", "position_names": names}
+        >>> reply = guidefield.answer({**request, "path": [[0.0, 1.0], [0.4, 1.2]]})
+        >>> reply.status.name, reply.curve, reply.certificate.free_until.row
+        ('SUCCESS', 'linear', 1.0)
+    """
+
+    run_id: str
+    status: Outcome
+    curve: str
+    position_names: list[str]
+    velocity_names: list[str]
+    certificate: MotionCertificate
+    clearance: MotionClearance | None
+    self_clearance: SelfClearance | None
+    limits: LimitShares
+    timing: Timing
+    counters: Counters
+    recording: str | None
+    schema: int = 1
+    warnings: list[str] = []

@@ -1,0 +1,132 @@
+"""The judgement of a motion that somebody else made: free, within its limits, keeping what is asked for; and how far.
+
+It begins as a plan does: a body wholly inside another, or a slight contact that may be left. Then certificates judge
+what rests, what moves, and what frames have to keep; of their refusals the first along the motion counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.timed_certificate import certify_timed
+from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.collision.enclosure import enclosed
+from guidefield.collision.world import World
+from guidefield.planner.given_leaving import Leaving, judge_leaving
+from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.limit_shares import Uses, limit_shares
+from guidefield.planner.task.conditions import Conditions
+from guidefield.robot.model.spaces import Configuration
+
+if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
+    from guidefield.potential import RobotField
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GivenProblem(Conditions):
+    """A motion that somebody else made, and what it is judged by.
+
+    Attributes:
+        motion: The motion.
+    """
+
+    motion: GivenMotion
+
+    @cached_property
+    def robot_field(self) -> RobotField:
+        """The scene's field on the robot, for a recording."""
+        from guidefield.potential import Precision, RobotField
+
+        return RobotField(self.group, self.scene, Precision.SINGLE)
+
+    def potential(self, time: float, q: Configuration) -> float:
+        """Potential of the robot at a configuration (nq,) among the obstacles as they stand at a time [s]: U [m]."""
+        field = self.robot_field.among(self.scene.at(time)) if self.scene.moves else self.robot_field
+        return field.potential(q)
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What is said about a motion.
+
+    Attributes:
+        verdict: Whether it is free and keeps what is asked for.
+        uses: How much of its limits it uses.
+        enclosed: Whether what is refused is a body wholly inside another at the start.
+        leaving: How a contact at the start is left; None where there is none, or it may not be left.
+    """
+
+    verdict: Verdict
+    uses: Uses
+    enclosed: bool = False
+    leaving: Leaving | None = None
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether no rate exceeds its limit."""
+        uses = self.uses
+        return all(use.kept for use in (uses.velocity, uses.acceleration, uses.jerk))
+
+
+def judge(problem: GivenProblem) -> Judgement:
+    """Judge a motion until time is up.
+
+    Raises:
+        ValueError: if obstacles move and the motion has no times.
+    """
+    uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
+    if (inside := _enclosed_at_start(problem)) is not None:
+        z = problem.motion.start
+        return Judgement(Verdict(Reason.CONTACT, 1, 0, 0.0, 0.0, inside, z), uses, enclosed=True)
+    kept, leaving = _constraints(problem), None
+    if problem.leave_start_contact:
+        leaving = judge_leaving(problem, problem.motion.pieces)
+    verdict = _first(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
+    problem.counters.collision_checks += verdict.evaluations
+    return Judgement(verdict, uses, leaving=leaving)
+
+
+def _enclosed_at_start(problem: GivenProblem) -> tuple[str, str] | None:
+    """A body and an obstacle, one wholly inside the other at the start."""
+    world, motion = problem.world, problem.motion
+    if problem.scene.moves:
+        _, begin = motion.along(0, 0.0)
+        world = World.build(problem.group, problem.scene.at(begin or 0.0), problem.allowed_collisions)
+    q = problem.group.expand_from_chart(motion.start)
+    return None if world.in_collision(q) else enclosed(world, q)
+
+
+def _constraints(problem: GivenProblem) -> Verdict:
+    """Whether frames keep what they have to."""
+    if not problem.path_constraints:
+        return Verdict(Reason.FREE, 0)
+    turns = problem.world.bodies.turns
+    return certify_constraints(problem.constrained_frames, turns, problem.motion.pieces, problem.budget.spent)
+
+
+def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
+    """Whether nothing touches or comes too close, as far as the path constraints are kept."""
+    motion, stopped = problem.motion, problem.budget.spent
+    count = len(motion.pieces) if kept.piece is None else kept.piece + 1
+    if not problem.scene.moves:
+        return certify(problem.world, motion.pieces[:count], problem.min_clearance, stopped=stopped)
+    pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
+    return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
+
+
+def _first(one: Verdict, other: Verdict) -> Verdict:
+    """The one that is refused first along the motion, with the evaluations of both."""
+    chosen = min(one, other, key=_place)
+    return replace(chosen, evaluations=one.evaluations + other.evaluations)
+
+
+def _place(verdict: Verdict) -> tuple[float, float]:
+    if verdict.piece is None or verdict.parameter is None:
+        return np.inf, np.inf
+    return verdict.piece, verdict.parameter
