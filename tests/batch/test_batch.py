@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import guidefield
+from guidefield.batch.cluster import _why
 from guidefield.batch.results import RESULTS, Item
 
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
@@ -107,6 +108,40 @@ def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:
     finally:
         ray.shutdown()
         cluster.shutdown()
+
+
+def test_what_a_node_lacks_is_said_without_colours() -> None:
+    class TaskError(Exception):
+        """As Ray tells what was raised on a node: in colours, the cause beside it."""
+
+        cause = ModuleNotFoundError("No module named 'coal'")
+
+    told = _why(TaskError("\x1b[36mray::_answer()\x1b[39m (pid=1, ip=10.0.0.1)\n  File ...\nModuleNotFoundError: ..."))
+    assert told == (
+        "a node can't answer: ModuleNotFoundError: No module named 'coal'; guidefield must be installed on every node"
+    )
+    lost = _why(Exception("\n\x1b[31mThe node died\x1b[0m unexpectedly\nsee the logs"))
+    assert lost == "whoever worked on this request was lost: The node died unexpectedly"
+
+
+def test_a_cluster_whose_node_lacks_a_package_says_which(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'guidefield[ray]'")
+    (tmp_path / "coal.py").write_text("raise ModuleNotFoundError(\"No module named 'coal'\")\n")
+    requests = _written(tmp_path / "requests.jsonl", [_potential(0)])
+    folder = tmp_path / "results"
+    done = subprocess.run(
+        [*_command(requests, folder), "--ray", "local"],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])},
+    )
+    assert done.returncode == 2, done.stderr
+    error = _results(folder)[1]["error"]
+    assert error["name"] == "CRASH"
+    assert "No module named 'coal'; guidefield must be installed on every node" in error["message"]
+    assert "\x1b" not in error["message"]
 
 
 def test_no_cluster_is_said_so(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 import trustme
 
 from guidefield import Box, Client, NoService, Potential, Scene
+from guidefield.cli.loopback import free_port
 from tests.journeys.service import Service, running_service
 
 EXAMPLES = Path(__file__).resolve().parent.parent.parent / "tools" / "examples" / "secured"
@@ -81,7 +82,7 @@ def test_an_onlooker_may_look_on(folder: Path, service: Service) -> None:
             lambda: client.store_scene(Scene("mine")),
             lambda: client.cancel("any"),
         ):
-            with pytest.raises(NoService):
+            with pytest.raises(NoService, match="this user may have no right to ask"):
                 forbidden()
 
 
@@ -96,10 +97,18 @@ def test_an_onlooker_may_look_on(folder: Path, service: Service) -> None:
     ids=["wrong password", "unknown user", "a certificate of somebody else", "no user"],
 )
 def test_nobody_else_gets_in(changes: tuple[tuple[str, str], ...], folder: Path, service: Service) -> None:
-    with pytest.raises(NoService):
+    with pytest.raises(NoService, match=r"listens, but doesn't let this client in: look at user, password") as refused:
         _as(folder, service, *changes)
+    assert refused.value.details["endpoints"] == [service.endpoint]
+
+
+def test_nobody_gets_in_by_two_doors_either(folder: Path, service: Service) -> None:
+    text = (folder / "client.json5").read_text().replace("ca.pem", str(folder / "ca.pem"))
+    (folder / "guessed.json5").write_text(text.replace("change me", "a guess"))
+    with free_port() as port, pytest.raises(NoService, match="doesn't let this client in"):
+        Client.connect(f"tls/localhost:{port}", service.endpoint, config=folder / "guessed.json5", wait=BRIEF)
 
 
 def test_nobody_gets_in_without_encryption(service: Service) -> None:
-    with pytest.raises(NoService):
+    with pytest.raises(NoService, match="doesn't let this client in"):
         Client.connect(service.endpoint.replace("tls/", "tcp/"), wait=BRIEF)

@@ -75,6 +75,8 @@ def test_an_impossible_planning_time_is_brought_within_bounds(given_: float, all
         (_query("robots", parameters={"delete": ""}), "unknown parameter 'delete'"),
         (_query("runs", parameters={"sinse": "1"}), "valid: robot, since, status"),
         (_query("runs", parameters={"since": "yesterday"}), "seconds since 1970"),
+        (_query("runs", parameters={"since": "nan"}), "seconds since 1970, got 'nan'"),
+        (_query("runs", parameters={"since": "-inf"}), "seconds since 1970"),
         (_query("runs", parameters={"status": "success"}), "`status` must be one of SUCCESS, PLANNING_FAILED"),
         (_query("robots", b"{}"), "takes no payload"),
         (_query("scenes/shelf", b"{}", {"delete": ""}), "takes no payload"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import socket
 import tempfile
 from collections import Counter
@@ -21,6 +22,8 @@ AHEAD = 4
 """How many requests are handed over for each core of the cluster."""
 CONNECT_WITHIN = 5.0
 """How long a cluster may take to be there [s]."""
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+"""How a terminal is told to change its colour."""
 ATTEMPTS = 3
 """How often a request is asked again when its node or its worker is lost."""
 
@@ -43,7 +46,7 @@ def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
     try:
         ray.init(address=address, log_to_driver=False, configure_logging=False)
     except (ConnectionError, RuntimeError, ValueError) as error:
-        raise CannotWork(f"there is no Ray cluster at {address!r}: {error}") from None
+        raise CannotWork(f"there is no Ray cluster at {address!r}: {_COLOUR.sub('', str(error))}") from None
     try:
         yield from _asked(ray, items)
     finally:
@@ -80,8 +83,18 @@ def _asked(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
                 if lost[item.line] <= ATTEMPTS:  # the answer was lost with its node, not the request
                     left = chain([item], left)
                 else:
-                    reason = str(error).partition("\n")[0]
-                    yield crashed(item, WorkerCrashed(f"whoever worked on this request was lost: {reason}"))
+                    yield crashed(item, WorkerCrashed(_why(error)))
+
+
+def _why(error: Exception) -> str:
+    """In a sentence why the cluster has no answer: what was raised on a node, or else what Ray says in its first line.
+
+    What our own code raises there means that the node can't work, not that the request can't be answered.
+    """
+    cause = getattr(error, "cause", None)
+    if isinstance(cause, Exception):
+        return f"a node can't answer: {type(cause).__name__}: {cause}; guidefield must be installed on every node"
+    return f"whoever worked on this request was lost: {_COLOUR.sub('', str(error)).strip().partition(chr(10))[0]}"
 
 
 def _outcome(item: Item, is_reply: bool, payload: bytes, recording: bytes | None) -> Outcome:

@@ -12,9 +12,9 @@ from typing import Any, Self, TypeVar
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, awaited
 from guidefield.client.questions import KinematicsReply, Question
-from guidefield.client.session import opened
+from guidefield.client.session import configured, linked, opened, unreachable
 from guidefield.client.watching import watching
-from guidefield.errors import GuidefieldError
+from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages.replies import (
     InfoReply,
     PlanReply,
@@ -76,7 +76,8 @@ class Client:
             wait: How long to wait for it to be there [s].
 
         Raises:
-            NoService: if in that time nobody listens there, or no service of that name shows.
+            NoService: if in that time nobody listens there, who listens doesn't let this user in, or no service of that
+                name shows.
             ValueError: if an endpoint isn't one, or the configuration is wrong.
         """
         return cls(exchange_with(endpoints, instance, config, wait))
@@ -304,10 +305,14 @@ def exchange_with(endpoints: tuple[str, ...], instance: str | None, config: Path
     """What carries questions to a service that is there; raises as `Client.connect`."""
     deadline = time.monotonic() + wait
     where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
-    exchange = Exchange(opened(where, config, deadline), instance)
+    settings = configured(where, config)
+    exchange = Exchange(opened(settings, deadline), instance)
     try:
         exchange.await_instance(deadline - time.monotonic())
-    except BaseException:
+    except BaseException as error:
+        alone = isinstance(error, NoService) and not linked(exchange.session)
         exchange.close()
+        if alone:
+            raise unreachable(settings, "there is no link to any of them") from None
         raise
     return exchange

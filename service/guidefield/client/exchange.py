@@ -88,6 +88,10 @@ class Exchange:
         """Whether the instance that is asked lives."""
         return self._current in self._instances.living()
 
+    def is_there(self, instance: str) -> bool:
+        """Whether an instance lives."""
+        return instance in self._instances.living()
+
     def ask(self, question: Question[Any]) -> Future[bytes]:
         """The payload of the answer to come; or the exception that the service's error stands for.
 
@@ -193,7 +197,13 @@ class _Asking:
                 self.answer.set_exception(failure)
 
     def _gone(self) -> NoService:
-        return NoService(f"no service named {self._instance!r} answers any more", instance=self._instance)
+        """Zenoh brings no answer where the instance is gone, and where this client has no right to the key."""
+        name, key = self._instance, self._question.key
+        if self._exchange.is_there(name):
+            told = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
+        else:
+            told = f"no service named {name!r} answers any more"
+        return NoService(told, instance=name, key=key)
 
     def _refusal(self) -> GuidefieldError:
         """What an error stands for; Zenoh itself answers, in words, where the time is up."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
+import socket
 import time
+from itertools import chain
 from pathlib import Path
 
 import zenoh
@@ -14,36 +17,81 @@ LOOK_AGAIN = 0.05
 """How often something that isn't there yet is looked for [s]."""
 LEASE = 2_000
 """How long a cut link may go unnoticed [ms]."""
+OVER_TCP = ("tcp", "tls", "ws")
+"""Protocols of Zenoh's that go over TCP."""
+ANSWERS_WITHIN = 1.0
+"""How long it is looked whether anybody listens at all [s]."""
 RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5}
 """How often a cut link is tried again; the configuration's own word for it counts more."""
 
 
-def opened(endpoints: tuple[str, ...], config: Path | None, deadline: float) -> zenoh.Session:
-    """A session; to a single endpoint as a client, to several as a peer that is connected to each.
+def opened(settings: zenoh.Config, deadline: float) -> zenoh.Session:
+    """A session.
 
     Args:
-        endpoints: Where services or routers listen; may be none where the configuration names some.
-        config: Zenoh configuration file: users, certificates.
+        settings: As `configured` makes them.
         deadline: How long to try, by `time.monotonic()` [s].
 
     Raises:
-        NoService: if nobody listens there.
-        ValueError: if an endpoint isn't one, or the configuration is wrong.
+        NoService: if nobody listens there, or who does doesn't let us in.
     """
-    settings = _configured(endpoints, config)
     while True:
         try:
             return zenoh.open(settings)
         except zenoh.ZError as error:
             if time.monotonic() > deadline:
-                where = ", ".join(endpoints) or str(config)
-                raise NoService(
-                    f"nobody listens at {where}: {without_source(error)}", endpoints=list(endpoints)
-                ) from None
+                raise unreachable(settings, without_source(error)) from None
         time.sleep(LOOK_AGAIN)
 
 
-def _configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
+def unreachable(settings: zenoh.Config, reason: str) -> NoService:
+    """Why there is no link to any endpoint: nobody listens there, or who does lets nobody in who comes like this.
+
+    Zenoh says the same of a wrong password as of a port where nobody is.
+    """
+    endpoints = _endpoints(settings)
+    where = ", ".join(endpoints)
+    if any(map(_listened_at, endpoints)):
+        words = f"{where} listens, but doesn't let this client in: look at user, password, certificates and protocol"
+    else:
+        words = f"nobody listens at {where}"
+    return NoService(f"{words}: {reason}", endpoints=endpoints)
+
+
+def _endpoints(settings: zenoh.Config) -> list[str]:
+    """Where a configuration connects to."""
+    told = json.loads(settings.get_json("connect/endpoints"))
+    return [str(one) for one in (told if isinstance(told, list) else chain.from_iterable(told.values()))]
+
+
+def _listened_at(endpoint: str) -> bool:
+    """Whether somebody takes TCP's connections there; False where the protocol is another one."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = re.split("[?#]", address)[0].rpartition(":")
+    if protocol not in OVER_TCP or not port.isdecimal():
+        return False
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), ANSWERS_WITHIN).close()
+    except (OSError, OverflowError):
+        return False
+    return True
+
+
+def linked(session: zenoh.Session) -> bool:
+    """Whether a session has a link to anybody."""
+    return bool(list(session.info.peers_zid()) or list(session.info.routers_zid()))
+
+
+def configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
+    """Settings of a session; to a single endpoint as a client, to several as a peer that is connected to each.
+
+    Args:
+        endpoints: Where services or routers listen; may be none where the configuration names some.
+        config: Zenoh configuration file: users, certificates.
+
+    Raises:
+        ValueError: if an endpoint isn't one, or the configuration is wrong.
+    """
     try:
         settings = zenoh.Config() if config is None else zenoh.Config.from_file(str(config))
     except zenoh.ZError as error:

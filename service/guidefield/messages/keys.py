@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -149,6 +150,8 @@ def _runs(query: Query) -> requests.Request:
     since = query.parameters.get("since")
     try:
         began_after = None if since is None else float(since)
+        if began_after is not None and not math.isfinite(began_after):
+            raise ValueError
     except ValueError:
         raise MalformedRequest(f"`since` must be seconds since 1970, got {since!r}", parameter="since") from None
     try:

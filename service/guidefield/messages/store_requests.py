@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -97,6 +98,8 @@ class ReadRuns(Message, tag_field="type", tag="runs"):
         names = (*Status.__members__, RUNNING, UNREADABLE)
         if self.status is not None and self.status not in names:
             raise ValueError(f"`status` must be one of {', '.join(names)}, got {self.status[:64]!r}")
+        if self.since is not None and not math.isfinite(self.since):
+            raise ValueError(f"`since` must be seconds since 1970, got {self.since}")
 
     def wants(self, status: str, robot: str, began: float) -> bool:
         """Whether a run with these is to be listed."""

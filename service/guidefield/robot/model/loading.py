@@ -15,6 +15,7 @@ from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.groups import resolve_groups
+from guidefield.robot.model.mesh_files import check_vertices, written_plainly
 from guidefield.robot.model.mimic_limits import narrowed
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
 from guidefield.robot.urdf import srdf
@@ -31,6 +32,9 @@ TIME_TO_SPEED = 0.5
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
 millions of turns could not be judged."""
+
+MISLEADING = "Hint: the mesh directory may be wrong."
+"""What Coal adds to the reason why a mesh can't be read: the file was found before."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
@@ -103,17 +107,22 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
 def _parse(name: str, source: RobotSource, meshes: Mapping[str, str]) -> tuple[Any, Any]:
     """Pinocchio's model and collision geometry; its stated reason becomes ours, mesh files named as in the URDF."""
     root = ROOT_JOINTS[source.root_joint]
-    with captured_stderr() as stderr:
+    with written_plainly(source.urdf_text) as (text, copied), captured_stderr() as stderr:
         try:
-            text = source.urdf_text
             model = pin.buildModelFromXML(text, root()) if root else pin.buildModelFromXML(text)
             geometry = pin.GeometryModel()
             pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
         except (ValueError, RuntimeError) as error:
             reason = stderr.reason() or " ".join(str(error).partition("message: ")[2].split()) or str(error)
+            for copy, path in copied.items():
+                reason = reason.replace(copy, path)
             for path, uri in meshes.items():
                 reason = reason.replace(path, repr(uri))
+            reason = reason.removesuffix(MISLEADING).rstrip()
             raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
+    for shape in geometry.geometryObjects:
+        shape.meshPath = copied.get(shape.meshPath, shape.meshPath)
+    check_vertices(model, geometry, meshes)
     return model, geometry
 
 
