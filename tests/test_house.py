@@ -7,7 +7,8 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
-from importlib import resources
+from dataclasses import fields, is_dataclass
+from importlib import import_module, resources
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import get_origin
@@ -19,6 +20,7 @@ from packaging.utils import canonicalize_name
 from typer.main import get_command
 
 from guidefield.cli import app
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model import spaces
 
 HOUSE = Path(__file__).resolve().parent.parent
@@ -178,6 +180,23 @@ def test_the_rooms_of_a_package_are_told_in_the_order_of_the_contract(package: s
     ordered = [layer & rooms for layer in _layers(f"guidefield.{package}")]
     assert [layer for layer in told if layer] == [layer for layer in ordered if layer]
     assert set().union(*told) == rooms
+
+
+def test_the_arrays_of_values_are_read_only() -> None:
+    """What a planner or a certificate hands on nobody changes; named here is what is written by design."""
+    written = {"Places", "_Room"}
+    left = []
+    for path in SOURCES:
+        if not {"planner", "certify", "minimum"} & set(path.relative_to(PACKAGE).parts):
+            continue
+        module = import_module(".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts))
+        for name, kind in vars(module).items():
+            if not (is_dataclass(kind) and isinstance(kind, type) and kind.__module__ == module.__name__):
+                continue
+            held = [field.type for field in fields(kind) if ARRAYS.search(field.type) and "Callable" not in field.type]
+            if held and not issubclass(kind, ReadOnly) and name not in written:
+                left.append(f"{_relative(path)}: {name}")
+    assert left == []
 
 
 def test_every_room_says_its_idea() -> None:

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
+from guidefield.read_only import read_only
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import TRANSLATION
@@ -154,8 +155,7 @@ def bodies(group: PlanningGroup, obstacles: tuple[Obstacle, ...]) -> Bodies:
         "box_centres": np.concatenate([np.empty(0), *(centre @ axes for axes, centre, _ in boxes)]),
         "box_halves": np.concatenate([np.empty(0), *(halves for _, _, halves in boxes)]),
     }
-    for array in arrays.values():
-        array.setflags(write=False)
+    read_only(*arrays.values())
     return Bodies(**_of_robot(group), **arrays)
 
 
@@ -190,8 +190,7 @@ def _of_robot(group: PlanningGroup) -> dict[str, np.ndarray]:
         "moved_by": moved_by,
         "turns": turns,
     }
-    for array in arrays.values():
-        array.setflags(write=False)
+    read_only(*arrays.values())
     return arrays
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.world import World
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ModelConfiguration
 
 HULL_ACCURACY = 1e-6
@@ -17,7 +18,7 @@ HULL_ACCURACY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ClearanceAt:
+class ClearanceAt(ReadOnly):
     """Smallest distances at one configuration: signed where both bodies are convex, else 0 in contact.
 
     Attributes:
@@ -57,7 +58,6 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
         witness = np.array([obstacle[2].getNearestPoint1(), obstacle[2].getNearestPoint2()])
         between = witness[0] - witness[1]
         witness[1] += between * (world.roundings[obstacle[1]] / max(float(np.linalg.norm(between)), 1e-12))
-        witness.setflags(write=False)
     return ClearanceAt(
         obstacle_distance=np.inf if obstacle is None else obstacle[0],
         obstacle_pair=None if obstacle is None else world.pair_names(obstacle[1]),

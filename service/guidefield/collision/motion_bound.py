@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.collision.bodies import Bodies
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
 
 @dataclass(frozen=True, eq=False)
-class MotionBound:
+class MotionBound(ReadOnly):
     """The bound of the certificate, with everything in it that no configuration changes.
 
     For every configuration q with |q_j - m_j| <= e_j, a point of body b is at most
@@ -113,8 +114,6 @@ def motion_bound(group: PlanningGroup, bodies: Bodies, pairs: np.ndarray, n_self
         "second_only": second & ~first,
         "before_obstacles": mixed[:, 0].copy(),
     }
-    for array in arrays.values():
-        array.setflags(write=False)
     return MotionBound(**arrays)
 
 

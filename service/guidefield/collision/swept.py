@@ -15,6 +15,7 @@ from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.kinematics.local_coordinates import chart_values
 from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SweptRobot
+from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
@@ -108,8 +109,7 @@ def swept_world(world: World) -> SweptWorld:
         moved=moved,
         own=np.ascontiguousarray(world.pairs[: world.n_self], np.int64).reshape(-1, 2),
     )
-    for array in (robot.capsules, robot.carriers, robot.moved, robot.own, robot.origin):
-        array.setflags(write=False)
+    read_only(robot.capsules, robot.carriers, robot.moved, robot.own, robot.origin)
     moving = sum(carrier != 0 for carrier in carriers)
     every_pair = len(world.pairs) - world.n_self == moving * len(world.scene.obstacles)
     exact = every_pair and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)

@@ -31,6 +31,7 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 REPAIRS = 12
@@ -47,7 +48,7 @@ HURRIED = "time was up while the motion was relaxed: with a longer `allowed_plan
 
 
 @dataclass(frozen=True, eq=False)
-class Finished:
+class Finished(ReadOnly):
     """A motion at the end of planning, and the certificate's verdict about it.
 
     Attributes:

@@ -19,6 +19,7 @@ from guidefield.planner.finish import Finished, through, timed
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 
 SLIGHT = 0.01
@@ -41,7 +42,7 @@ SAMPLES = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class Left(ReadOnly):
     """A contact that is left.
 
     Attributes:

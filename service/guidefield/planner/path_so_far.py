@@ -10,11 +10,12 @@ import numpy as np
 
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
-class PathSoFar:
+class PathSoFar(ReadOnly):
     """The motion found so far, and why it goes no further where a stage failed.
 
     Attributes:

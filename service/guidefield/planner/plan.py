@@ -24,6 +24,7 @@ from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
 from guidefield.planner.timed_guide import cross_planes_timed
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
 
@@ -36,7 +37,7 @@ class Planner(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(ReadOnly):
     """What came of planning; it cannot be made without a certificate's verdict.
 
     Attributes:

@@ -17,6 +17,7 @@ from guidefield.planner.judgement import GivenProblem
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import Configurations
 
@@ -81,7 +82,7 @@ class Closest:
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
+class Clearance(ReadOnly):
     """How far a motion keeps from everything: exact over its whole length, and samples along it.
 
     Attributes:
@@ -108,7 +109,7 @@ class Clearance:
 
 
 @dataclass(frozen=True, eq=False)
-class ClearanceProfile:
+class ClearanceProfile(ReadOnly):
     """Distances along a motion, exact at its samples.
 
     Attributes:

@@ -28,6 +28,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 NOMINAL = 0.9
@@ -41,7 +42,7 @@ MARGIN = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class TimedPath:
+class TimedPath(ReadOnly):
     """Chart points and when the robot is there, at rest; and why it goes no further where a plane was not reached.
 
     Attributes:

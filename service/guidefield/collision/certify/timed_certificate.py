@@ -18,6 +18,7 @@ import pinocchio as pin
 from guidefield.collision.certify.certificate import COAL_ACCURACY, certify
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 from guidefield.scene.obstacle import Obstacle
 
@@ -29,7 +30,7 @@ ASKED_EVERY = 16
 
 
 @dataclass(frozen=True, eq=False)
-class TimedWorld:
+class TimedWorld(ReadOnly):
     """A robot among obstacles of which some move.
 
     Attributes:
@@ -134,7 +135,7 @@ def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _TimedSegment:
+class _TimedSegment(ReadOnly):
     """A part of a piece: control points, parameters on the piece, times, and the pairs that are left."""
 
     piece: int

@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from guidefield.collision.world import PairNames
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartPoint
 
@@ -30,7 +31,7 @@ class Reason(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Verdict(ReadOnly):
     """What a certificate says about a motion.
 
     Attributes:

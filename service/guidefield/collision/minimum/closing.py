@@ -8,12 +8,13 @@ import numpy as np
 
 from guidefield.collision.motion_bound import MotionBound, cross
 from guidefield.collision.world import World
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.chart import ROTATION
 from guidefield.robot.model.spaces import ChartRates, ModelTangents
 
 
 @dataclass(frozen=True, eq=False)
-class Closing:
+class Closing(ReadOnly):
     """Bounds of the velocity and acceleration of points of one body as seen from another.
 
     They are for *movers*: first each of the robot's bodies as the world sees it, then each of the robot's own pairs,

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurveRates, ChartCurves, ChartPoints, ChartRates
 
 JUMP = 1e-9
@@ -14,7 +15,7 @@ JUMP = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(ReadOnly):
     """A chain of Bezier curves in the group's chart, each run through evenly.
 
     Attributes:

@@ -21,13 +21,14 @@ import numpy as np
 
 from guidefield.collision.certify.certificate import COAL_ACCURACY
 from guidefield.collision.minimum.places import Places, Surveyor
+from guidefield.read_only import ReadOnly
 
 DIVISION = 4
 """Into how many parts an interval is divided that can't be decided."""
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals:
+class Intervals(ReadOnly):
     """Intervals of time that are not decided, and which pairs are left in each.
 
     Attributes:
@@ -101,7 +102,7 @@ class Intervals:
 
 
 @dataclass(frozen=True, eq=False)
-class Entries:
+class Entries(ReadOnly):
     """What is left in intervals, one by one: all arrays of shape (e,).
 
     Attributes:

@@ -7,13 +7,14 @@ the tolerance is kept from one place to the next, the interval is divided; every
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from guidefield.collision.certify.certificate import MESH_FROM
 from guidefield.collision.minimum.intervals import Entries, Intervals
 from guidefield.collision.minimum.places import EXACT, HULLS, Places, Surveyor
+from guidefield.read_only import ReadOnly
 
 TOLERANCE = 1e-4
 """How much smaller than what is told the smallest distance may be [m]."""
@@ -26,7 +27,7 @@ AT_ONCE = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class Question(ReadOnly):
     """Of which pairs, and when, the smallest distance is asked for.
 
     Attributes:
@@ -40,7 +41,7 @@ class Question:
     until: float
 
 
-@dataclass
+@dataclass(frozen=True)
 class Smallest:
     """The smallest distance that was found: another may be smaller, but none is below the bound.
 
@@ -101,7 +102,7 @@ class _Search:
     def look_at(self, places: Places) -> None:
         """Find the smallest distance at some places, for every question."""
         self._keep(places, *np.nonzero(places.stages == EXACT))
-        for question, best in zip(self.questions, self.best, strict=True):
+        for index, question in enumerate(self.questions):
             rows = np.flatnonzero((places.times >= question.since) & (places.times <= question.until))
             pairs = np.flatnonzero(question.pairs)
             there = np.ix_(rows, pairs)
@@ -109,7 +110,7 @@ class _Search:
                 known = np.where(places.stages[there] == EXACT, np.inf, places.distances[there]).ravel()
                 few = np.argpartition(known, min(AT_ONCE, known.size) - 1)[:AT_ONCE]
                 few = few[np.argsort(known[few])]
-                few = few[known[few] < best.distance]
+                few = few[known[few] < self.best[index].distance]
                 if not len(few):
                     break
                 row, pair = rows[few // len(pairs)], pairs[few % len(pairs)]
@@ -146,14 +147,13 @@ class _Search:
 
     def answers(self, waiting: Sequence[Intervals]) -> list[Smallest]:
         """The answers, as some intervals are left undecided."""
-        for best in self.best:
-            best.bound = best.distance - self.tolerance
+        bounds = [best.distance - self.tolerance for best in self.best]
         for intervals in waiting:
             entries = intervals.entries(self.surveyor)
             kept = entries.first_order(intervals.places)
-            for best, there in zip(self.best, self._about(intervals.places, entries), strict=True):
-                best.bound = min(best.bound, float(kept[there].min(initial=np.inf)))
-        return self.best
+            for index, there in enumerate(self._about(intervals.places, entries)):
+                bounds[index] = min(bounds[index], float(kept[there].min(initial=np.inf)))
+        return [replace(best, bound=bound) for best, bound in zip(self.best, bounds, strict=True)]
 
     def _about(self, places: Places, entries: Entries) -> list[np.ndarray]:
         """Which entries each question is about, of shape (e,)."""
@@ -176,9 +176,10 @@ class _Search:
     def _keep(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> None:
         """Keep those of some exact distances that are smaller than all before."""
         found, times = places.distances[rows, pairs], places.times[rows]
-        for question, best in zip(self.questions, self.best, strict=True):
+        for index, question in enumerate(self.questions):
             there = np.flatnonzero((times >= question.since) & (times <= question.until) & question.pairs[pairs])
             if len(there):
                 least = there[np.argmin(found[there])]
-                if found[least] < best.distance:
-                    best.distance, best.time, best.pair = float(found[least]), float(times[least]), int(pairs[least])
+                if found[least] < self.best[index].distance:
+                    distance, time, pair = float(found[least]), float(times[least]), int(pairs[least])
+                    self.best[index] = Smallest(distance, time=time, pair=pair)

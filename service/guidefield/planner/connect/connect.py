@@ -18,6 +18,7 @@ from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.connect.unconnected import no_way, why_not
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
@@ -30,7 +31,7 @@ and samples overlook corners; with it the certificate refuses a tenth as many pa
 
 
 @dataclass(frozen=True, eq=False)
-class Connection:
+class Connection(ReadOnly):
     """What came of a connection.
 
     Attributes:

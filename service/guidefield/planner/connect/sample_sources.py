@@ -9,13 +9,14 @@ import numpy as np
 from guidefield.kept import kept_with
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.informed_samples import Sampling
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ANGLE, ROAM, ROTATION, TRANSLATION, WIND
 from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
+class Sources(ReadOnly):
     """Where samples of a group come from.
 
     Attributes:
@@ -33,8 +34,7 @@ class Sources:
     @classmethod
     def of(cls, sampling: Sampling, roams: np.ndarray, around: np.ndarray) -> Sources:
         """Sources that fill a box; `roams` and `around` as the attributes, shape (k,)."""
-        for array in (*sampling[:5], sampling.rotations, roams, around):
-            array.setflags(write=False)
+        read_only(*sampling)
         return cls(sampling, packed(sampling), roams, around)
 
     def about(self, roots: ChartPoints) -> Sources:

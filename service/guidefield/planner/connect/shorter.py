@@ -17,6 +17,7 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
 ROUND = 2000
@@ -30,7 +31,7 @@ LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Shorter:
+class Shorter(ReadOnly):
     """What came of it.
 
     Attributes:

@@ -6,7 +6,7 @@ import math
 import threading
 import weakref
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from guidefield.kernels.tree.sphere_rejection import SIEVE
 from guidefield.planner.connect.escape_test import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
 from guidefield.planner.task.conditions import Budget
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
 
@@ -36,7 +37,8 @@ FIRST_CAPACITY = 512
 """Nodes that each tree has room for at first; doubled when it is full."""
 
 
-class FoundPath(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class FoundPath(ReadOnly):
     """What a search came to.
 
     Attributes:

@@ -11,6 +11,7 @@ from guidefield.kernels.guide.descent import ENDED, UNDECIDED, Settings, descend
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.guided_path import GuidedPath
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.robot.model.spaces import Configuration
 
@@ -30,7 +31,7 @@ AT_ONCE = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Descent:
+class Descent(ReadOnly):
     """Where a descent ended.
 
     Attributes:

@@ -24,6 +24,7 @@ from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
 
@@ -41,7 +42,7 @@ PROJECTED = (
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class Crossing(ReadOnly):
     """What came of a guide plane.
 
     Attributes:

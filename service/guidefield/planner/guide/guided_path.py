@@ -17,6 +17,7 @@ from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 
@@ -37,7 +38,7 @@ Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class Moved(ReadOnly):
     """Where an advance got to.
 
     Attributes:

@@ -9,6 +9,7 @@ import numpy as np
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
 from guidefield.kernels.guide.grid_astar import CAP, wavefront
 from guidefield.kernels.guide.visibility_polygon import free_section, is_enclosed, open_areas as open_areas_kernel
+from guidefield.read_only import ReadOnly
 from guidefield.scene.flat import axes_across
 
 SPACING = 0.05
@@ -32,7 +33,7 @@ LONGEST = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class TipWay:
+class TipWay(ReadOnly):
     """Points of a way, about evenly spaced.
 
     Attributes:

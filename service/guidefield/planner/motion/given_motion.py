@@ -17,6 +17,7 @@ import numpy as np
 from guidefield.kernels.timing import not_a_knot
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 SHORTEST = 1e-3
@@ -32,7 +33,7 @@ class CurveKind(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class StraightMotion:
+class StraightMotion(ReadOnly):
     """Straight pieces, each run through evenly: the velocity jumps at knots.
 
     Attributes:
@@ -64,7 +65,7 @@ class StraightMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenMotion:
+class GivenMotion(ReadOnly):
     """A curve through the rows of a motion.
 
     Attributes:

@@ -8,6 +8,7 @@ import numpy as np
 
 from guidefield.kernels.timing import natural_spline
 from guidefield.planner.motion.within_limits import leaving, smoothly_within
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 # A waypoint at most this far from the one before is the same: a nanometre at a metre's reach [rad or m].
@@ -15,7 +16,7 @@ REPEATED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class CubicSpline:
+class CubicSpline(ReadOnly):
     """A curve that is cubic between knots, twice continuously differentiable, and straight (q'' = 0) at its ends.
 
     A coordinate that would leave its limits is brought within them, and need not be straight at its ends then.
@@ -32,10 +33,6 @@ class CubicSpline:
     coefficients: np.ndarray
     lower: ChartPoint
     upper: ChartPoint
-
-    def __post_init__(self) -> None:
-        for array in (self.knots, self.waypoints, self.coefficients, self.lower, self.upper):
-            array.setflags(write=False)
 
     @property
     def is_point(self) -> bool:

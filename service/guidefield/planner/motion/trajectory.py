@@ -9,11 +9,12 @@ from typing import cast
 import numpy as np
 
 from guidefield.planner.motion.within_limits import bezier
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 
 
 @dataclass(frozen=True, eq=False)
-class MotionSamples:
+class MotionSamples(ReadOnly):
     """States of a motion at given times: for reporting and drawing.
 
     A curve laid through samples is another curve than the one they were taken from; certificates and limits speak about
@@ -31,13 +32,9 @@ class MotionSamples:
     velocities: ChartRates
     accelerations: ChartRates
 
-    def __post_init__(self) -> None:
-        for array in (self.times, self.positions, self.velocities, self.accelerations):
-            array.setflags(write=False)
-
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(ReadOnly):
     """The executed motion, defined as the cubic Hermite curve in time through its knots.
 
     Between two knots the velocity is quadratic and the acceleration linear in time, so their extrema are known exactly.
@@ -62,8 +59,7 @@ class Trajectory:
         at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
         last = at_end[-1:] if len(at_end) else np.zeros_like(self.velocities)
         object.__setattr__(self, "accelerations", np.concatenate([at_start, last]))
-        for array in (self.times, self.positions, self.velocities, self.accelerations):
-            array.setflags(write=False)
+        super().__post_init__()
 
     @property
     def duration(self) -> float:

@@ -10,11 +10,12 @@ import numpy as np
 from guidefield.planner.motion.waypoints import respaced
 from guidefield.planner.relax.plane_crossing import PlaneCrossing
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
-class KeptWaypoints:
+class KeptWaypoints(ReadOnly):
     """Waypoints that are told apart from the others.
 
     Attributes:

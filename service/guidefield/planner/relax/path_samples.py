@@ -7,6 +7,7 @@ import functools
 import numpy as np
 
 from guidefield.kernels.relax.relaxation import PathSamples
+from guidefield.read_only import read_only
 
 RANGE = 0.08
 """Range of the barrier [m]."""
@@ -67,6 +68,5 @@ def _samples(segments: int, held: tuple[int, ...]) -> PathSamples:
         ranges=RANGE * (LEAST_RANGE + (1.0 - LEAST_RANGE) * near),
         shares=shares,
     )
-    for array in samples:
-        array.setflags(write=False)
+    read_only(*samples)
     return samples

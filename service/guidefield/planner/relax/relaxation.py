@@ -29,6 +29,7 @@ from guidefield.planner.relax.sampled_robot import sampled_robot
 from guidefield.planner.relax.waypoint_chain import Shape, WaypointChain, WaypointKeeper
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 from guidefield.scene.distance_tables import distance_tables
 
@@ -77,7 +78,7 @@ _ENDINGS = {Status.TIMED_OUT: Outcome.OUT_OF_TIME, Status.PREEMPTED: Outcome.STO
 
 
 @dataclass(frozen=True, eq=False)
-class Relaxed:
+class Relaxed(ReadOnly):
     """A relaxed path.
 
     Attributes:

@@ -8,6 +8,7 @@ from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.self_barrier import pair_distances
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import read_only
 from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.group.alike import kept_with_alike
@@ -46,14 +47,14 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         pairs=pairs,
         pair_ranges=np.full(len(pairs), SELF_RANGE),
     )
-    _freeze(robot)
+    read_only(*robot)
     closest = np.full(len(pairs), np.inf)
     for z in ends:
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
     robot = robot._replace(pair_ranges=np.clip(closest, LEAST_SELF_RANGE, SELF_RANGE))
-    _freeze(robot)
+    read_only(*robot)
     return robot
 
 
@@ -85,7 +86,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
         pairs=np.empty((0, 2), np.int64),
         pair_ranges=np.empty(0),
     )
-    _freeze(robot)
+    read_only(*robot)
     return robot
 
 
@@ -154,12 +155,5 @@ def _links(group: PlanningGroup) -> DistanceTables:
         name: getattr(shapes, name)[indices] for name in ("kinds", "obstacles", "sizes", "bounds", "boxes", "spans")
     }
     links = shapes._replace(**of_group, placements=np.array(placements).reshape(-1, 3, 4))
-    for array in links[:-2]:
-        array.setflags(write=False)
+    read_only(*links[:-2])
     return links
-
-
-def _freeze(robot: SampledRobot) -> None:
-    for name, array in robot._asdict().items():
-        if name not in ("joints", "links"):
-            array.setflags(write=False)

@@ -17,6 +17,7 @@ from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.relax.path_samples import path_samples
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables
@@ -58,7 +59,7 @@ class WaypointKeeper(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(ReadOnly):
     """A place of the waypoints, and the objective there.
 
     Attributes:
@@ -76,7 +77,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class WaypointChain:
+class WaypointChain(ReadOnly):
     """What a chain of waypoints descends, and how it may move.
 
     Attributes:

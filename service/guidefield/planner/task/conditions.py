@@ -11,6 +11,7 @@ from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.task.trace import Event, Observer, Silent
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
 from guidefield.robot.model.spaces import ChartRate
@@ -45,7 +46,7 @@ class Counters:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Conditions:
+class Conditions(ReadOnly):
     """What a motion is judged by.
 
     Attributes:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.planner.task.conditions import Conditions
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, Configuration
@@ -20,7 +21,7 @@ if TYPE_CHECKING:  # its kernels take a sixth of the time until a first plan tha
 
 
 @dataclass(frozen=True, eq=False)
-class ConfigurationGoal:
+class ConfigurationGoal(ReadOnly):
     """Reach any one of some configurations of the group, shape (k, nq)."""
 
     configurations: tuple[Configuration, ...]

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints, Configuration
 
 
@@ -48,7 +49,7 @@ class StepKind(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Step(ReadOnly):
     """One accepted change of configuration.
 
     Attributes:
@@ -88,7 +89,7 @@ class TreeGrown:
 
 
 @dataclass(frozen=True, eq=False)
-class PathRelaxed:
+class PathRelaxed(ReadOnly):
     """One accepted step of the relaxation.
 
     Attributes:

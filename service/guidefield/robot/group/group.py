@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 
+from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, WIND
@@ -105,7 +106,7 @@ class PlanningGroup:
         """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
         turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in self.joints])
         winds: np.ndarray = turns & ~np.isfinite(self.upper - self.lower)
-        winds.setflags(write=False)
+        read_only(winds)
         return winds
 
     def part_of(self, q_whole: RobotConfiguration) -> Configuration:

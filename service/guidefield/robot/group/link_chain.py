@@ -10,6 +10,7 @@ import numpy as np
 from guidefield.errors import InvalidGroup
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.kernels.kinematics.link_chain import BALL, FREE, UNIVERSAL, LinkChain
+from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joint_tables import joint_table
@@ -93,10 +94,8 @@ def link_chain(group: PlanningGroup) -> SerialChain:
     chain = LinkChain(
         np.array(kinds, np.int64), np.array(at, np.int64), frames, origin, links, axes[0], axes[1], between, circling
     )
-    for array in chain:
-        array.setflags(write=False)
     carriers = np.array(ends, np.int64)
-    carriers.setflags(write=False)
+    read_only(*chain, carriers)
     return SerialChain(group, table, chain, leads, carriers)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import InvalidGroup
+from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike
 from guidefield.robot.group.group import PlanningGroup, reference_of
 from guidefield.robot.model.followers import expansion
@@ -59,8 +60,7 @@ def select(
     while len(known) > MOST_KNOWN:
         del known[next(iter(known))]
     q_reference, q_origin = np.array(q_reference, float), reference_of(reduced["space"], robot, q_reference)
-    for array in (q_reference, q_origin):
-        array.setflags(write=False)
+    read_only(q_reference, q_origin)
     return PlanningGroup(robot=robot, tip=tip, q_reference=q_reference, q_origin=q_origin, **reduced)
 
 
@@ -96,8 +96,7 @@ def _reduce(
         "expand_velocity": matrix,
         "expand_offset": offset,
     }
-    for array in arrays.values():
-        array.setflags(write=False)
+    read_only(*arrays.values())
     return {
         "model": model,
         "geometry": geometry,

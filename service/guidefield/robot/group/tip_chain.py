@@ -13,6 +13,7 @@ from guidefield.kept import kept_with
 from guidefield.kernels.kinematics.forward_kinematics import FLOATING, PLANAR, PRISMATIC, SPHERICAL
 from guidefield.kernels.kinematics.solution_choice import Measure
 from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
+from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import ROTATION
@@ -125,8 +126,7 @@ def _chain(group: PlanningGroup, parts: _Parts) -> ChainToTip:
         lower=group.lower,
         upper=group.upper,
     )
-    for array in (*table, *measure, moving, turning):
-        array.setflags(write=False)
+    read_only(*table, *measure, moving, turning)
     return ChainToTip(table, moving, measure, turning, _reach(table))
 
 
@@ -144,13 +144,12 @@ def unlimited(chain: ChainToTip) -> ChainToTip:
     """The same chain without limits."""
     infinite = np.full(len(chain.moving), np.inf)
     lower = -infinite
-    for array in (infinite, lower):
-        array.setflags(write=False)
+    read_only(infinite, lower)
     return dataclasses.replace(chain, table=chain.table._replace(lower=lower, upper=infinite))
 
 
 def _rows(placement: Any) -> np.ndarray:
     """Rotation and translation (3, 4) row by row, shape (12,)."""
     rows = np.column_stack([placement.rotation, placement.translation]).ravel()
-    rows.setflags(write=False)
+    read_only(rows)
     return rows

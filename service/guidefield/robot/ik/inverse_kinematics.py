@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from guidefield.kernels.kinematics.solution_choice import distinct, farthest_apart
+from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import PoseTarget
@@ -34,7 +35,7 @@ Accept = Callable[[ChartPoints], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class IkResult:
+class IkResult(ReadOnly):
     """What was found.
 
     Attributes:

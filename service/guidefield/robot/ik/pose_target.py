@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from guidefield.geometry.placements import se3
 from guidefield.messages.requests import PoseGoal, TargetPose
+from guidefield.read_only import read_only
 
 EXACT = 1e-6
 """A tolerance of zero, or any smaller than this, means this [m, rad]."""
@@ -37,8 +38,7 @@ class PoseTarget:
             np.array([np.inf if axis is None else axis for axis in axes])
             for axes in (pose.position_tolerance, pose.orientation_tolerance)
         ]
-        for array in tolerances:
-            array.setflags(write=False)
+        read_only(*tolerances)
         return cls(se3(pose.position, pose.quaternion_xyzw), *tolerances)
 
     def is_reached(self, T_world_tip: Any) -> bool:

@@ -1,0 +1,24 @@
+"""Values whose arrays are read-only: what somebody was given stays as it was given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def read_only(*arrays: object) -> None:
+    """Make arrays read-only, and those in plain tuples; everything else is left as it is."""
+    for array in arrays:
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+        elif type(array) is tuple:
+            read_only(*array)
+
+
+class ReadOnly:
+    """Base of frozen dataclasses: their arrays are read-only as soon as they are made.
+
+    Whoever made a value may have the very array in hand: it is read-only for all.
+    """
+
+    def __post_init__(self) -> None:
+        read_only(*vars(self).values())
