@@ -144,9 +144,7 @@ def _refused(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | No
 
 def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
     """Row and time up to which the motion is certified."""
-    if verdict.piece is None or verdict.free_until is None:
-        return problem.motion.end
-    return problem.motion.along(verdict.piece, verdict.free_until)
+    return problem.motion.end if verdict.free_until is None else problem.motion.along(*verdict.free_until)
 
 
 def _left(judgement: Judgement) -> list[str]:

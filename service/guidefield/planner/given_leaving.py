@@ -57,7 +57,7 @@ def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None
     if closer is not None:
         names, z = conditions.world.pair_names(closer), _part(pieces[piece], share, share)[0]
         reason = Reason.STOPPED if conditions.budget.spent() else Reason.CONTACT
-        verdict = Verdict(reason, 1, piece, share, 0.0 if piece == 0 else share, names, z)
+        verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
         return Leaving(verdict, contacts, piece, share, leaves=False)
     return Leaving(_judged(conditions, contacts, pieces, piece, share), contacts, piece, share, leaves=True)
 
@@ -110,11 +110,11 @@ def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: flo
     """
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
         return verdict
-    piece = first + verdict.piece
-    if piece != cut:
-        return replace(verdict, piece=piece)
-    parameter, until = (begin + (end - begin) * at for at in (verdict.parameter, verdict.free_until))
-    return replace(verdict, piece=piece, parameter=parameter, free_until=until)
+    places = [
+        (first + piece, begin + (end - begin) * at if first + piece == cut else at)
+        for piece, at in ((verdict.piece, verdict.parameter), verdict.free_until)
+    ]
+    return replace(verdict, piece=places[0][0], parameter=places[0][1], free_until=places[1])
 
 
 def _part(controls: ChartPoints, low: float, high: float) -> ChartPoints:

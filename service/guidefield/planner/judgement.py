@@ -6,16 +6,14 @@ what rests, what moves, and what frames have to keep; of their refusals the firs
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.timed_certificate import certify_timed
-from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.planner.given_leaving import Leaving, judge_leaving
@@ -83,11 +81,11 @@ def judge(problem: GivenProblem) -> Judgement:
     uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
     if (inside := _enclosed_at_start(problem)) is not None:
         z = problem.motion.start
-        return Judgement(Verdict(Reason.CONTACT, 1, 0, 0.0, 0.0, inside, z), uses, enclosed=True)
+        return Judgement(Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z), uses, enclosed=True)
     kept, leaving = _constraints(problem), None
     if problem.leave_start_contact:
         leaving = judge_leaving(problem, problem.motion.pieces)
-    verdict = _first(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
+    verdict = first_refused(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
     problem.counters.collision_checks += verdict.evaluations
     return Judgement(verdict, uses, leaving=leaving)
 
@@ -118,15 +116,3 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
         return certify(problem.world, motion.pieces[:count], problem.min_clearance, stopped=stopped)
     pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
     return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
-
-
-def _first(one: Verdict, other: Verdict) -> Verdict:
-    """The one that is refused first along the motion, with the evaluations of both."""
-    chosen = min(one, other, key=_place)
-    return replace(chosen, evaluations=one.evaluations + other.evaluations)
-
-
-def _place(verdict: Verdict) -> tuple[float, float]:
-    if verdict.piece is None or verdict.parameter is None:
-        return np.inf, np.inf
-    return verdict.piece, verdict.parameter

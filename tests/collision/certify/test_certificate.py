@@ -1,6 +1,7 @@
 """The certificate: what it calls free is free under dense sampling on other shapes; what touches is refused."""
 
 import functools
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -77,10 +78,40 @@ def test_a_refusal_shows_where(place, seed):
     control = motions(world, seed)
     at = dense(control, 1e-4)
     assert np.abs(at - verdict.configuration).max(axis=1).min() < 1e-3
-    assert 0.0 <= verdict.free_until <= verdict.parameter <= 1.0
-    before = dense(_until(control, verdict.free_until), STEP)
-    if verdict.free_until > 0:
+    piece, until = verdict.free_until
+    assert piece == 0
+    assert 0.0 <= until <= verdict.parameter <= 1.0
+    before = dense(_until(control, until), STEP)
+    if until > 0:
         assert not any(world.in_collision(q) for q in before)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2), st.integers(0, 10**6), st.integers(2, 40))
+def test_a_refusal_of_many_short_pieces_certifies_what_is_before(place, seed, count):
+    world, _ = strewn(place)
+    whole = dense(motions(world, seed))
+    points = whole[np.linspace(0, len(whole) - 1, count + 1).astype(int)]
+    pieces = np.array([[a, b] for a, b in pairwise(points)])
+    verdict = certify(world, pieces)
+    if verdict.free:
+        return
+    piece, until = verdict.free_until
+    assert (piece, until) <= (verdict.piece, verdict.parameter)
+    last = pieces[piece, 0] + until * (pieces[piece, 1] - pieces[piece, 0])
+    before = np.array([*points[: piece + 1], last])
+    samples = np.concatenate([dense(np.array([a, b])) for a, b in pairwise(before)])[1:-1]
+    if (piece, until) > (0, 0.0):
+        assert not any(world.in_collision(world.group.from_chart(z)) for z in samples)
+
+
+def test_a_motion_that_touches_all_along_is_certified_nowhere():
+    world = world_of(grouped(box_arm("y", 2)), [box("wall", (0.1, 0.1, 0.1), (0.0, 0.0, 0.5))])
+    points = 1e-3 * np.arange(4)[:, None] * np.ones(world.group.nv)
+    verdict = certify(world, np.array([[a, b] for a, b in pairwise(points)]))  # short pieces are judged together
+    assert verdict.reason is Reason.CONTACT
+    assert verdict.piece > 0
+    assert verdict.free_until == (0, 0.0)
 
 
 def _until(control: np.ndarray, t: float) -> np.ndarray:

@@ -70,7 +70,7 @@ def test_the_certificate_refuses_what_is_beyond_a_limit_between_the_samples():
     verdict = certify(world, np.array([UNDER, OVER]))
     assert not verdict.free
     assert verdict.reason is Reason.BEYOND_LIMITS
-    assert (verdict.piece, verdict.free_until, verdict.pair) == (1, 0.0, None)
+    assert (verdict.piece, verdict.free_until, verdict.pair) == (1, (1, 0.0), None)
     assert verdict.parameter == pytest.approx(0.5, abs=1e-5)
     assert verdict.beyond is not None
     assert (verdict.beyond.joint, verdict.beyond.lower, verdict.beyond.upper) == ("j2", -2.0, 2.0)

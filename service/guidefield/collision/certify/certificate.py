@@ -104,7 +104,7 @@ def _beyond_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     z = _point(pieces[piece], parameter)
     joint = next(joint for joint in group.joints if joint.idx_v <= at < joint.idx_v + joint.nv)
     fault = LimitFault(joint.name, float(z[at]), float(group.lower[at]), float(group.upper[at]))
-    return Verdict(Reason.BEYOND_LIMITS, 0, piece, parameter, 0.0, None, z, fault)
+    return Verdict(Reason.BEYOND_LIMITS, 0, piece, parameter, (piece, 0.0), None, z, fault)
 
 
 def _point(controls: ChartPoints, parameter: float) -> ChartPoint:
@@ -125,7 +125,7 @@ def _unfinished(world: World, first: CurveSegment, evaluations: int) -> Verdict:
     """The verdict of a judgement that was stopped, the first segment that is left in it."""
     pair = world.pair_names(first.pairs[0]) if first.pairs else None
     at = first.start
-    return Verdict(Reason.STOPPED, evaluations, first.piece, at, at, pair, first.controls[0, 0])
+    return Verdict(Reason.STOPPED, evaluations, first.piece, at, (first.piece, at), pair, first.controls[0, 0])
 
 
 class _Judge:
@@ -154,7 +154,7 @@ class _Judge:
             share = self._decided_share(left, bound)
             parts = segment.parts(math.ceil(1.0 / share), left if 2 * len(left) < len(self._kept) else None)
             if share == LEAST_SHARE or bound[left].min() <= MESH_FROM:
-                refusal = self._refusal_at(parts[len(parts) // 2], segment.start, left, bound)
+                refusal = self._refusal_at(parts[len(parts) // 2], segment, left, bound)
                 if refusal is not None:
                     return finer, refusal
             finer += parts
@@ -223,8 +223,10 @@ class _Judge:
         free = {pair for pair in asked if not pin.computeCollision(world.geometry, world.margin_data, pair)}
         return [pair for pair in left if pair not in free]
 
-    def _refusal_at(self, rest: CurveSegment, free_until: float, left: list[int], bounds: np.ndarray) -> Verdict | None:
-        """Why the curve is refused where its rest begins: it touches there, or the pairs left can't move any less."""
+    def _refusal_at(
+        self, rest: CurveSegment, segment: CurveSegment, left: list[int], bounds: np.ndarray
+    ) -> Verdict | None:
+        """Why a segment is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         z = rest.controls[0, 0]
         found = self._touching(z, left)
         if found is None:
@@ -233,7 +235,7 @@ class _Judge:
                 return None
             found = Reason.UNDECIDED, undecided[0]
         names = self.world.pair_names(found[1])
-        return Verdict(found[0], self.evaluations, rest.piece, rest.start, free_until, names, z)
+        return Verdict(found[0], self.evaluations, rest.piece, rest.start, (segment.piece, segment.start), names, z)
 
     def _touching(self, z: ChartPoint, pairs: list[int]) -> tuple[Reason, int] | None:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""

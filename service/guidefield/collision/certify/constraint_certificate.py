@@ -38,7 +38,7 @@ def certify_constraints(
     while waiting:
         index, start, end, control = waiting.popleft()
         if evaluations % 64 == 0 and stopped():
-            return Verdict(Reason.STOPPED, evaluations, index, start, start, None, control[0])
+            return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
         evaluations += 1
         low, high = control.min(axis=0), control.max(axis=0)
         middle, e = 0.5 * (low + high), widths @ (0.5 * (high - low))
@@ -54,7 +54,7 @@ def certify_constraints(
             continue
         first = control[0]
         if (frames.values(first) > frames.limits).any() or (high - low).max() <= FLOOR:
-            return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, start, None, first)
+            return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, first)
         one, other = halved(control[None])
         half = 0.5 * (start + end)
         waiting.appendleft((index, half, end, other))

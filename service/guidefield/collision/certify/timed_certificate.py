@@ -8,7 +8,7 @@ the robot by `MotionBound`, the obstacle by its largest speed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import coal
@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.certificate import COAL_ACCURACY, certify
-from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
@@ -81,9 +81,7 @@ def certify_timed(
     """
     verdict = certify(worlds.resting, pieces, min_clearance, stopped=stopped)
     moving = certify_moving(worlds, pieces, times, min_clearance, floor, stopped)
-    evaluations = verdict.evaluations + moving.evaluations
-    first = verdict if _place(verdict) <= _place(moving) else moving
-    return replace(first, evaluations=evaluations)
+    return first_refused(verdict, moving)
 
 
 def certify_moving(
@@ -113,13 +111,6 @@ def certify_moving(
         if refusal is not None:
             return refusal
     return Verdict(Reason.FREE, judge.evaluations)
-
-
-def _place(verdict: Verdict) -> tuple[float, float]:
-    """Where a motion was refused: piece and parameter; infinite if it is free."""
-    if verdict.piece is None or verdict.parameter is None:
-        return np.inf, np.inf
-    return verdict.piece, verdict.parameter
 
 
 def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float]:
@@ -174,7 +165,7 @@ class _Judge:
         """Why a segment is refused, or None; the first half is judged before the second."""
         if self.evaluations % ASKED_EVERY == 0 and self.stopped():
             at, z = segment.start, segment.control[0]
-            return Verdict(Reason.STOPPED, self.evaluations, segment.piece, at, at, None, z)
+            return Verdict(Reason.STOPPED, self.evaluations, segment.piece, at, (segment.piece, at), None, z)
         low, high = segment.control.min(axis=0), segment.control.max(axis=0)
         time, half = 0.5 * (segment.since + segment.until), 0.5 * (segment.until - segment.since)
         bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))
@@ -186,7 +177,7 @@ class _Judge:
         if not left:
             return None
         first, second = segment.halves(left)
-        refused = self._refused_at(second, segment.start, left, bounds)
+        refused = self._refused_at(second, (segment.piece, segment.start), left, bounds)
         if refused is not None:
             return refused
         return self.refusal(first) or self.refusal(second)
@@ -216,7 +207,7 @@ class _Judge:
         return bool(coal.collide(shape, _transform(placement), obstacle.shape, _transform(there), request, result))
 
     def _refused_at(
-        self, rest: _TimedSegment, free_until: float, left: list[int], bounds: np.ndarray
+        self, rest: _TimedSegment, free_until: tuple[int, float], left: list[int], bounds: np.ndarray
     ) -> Verdict | None:
         """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         self._bounds(rest.control[0], np.zeros_like(rest.control[0]))

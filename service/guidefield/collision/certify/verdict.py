@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from guidefield.collision.world import PairNames
 from guidefield.read_only import ReadOnly
@@ -39,7 +40,7 @@ class Verdict(ReadOnly):
         evaluations: Configurations at which Coal, or a constraint, was asked.
         piece: Index of the piece that was refused; None if free.
         parameter: Where on it, from 0 to 1: the place that was judged; None if free.
-        free_until: Parameter of that piece up to which the motion is certified, as all pieces before are; None if free.
+        free_until: Piece, and parameter on it, up to which the motion is certified; None if free.
         pair: Names of the pair that was refused; None if free, or where no single pair is to blame.
         configuration: Chart coordinates (nv,) of the place that was judged; None if free.
         beyond: The joint that is beyond its limits, and its value there; None unless that is the reason.
@@ -49,7 +50,7 @@ class Verdict(ReadOnly):
     evaluations: int
     piece: int | None = None
     parameter: float | None = None
-    free_until: float | None = None
+    free_until: tuple[int, float] | None = None
     pair: PairNames | None = None
     configuration: ChartPoint | None = None
     beyond: LimitFault | None = None
@@ -58,3 +59,22 @@ class Verdict(ReadOnly):
     def free(self) -> bool:
         """Whether the motion is certified over its whole length."""
         return self.reason is Reason.FREE
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Piece and parameter of the place that was judged; infinite if it is free."""
+        if self.piece is None or self.parameter is None:
+            return math.inf, math.inf
+        return self.piece, self.parameter
+
+
+def first_refused(one: Verdict, other: Verdict) -> Verdict:
+    """Of two verdicts about one motion the one that refuses it first, with the evaluations of both.
+
+    The motion is certified as far as both certify it: what the one refuses the other may not have certified before.
+    """
+    chosen = min(one, other, key=lambda verdict: verdict.place)
+    certified = [verdict.free_until for verdict in (one, other) if verdict.free_until is not None]
+    return replace(
+        chosen, evaluations=one.evaluations + other.evaluations, free_until=min(certified) if certified else None
+    )
