@@ -11,7 +11,7 @@ from numba import types, void
 from guidefield.kernels.field.field import VECTOR_32_OUT
 from guidefield.kernels.field.field_tables import VECTOR_32
 from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, compiled
-from guidefield.kernels.simd.generic_vector import lanes_of, load, store
+from guidefield.kernels.simd.vector import lanes_of, load, store
 
 _CHAINS = 10
 _STEPS = 20_000

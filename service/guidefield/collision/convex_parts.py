@@ -15,8 +15,9 @@ from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree, spread_points
 from guidefield.kernels.collide.gjk import PART, POLYTOPE, SURFACE, TRIANGLE, Parts
-from guidefield.kernels.simd.f32x16 import BLOCK, LANES
-from guidefield.kernels.simd.lane_math import CAPSULE, CYLINDER, HALF_SPACE
+from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
+from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.robot.model.shapes import triangulation
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from guidefield.kept import kept_with
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
 from guidefield.kernels.distance.point_tree_build import fill_tree
-from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, LANES
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.scene.obstacle import Obstacle
 
 CELL = 0.04

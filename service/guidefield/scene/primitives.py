@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.placements import moved, se3, unit
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.primitives_layout import PLACED
-from guidefield.kernels.simd.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.messages import scene as messages
 from guidefield.scene.charges import Charges
 from guidefield.scene.flat import axes_across

@@ -12,9 +12,10 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.gjk import PART
-from guidefield.kernels.simd.f32x16 import BLOCK, LANES
-from guidefield.kernels.simd.lane_math import HALF_SPACE
+from guidefield.kernels.collide.primitive import HALF_SPACE
+from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import packed
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import Scene, build
 from tests.collision.scenery import scattered

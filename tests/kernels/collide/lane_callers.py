@@ -6,11 +6,10 @@ import numpy as np
 from numba import int64, types, void
 
 from guidefield.kernels.collide.motion_validation import world_of
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT
+from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32, lane_kernel
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, LANES, lane_kernel, pointers
-from guidefield.kernels.simd.lane_math import Floats32
-from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.simd.packing import Words, pointers
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree.informed_samples import sampling_of
 from guidefield.kernels.tree.nearest import nearest, nearest_to_each
 from guidefield.kernels.tree.nodes import search_of

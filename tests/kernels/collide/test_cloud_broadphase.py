@@ -8,8 +8,9 @@ from numba import njit
 
 from guidefield.kernels.collide.cloud_broadphase import cloud_near
 from guidefield.kernels.distance.point_tree import cloud_of, nearest_distance, next_block
-from guidefield.kernels.simd import f32x16
-from guidefield.kernels.simd.f32x16 import AROUND
+from guidefield.kernels.simd.blocks import AROUND
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import splat
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud_tables import CloudTables, cloud_tables
 from guidefield.scene.obstacle import build
@@ -20,7 +21,7 @@ SIZES = (1, 2, 15, 16, 17, 255, 257, 4097, 66_000)
 
 @njit
 def _queries(words, points, reach, nearest, blocks, near):
-    cloud = cloud_of(f32x16.pointers(words))
+    cloud = cloud_of(pointers(words))
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         nearest[i] = nearest_distance(cloud, x, y, z)
@@ -28,7 +29,7 @@ def _queries(words, points, reach, nearest, blocks, near):
         while block >= 0:
             found, block = found + 1, next_block(cloud, block, x, y, z, reach)
         blocks[i] = found
-        x, y, z = f32x16.splat(x), f32x16.splat(y), f32x16.splat(z)
+        x, y, z = splat(x), splat(y), splat(z)
         near[i] = cloud_near(cloud, x, y, z, reach, 0b101)
 
 

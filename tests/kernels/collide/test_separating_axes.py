@@ -10,28 +10,29 @@ from hypothesis import given, settings, strategies as st
 from numba import njit
 
 from guidefield.kernels.collide.gjk import PART, POLYTOPE, Parts
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.separating_axes import away_from_primitive, kept_beyond
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
-from guidefield.kernels.simd import f32x16
-from guidefield.kernels.simd.f32x16 import BLOCK
-from guidefield.kernels.simd.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE
+from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import ALL_LANES, load, store
 
 
 @njit
 def _away(kind, row, points, out):
-    row, points, out = f32x16.pointers(row), f32x16.pointers(points), f32x16.pointers(out)
-    x, y, z = f32x16.load(points, 0), f32x16.load(points, 16), f32x16.load(points, 32)
+    row, points, out = pointers(row), pointers(points), pointers(out)
+    x, y, z = load(points, 0), load(points, 16), load(points, 32)
     u, v, w, reach = away_from_primitive(kind, row, 0, x, y, z)
-    f32x16.store(out, 0, u)
-    f32x16.store(out, 16, v)
-    f32x16.store(out, 32, w)
-    f32x16.store(out, 48, reach)
+    store(out, 0, u)
+    store(out, 16, v)
+    store(out, 32, w)
+    store(out, 48, reach)
 
 
 @njit
 def _left(parts, poses, axes, margin):
-    parts, poses, axes = f32x16.pointers(parts), f32x16.pointers(poses), f32x16.pointers(axes)
-    u, v, w, reach = f32x16.load(axes, 0), f32x16.load(axes, 16), f32x16.load(axes, 32), f32x16.load(axes, 48)
+    parts, poses, axes = pointers(parts), pointers(poses), pointers(axes)
+    u, v, w, reach = load(axes, 0), load(axes, 16), load(axes, 32), load(axes, 48)
     return kept_beyond(parts, 0, poses, 0, u, v, w, reach, margin)
 
 
@@ -121,4 +122,4 @@ def test_a_polytope_is_beyond_where_all_its_corners_are_and_never_along_no_axis(
     reach = lowest - (margin + off) * np.linalg.norm(normals, axis=1)
     axes = np.concatenate([normals.T.ravel(), reach]).astype(np.float32)
     assert _left(parts, poses, axes, margin) == sum(1 << k for k in range(0, 16, 2))
-    assert _left(parts, poses, np.zeros(64, np.float32), margin) == f32x16.ALL_LANES
+    assert _left(parts, poses, np.zeros(64, np.float32), margin) == ALL_LANES

@@ -12,7 +12,7 @@ from numba import njit
 from guidefield.geometry import surfaces
 from guidefield.kernels.field.box import FAR
 from guidefield.kernels.field.solid_angle import FLAT, flat_pair, single_field, steep_pair
-from guidefield.kernels.simd.generic_vector import load, store
+from guidefield.kernels.simd.vector import load, store
 from tests.kernels.evaluation import field, vectors
 from tests.oracles import EPS
 

@@ -13,6 +13,8 @@ from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import (
+    FLOAT_POINTER,
+    FLOATS,
     INDICES,
     INDICES_OUT,
     MATRIX,
@@ -23,24 +25,14 @@ from guidefield.kernels.jit.signatures import (
     Floats,
     compiled,
     inlined,
-    optimized,
-)
-from guidefield.kernels.simd.f32x16 import (
-    FLOAT_POINTER,
-    FLOATS,
-    LANES,
-    below,
     lane_kernel,
     lane_part,
     lane_step,
-    load,
-    pointers,
-    splat,
-    store,
+    optimized,
 )
-from guidefield.kernels.simd.generic_vector import lanes_of, load as points_at, root, total
-from guidefield.kernels.simd.lane_math import cosine_and_sine
-from guidefield.kernels.simd.packing import Words, unpacked
+from guidefield.kernels.simd.packing import Words, pointers, unpacked
+from guidefield.kernels.simd.rotations import cosine_and_sine
+from guidefield.kernels.simd.vector import LANES, below, lanes_of, load, root, splat, store, total
 from guidefield.kernels.timing.natural_spline import second_derivatives
 
 FLOATS_IN_OUT = types.Array(types.float32, 1, "C")
@@ -80,9 +72,9 @@ def _spread(weighted: Weighted) -> float:
 @optimized
 def _length(x: Any) -> float:
     """The sum of square roots, in lanes: the number of values is a multiple of theirs."""
-    found = 0.0 * points_at(x, 0)
+    found = 0.0 * load(x, 0)
     for i in range(0, x.shape[0], lanes_of(x)):
-        found = found + root(points_at(x, i) * points_at(x, i))
+        found = found + root(load(x, i) * load(x, i))
     return total(found)
 
 

@@ -29,7 +29,7 @@ OFFERED = {
 
 LOADED = """
 import sys
-import guidefield.kernels.simd.f32x16, guidefield.kernels.jit.no_refcount, guidefield.kernels.jit.compile_ahead
+import guidefield.kernels.simd.vector, guidefield.kernels.jit.no_refcount, guidefield.kernels.jit.compile_ahead
 from guidefield.kernels.jit.compilers import quicken
 quicken()
 print(*sorted(name for name in sys.modules if name.startswith("guidefield.kernels.")))
@@ -60,7 +60,7 @@ def test_kernels_return_the_same_up_to_rounding(tmp_path: Path) -> None:
 @pytest.mark.parametrize("plain", [False, True])
 def test_the_changes_are_imported_only_where_they_are_wanted(plain: bool) -> None:
     loaded = set(run("-c", LOADED, plain=plain).split())
-    assert loaded >= {"guidefield.kernels.simd.f32x16", "guidefield.kernels.jit.no_refcount"}
+    assert loaded >= {"guidefield.kernels.simd.vector", "guidefield.kernels.jit.no_refcount"}
     assert loaded & CHANGES == (set() if plain else CHANGES)
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numba import njit, types
 
-from guidefield.kernels.simd.f32x16 import pointers
-from guidefield.kernels.simd.packing import packed, unpacked
+from guidefield.kernels.simd.packing import packed, pointers, unpacked
 
 FLOATS = types.Array(types.float32, 1, "C", readonly=True)
 NUMBERS = types.Array(types.int64, 1, "C")

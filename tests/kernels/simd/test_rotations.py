@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 from numba import void
 
-from guidefield.kernels.jit.signatures import MATRIX_OUT, VECTOR, compiled
-from guidefield.kernels.simd.generic_vector import load, store
+from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, MATRIX_OUT, VECTOR, compiled, lane_kernel
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,
@@ -16,6 +15,7 @@ from guidefield.kernels.simd.rotations import (
     quaternion_product,
     vector_of_quaternion,
 )
+from guidefield.kernels.simd.vector import LANES, load, store
 
 
 @compiled(void(VECTOR, MATRIX_OUT))
@@ -43,6 +43,31 @@ def _turns(matrices, vectors, out):
     v = vector_of_quaternion(q[0], q[1], q[2], q[3])
     for k in range(5):
         store(out[5 + k], 0, v[k])
+
+
+@lane_kernel(void(FLOATS, FLOATS_OUT))
+def _single(numbers, out):
+    """Cosines and sines of sixteen angles, then quaternions (4) of the vectors of these and what follows."""
+    c, s = cosine_and_sine(load(numbers, 0))
+    q = quaternion_of_vector(load(numbers, 0), load(numbers, LANES), load(numbers, 2 * LANES))
+    store(out, 0, c)
+    store(out, LANES, s)
+    for k in range(4):
+        store(out, (2 + k) * LANES, q[k])
+
+
+@pytest.mark.parametrize("reach", [1.0, np.pi, 10.0, 1000.0])
+def test_single_precision(reach):
+    rng, out = np.random.default_rng(1), np.zeros((6, LANES), np.float32)
+    for _ in range(200):
+        vectors = rng.uniform(-reach, reach, (3, LANES)).astype(np.float32)
+        _single(vectors.ravel(), out.reshape(-1))
+        angles = vectors[0].astype(float)
+        np.testing.assert_allclose(out[:2], [np.cos(angles), np.sin(angles)], rtol=0.0, atol=5e-7)
+        if reach <= np.pi:  # a vector is up to a full turn long
+            expected = [pin.Quaternion(pin.exp3(v)).coeffs() for v in vectors.T.astype(float)]
+            signs = np.sign((out[2:].T * expected).sum(axis=1))
+            np.testing.assert_allclose(out[2:] * signs, np.transpose(expected), rtol=0.0, atol=5e-7)
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-3, 1.0, 10.0, 1e5])

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import INDICES, VECTOR_OUT, Floats
-from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, LANES, lane_kernel, load, pointers
-from guidefield.kernels.simd.lane_math import Floats32
-from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, VECTOR_OUT, Floats, Floats32, lane_kernel
+from guidefield.kernels.simd.packing import Words, packed, pointers
+from guidefield.kernels.simd.vector import LANES, load
 from guidefield.kernels.tree.informed_samples import (
     NEAR,
     Sampling,

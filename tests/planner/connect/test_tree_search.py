@@ -13,9 +13,9 @@ from numba import int64, void
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT
-from guidefield.kernels.simd.f32x16 import LANES, lane_kernel, pointers
-from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, lane_kernel
+from guidefield.kernels.simd.packing import Words, pointers
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree.nodes import PLANTED, search_of
 from guidefield.kernels.tree.rrt_connect import way_of
 from guidefield.messages import scene as messages

@@ -12,10 +12,11 @@ from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.gjk import PART, WORK, Parts
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, BALL, GRID_SIDES, HITS, LaneObstacles, Scratch
+from guidefield.kernels.collide.primitive import PRIMITIVE
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
-from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, LANES
-from guidefield.kernels.simd.lane_math import PRIMITIVE
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.simd.vector_model import LANES
 
 
 class LaneMemory(NamedTuple):

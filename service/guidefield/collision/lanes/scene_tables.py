@@ -17,10 +17,11 @@ from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import SCENE_WORDS
 from guidefield.kernels.collide.gjk import Parts
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
+from guidefield.kernels.collide.primitive import BOX, PRIMITIVE
 from guidefield.kernels.collide.primitives_layout import PLACED, primitive_tables
-from guidefield.kernels.simd.f32x16 import BLOCK, LANES
-from guidefield.kernels.simd.lane_math import BOX, PRIMITIVE
+from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
@@ -215,7 +216,7 @@ def _box(row: np.ndarray) -> np.ndarray:
 
 
 def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:
-    """The numbers of a primitive, as lane_math has them."""
+    """The numbers of a primitive, as `collide.primitive` has them."""
     row = np.empty(PRIMITIVE)
     row[:9], row[9:12], row[12:15], row[15] = axes.ravel(), centre, halves, radius
     return row

@@ -35,20 +35,9 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_obstacle
 from guidefield.kernels.collide.self_collision_cache import left_of_cells
 from guidefield.kernels.collide.self_narrowphase import pair_meets
-from guidefield.kernels.jit.signatures import Integers
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, Integers, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.simd.f32x16 import (
-    ALL_LANES,
-    FLOAT_POINTER,
-    LANES,
-    below,
-    first_lane,
-    lane_part,
-    lane_step,
-    load,
-    splat,
-)
-from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, load, splat
 
 
 @lane_part

@@ -15,23 +15,12 @@ from guidefield.kernels.collide.layout import (
     LaneObstacles,
     Scratch,
 )
+from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
 from guidefield.kernels.distance.point_tree import cloud_of, words_at
+from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import moved
-from guidefield.kernels.simd.f32x16 import (
-    AROUND,
-    LANES,
-    Vector,
-    below,
-    f32x16,
-    lane_part,
-    lane_step,
-    largest_lane,
-    load,
-    smallest_lane,
-    splat,
-    store,
-)
-from guidefield.kernels.simd.lane_math import PRIMITIVE, Floats32, near_primitive
+from guidefield.kernels.simd.blocks import AROUND
+from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, largest_lane, load, smallest_lane, splat, store
 
 
 @lane_part

@@ -16,10 +16,9 @@ from guidefield.kernels.collide.layout import (
     Scratch,
 )
 from guidefield.kernels.collide.separating_axes import no_axis, one_pose, placed
-from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.simd.f32x16 import DOUBLE_POINTER, LANES, lane_part, lane_step, splat, store
-from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.vector import LANES, splat, store
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
 """What is known of a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.

@@ -26,20 +26,19 @@ from guidefield.kernels.distance.point_tree import (
     nearest_distance,
     next_block,
 )
-from guidefield.kernels.simd.f32x16 import (
-    FLOAT_POINTER,
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, lane_step
+from guidefield.kernels.simd.vector import (
     LANES,
     Vector,
     below,
     f32x16,
     first_lane,
     lane,
-    lane_step,
     largest_of,
     rint,
+    root,
     smallest_of,
     splat,
-    sqrt,
 )
 
 
@@ -101,7 +100,7 @@ def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, 
     if unknown and _ask(cloud, places, u, v, w, unknown):
         known = _gathered(cells, places)
     dx, dy, dz = x - u, y - v, z - w
-    off = sqrt(dx * dx + dy * dy + dz * dz)
+    off = root(dx * dx + dy * dy + dz * dz)
     near &= below(known - off, splat(reach))
     left = near & ~below(known + off, splat(reach))
     while left:

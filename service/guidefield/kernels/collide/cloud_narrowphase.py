@@ -28,8 +28,9 @@ from guidefield.kernels.distance.point_tree import (
     point_gaps,
     words_at,
 )
-from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.simd.f32x16 import BLOCK, DOUBLE_POINTER, below, first_lane, lane_part, lane_step, load, splat
+from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.vector import below, first_lane, load, splat
 
 
 @lane_step(float64(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, DOUBLE_POINTER))

@@ -14,27 +14,24 @@ import numpy as np
 from numba import boolean, types
 
 from guidefield.kernels.collide.gjk_simplex import NEAREST, reduced
-from guidefield.kernels.jit.signatures import INDICES, VECTOR, Floats, Integers
-from guidefield.kernels.simd.f32x16 import (
-    ALL_LANES,
-    BLOCK,
+from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
+from guidefield.kernels.jit.signatures import (
     DOUBLE_POINTER,
     FLOATS,
-    below,
-    first_lane,
-    lane,
+    INDICES,
+    VECTOR,
+    Floats,
+    Floats32,
+    Integers,
     lane_part,
     lane_step,
-    largest_lane,
-    load,
-    pointed,
-    splat,
-    where_below,
 )
-from guidefield.kernels.simd.lane_math import CYLINDER, HALF_SPACE, Floats32
+from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, load, select, splat
 
 POLYTOPE = 4
-"""The kind of a part that is the hull of vertices; the others are lane_math's, but no boxes."""
+"""The kind of a part that is the hull of vertices; the others are a primitive's, but no boxes."""
 
 TRIANGLE, SURFACE = 5, 6
 """A triangle of a mesh: its corners are its first nine numbers, in the body's frame. Vertices that are points of the
@@ -90,8 +87,8 @@ def _farthest_vertex(
     for block in range(blocks):
         base = (first + block) * BLOCK
         along = load(vertices, base) * x + load(vertices, base + 16) * y + load(vertices, base + 32) * z
-        at = where_below(best, along, splat(float(block)), at)
-        best = where_below(best, along, along, best)
+        at = select(best < along, splat(float(block)), at)
+        best = select(best < along, along, best)
     winner = first_lane(ALL_LANES & ~below(best, splat(largest_lane(best))))
     place = (first + int(lane(at, winner))) * BLOCK + winner
     return float(vertices[place]), float(vertices[place + 16]), float(vertices[place + 32])

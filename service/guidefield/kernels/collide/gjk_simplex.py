@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from numba import boolean, int64
 
-from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.simd.f32x16 import DOUBLE_POINTER, lane_part, lane_step
+from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
 
 NEAREST = 12
 """Where in the array the nearest point stands."""

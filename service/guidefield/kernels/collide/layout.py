@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR_OUT
-from guidefield.kernels.simd.f32x16 import FLOATS, FLOATS_OUT, LANES, pointed
+from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, VECTOR_OUT
+from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.simd.vector_model import LANES
 
 BAND = 1e-5
 """Within this of contact [m] either answer may come."""
@@ -116,7 +117,7 @@ class LaneObstacles(NamedTuple):
 
     Attributes:
         size: n.
-        kinds: (n,) lane_math's kind of the primitive that contains each, or `CLOUD`.
+        kinds: (n,) kind of the primitive that contains each, or `CLOUD`.
         whole: (n,) 1 where that primitive is the obstacle itself, else 0.
         roots: (n,) its root in the scene's parts.
         tested: (bodies * n,) 1 where the body must not touch it.

@@ -20,24 +20,19 @@ from guidefield.kernels.collide.layout import (
     Scratch,
 )
 from guidefield.kernels.collide.separating_axes import forget_axes
-from guidefield.kernels.jit.signatures import INDICES
-from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
-from guidefield.kernels.simd.f32x16 import (
+from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
     FLOATS,
     FLOATS_OUT,
-    LANES,
+    INDICES,
+    Floats32,
     lane_kernel,
     lane_part,
     lane_step,
-    load,
-    pointed,
-    pointers,
-    splat,
-    store,
 )
-from guidefield.kernels.simd.lane_math import Floats32
-from guidefield.kernels.simd.packing import Words, unpacked
+from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
+from guidefield.kernels.simd.packing import Words, pointed, pointers, unpacked
+from guidefield.kernels.simd.vector import LANES, load, splat, store
 
 
 class LaneWorld(NamedTuple):

@@ -10,10 +10,9 @@ from numba import boolean, int64, types, void
 from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, TOUCHING, judged
 from guidefield.kernels.collide.gjk import PARTS, Parts
 from guidefield.kernels.collide.layout import GRID_PLACES, GRID_SIDES, LANE_BODIES, SCRATCH, LaneBodies, Scratch
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, Integers
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, INTEGER_POINTER, Integers, lane_kernel, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
-from guidefield.kernels.simd.f32x16 import INTEGER_POINTER, lane_kernel, lane_step, pointed, pointers
-from guidefield.kernels.simd.packing import Words, unpacked
+from guidefield.kernels.simd.packing import Words, pointed, pointers, unpacked
 
 BEYOND = 1e-3
 """What bodies keep besides [m]: configurations may be a little beyond the limits of their joints."""

@@ -31,6 +31,7 @@ from guidefield.kernels.collide.layout import (
     LaneObstacles,
     Scratch,
 )
+from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
 from guidefield.kernels.collide.separating_axes import (
     away_from_primitive,
     kept_beyond,
@@ -39,19 +40,9 @@ from guidefield.kernels.collide.separating_axes import (
     polytope_of,
     write_separating,
 )
-from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.simd.f32x16 import (
-    BLOCK,
-    DOUBLE_POINTER,
-    Vector,
-    first_lane,
-    lane,
-    lane_part,
-    lane_step,
-    load,
-    splat,
-)
-from guidefield.kernels.simd.lane_math import PRIMITIVE, near_primitive
+from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.vector import Vector, first_lane, lane, load, splat
 
 
 @lane_part

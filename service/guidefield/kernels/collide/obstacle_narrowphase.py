@@ -21,6 +21,7 @@ from guidefield.kernels.collide.layout import (
     Scratch,
 )
 from guidefield.kernels.collide.nonconvex_narrowphase import pieces_meet
+from guidefield.kernels.collide.primitive import PRIMITIVE
 from guidefield.kernels.collide.separating_axes import (
     away_from_primitive,
     keep_axis,
@@ -32,8 +33,8 @@ from guidefield.kernels.collide.separating_axes import (
     polytope_of,
     turned_axis,
 )
-from guidefield.kernels.simd.f32x16 import below, first_lane, lane, lane_step, splat
-from guidefield.kernels.simd.lane_math import PRIMITIVE
+from guidefield.kernels.jit.signatures import lane_step
+from guidefield.kernels.simd.vector import below, first_lane, lane, splat
 
 
 @lane_step(int64(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, int64, types.float64, SCRATCH_MEMORY, boolean))

@@ -12,10 +12,11 @@ from numba import int64, types
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
 from guidefield.kernels.collide.gjk import PART, PARTS, POLYTOPE, Parts
 from guidefield.kernels.collide.layout import LANE_OBSTACLES, LaneObstacles
-from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR, Floats, compiled, inlined
-from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, LANES, pointers
-from guidefield.kernels.simd.lane_math import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE, Floats32
-from guidefield.kernels.simd.packing import Words, unpacked
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
+from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR, Floats, Floats32, compiled, inlined
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
+from guidefield.kernels.simd.packing import Words, pointers, unpacked
+from guidefield.kernels.simd.vector_model import LANES
 
 CORNERS = 8
 """Of a box."""

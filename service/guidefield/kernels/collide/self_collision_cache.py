@@ -38,23 +38,10 @@ from guidefield.kernels.collide.layout import (
     LaneBodies,
     Scratch,
 )
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints
 from guidefield.kernels.simd.atomic_allocator import claimed
-from guidefield.kernels.simd.f32x16 import (
-    FLOAT_POINTER,
-    LANES,
-    below,
-    first_lane,
-    lane_part,
-    lane_step,
-    largest_of,
-    load,
-    rint,
-    smallest_of,
-    splat,
-    store,
-)
-from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of, load, rint, smallest_of, splat, store
 
 _TURN = 6.283185307179586
 

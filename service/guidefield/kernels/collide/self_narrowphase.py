@@ -25,9 +25,9 @@ from guidefield.kernels.collide.separating_axes import (
     turned_axis,
     write_turned,
 )
+from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE, moved
-from guidefield.kernels.simd.f32x16 import below, first_lane, lane_part, lane_step, load, splat
-from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.vector import below, first_lane, load, splat
 
 
 @lane_part

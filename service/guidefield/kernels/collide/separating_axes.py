@@ -10,24 +10,22 @@ from numba import int64
 
 from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, POLYTOPE, Parts, reach_along
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, LaneBodies
-from guidefield.kernels.jit.signatures import Floats, Integers
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, HALF_SPACE
+from guidefield.kernels.jit.signatures import Floats, Floats32, Integers, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
-from guidefield.kernels.simd.f32x16 import (
-    BLOCK,
+from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.vector import (
     LANES,
     Vector,
     below,
     f32x16,
-    lane_part,
-    lane_step,
     largest_of,
     load,
     magnitude,
+    root,
     smallest_of,
     splat,
-    sqrt,
 )
-from guidefield.kernels.simd.lane_math import BOX, CAPSULE, HALF_SPACE, Floats32
 
 
 @lane_part
@@ -168,7 +166,7 @@ def away_from_primitive(
             beyond = off
         else:
             nx, ny, nz = nx - off * ax, ny - off * ay, nz - off * az
-        length = sqrt(nx * nx + ny * ny + nz * nz)
+        length = root(nx * nx + ny * ny + nz * nz)
         reach = magnitude(beyond) * half + length * radius
         if kind != CAPSULE:  # a cylinder: all times `length`
             out = largest_of(length - radius, splat(0.0))
@@ -195,7 +193,7 @@ def kept_beyond(
         reach: How far the other reaches along them, times their length [m].
         margin: By how much [m].
     """
-    enough = reach + sqrt(u * u + v * v + w * w) * margin + 1e-30  # more than 0, so that no axis separates nothing
+    enough = reach + root(u * u + v * v + w * w) * margin + 1e-30  # more than 0, so that no axis separates nothing
     x, y, z, origin = turned_axis(poses, joint, u, v, w)
     return int(below(lowest_vertex(parts, part, x, y, z) + origin, enough))
 

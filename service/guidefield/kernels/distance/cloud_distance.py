@@ -19,7 +19,7 @@ from guidefield.kernels.distance.point_tree import (
     words_at,
 )
 from guidefield.kernels.distance.shape_distance import Signed
-from guidefield.kernels.simd.f32x16 import lane_step
+from guidefield.kernels.jit.signatures import lane_step
 
 
 @lane_step(boolean(CLOUD_TABLES, float64, float64, float64, float64))

@@ -14,29 +14,29 @@ from llvmlite import ir
 from numba import float64, int64, types
 from numba.extending import intrinsic
 
-from guidefield.kernels.jit.signatures import INDICES
-from guidefield.kernels.simd.f32x16 import (
-    ALL_LANES,
-    AROUND,
-    BLOCK,
+from guidefield.kernels.jit.signatures import (
     FLOATS,
     FLOATS_OUT,
+    INDICES,
     INTEGER_POINTER,
+    Floats32,
+    lane_part,
+    lane_step,
+)
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
+from guidefield.kernels.simd.packing import pointed, unpacked
+from guidefield.kernels.simd.vector import (
+    ALL_LANES,
     LANES,
     Vector,
     below,
     f32x16,
     first_lane,
-    lane_part,
-    lane_step,
     largest_of,
     load,
-    pointed,
     smallest_lane,
     splat,
 )
-from guidefield.kernels.simd.lane_math import Floats32
-from guidefield.kernels.simd.packing import unpacked
 
 NUMBERS = 12
 """Numbers of a cloud: middle of the grid's first cell (3), size of a cell, cells per length, box about the points (6),

@@ -8,9 +8,18 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.distance.point_tree import NOWHERE
-from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT, Floats, compiled, inlined
-from guidefield.kernels.simd.f32x16 import AROUND, BLOCK, FLOATS_OUT, LANES
-from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.jit.signatures import (
+    FLOATS_OUT,
+    INDICES,
+    MATRIX,
+    MATRIX_OUT,
+    Floats,
+    Floats32,
+    compiled,
+    inlined,
+)
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
+from guidefield.kernels.simd.vector_model import LANES
 
 _STACK = 64
 

@@ -10,7 +10,7 @@ from typing import Any
 from guidefield.kernels.field.primitives import winding_behind
 from guidefield.kernels.field.solid_angle import flat_pair, pair_field
 from guidefield.kernels.jit.signatures import inlined
-from guidefield.kernels.simd.generic_vector import every, inverse_root, select, smallest_gap
+from guidefield.kernels.simd.vector import every, inverse_root, select, smallest_gap
 
 FAR = 1.8
 """Distance from the centre, over half the diagonal, from which no face has half a solid angle of pi/8."""

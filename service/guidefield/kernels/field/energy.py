@@ -33,7 +33,7 @@ from guidefield.kernels.jit.signatures import (
     optimized,
 )
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements
-from guidefield.kernels.simd.generic_vector import lanes_of, load, select, total
+from guidefield.kernels.simd.vector import lanes_of, load, select, total
 
 
 class ChargedRobot(NamedTuple):

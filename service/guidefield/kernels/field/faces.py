@@ -20,7 +20,7 @@ from typing import Any
 
 from guidefield.kernels.field.solid_angle import pair_field, single_field
 from guidefield.kernels.jit.signatures import inlined
-from guidefield.kernels.simd.generic_vector import inverse_root, load, select, smallest_gap, store
+from guidefield.kernels.simd.vector import inverse_root, load, select, smallest_gap, store
 
 PLANE_ROWS = 6
 """Numbers that lead a face's row: a point of its plane (3), its unit normal (3)."""

@@ -13,7 +13,7 @@ from guidefield.kernels.field.faces import block_at, block_potential_at
 from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, MATRIX_32, TABLES, TABLES_32, FieldTables
 from guidefield.kernels.field.primitives import charged_capsule_at, plane_at, sphere_at
 from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, Floats, compiled, inlined
-from guidefield.kernels.simd.generic_vector import every, inverse_root, lanes_of, load, store
+from guidefield.kernels.simd.vector import every, inverse_root, lanes_of, load, store
 
 MATRIX_32_OUT = types.Array(types.float32, 2, "C")
 VECTOR_32_OUT = types.Array(types.float32, 1, "C")

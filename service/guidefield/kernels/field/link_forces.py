@@ -10,7 +10,7 @@ from guidefield.kernels.field.energy import ends_at
 from guidefield.kernels.field.field import LANES, add_field
 from guidefield.kernels.field.primitives import capsule_at
 from guidefield.kernels.jit.signatures import Floats, inlined
-from guidefield.kernels.simd.generic_vector import lanes_of, load, select, total
+from guidefield.kernels.simd.vector import lanes_of, load, select, total
 
 
 @inlined

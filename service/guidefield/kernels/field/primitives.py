@@ -5,7 +5,7 @@ charge: a tube, exact where it is infinitely long, and half a sphere at each end
 the capsule, is exact for length 0 and within a few tens of per cent of the integral elsewhere.
 
 With `curvature` is meant what -2 Phi_h/h is for a triangle: the second derivative along the normal of the surface.
-Points are numbers or lanes (kernels/simd/generic_vector.py), a primitive's own numbers are plain.
+Points are numbers or lanes (kernels/simd/vector.py), a primitive's own numbers are plain.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 from guidefield.kernels.field.solid_angle import positive
 from guidefield.kernels.jit.signatures import Six, Vector3, inlined
-from guidefield.kernels.simd.generic_vector import inverse_root, is_double, root, select
+from guidefield.kernels.simd.vector import inverse_root, is_double, root, select
 
 CAPSULE_SHELL = 0.01
 """A point nearer to a capsule than this part of its radius, or inside it, has the field of this distance."""

@@ -19,7 +19,7 @@ import math
 from typing import Any
 
 from guidefield.kernels.jit.signatures import inlined
-from guidefield.kernels.simd.generic_vector import every, inverse_root, is_double, magnitude, select, smallest_gap
+from guidefield.kernels.simd.vector import every, inverse_root, is_double, magnitude, select, smallest_gap
 
 _TAN = math.tan(math.pi / 8)
 FLAT = 1.0 / math.tan(math.pi / 16)

@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.kernels.jit.signatures import Floats, Integers, inlined
 from guidefield.kernels.kinematics.forward_kinematics import motion_subspaces
-from guidefield.kernels.simd.generic_vector import total
+from guidefield.kernels.simd.vector import total
 
 
 @inlined

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from guidefield.kernels.jit.compilers import kernel as made, part
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
 Integers = NDArray[np.int64]
 Vector3 = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -46,6 +47,14 @@ INDICES_OUT = types.Array(types.int64, 1, "C")
 BLOCKS_OUT = types.Array(types.float64, 3, "C")
 """Output, shape (k, m, n)."""
 
+FLOATS = types.Array(types.float32, 1, "C", readonly=True)
+"""Input in single precision, shape (n,)."""
+
+FLOATS_OUT = types.Array(types.float32, 1, "C")
+"""Output in single precision, shape (n,)."""
+
+FLOAT_POINTER, DOUBLE_POINTER, INTEGER_POINTER = map(types.CPointer, (types.float32, types.float64, types.int64))
+
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 """How sums may be rearranged. Not `ninf` and `nnan`: selects discard infinities, which must stay what they are."""
 
@@ -65,3 +74,21 @@ def optimized(kernel: Kernel) -> Kernel:
 def compiled(signature: Any) -> Callable[[Kernel], Kernel]:
     """Decorator of a kernel of one signature: machine code from the cache, no GIL, division by zero gives infinity."""
     return made(signature, fastmath=FASTMATH)
+
+
+def lane_part(kernel: Kernel) -> Kernel:
+    """Decorator of parts of lane kernels: compiled into the caller.
+
+    Sums keep their order, unlike in the other kernels: the range reduction of angles depends on it.
+    """
+    return cast(Kernel, part(kernel, fastmath={"contract"}))
+
+
+def lane_kernel(signature: Any, **options: bool) -> Callable[[Kernel], Kernel]:
+    """Decorator of a lane kernel of one signature: machine code from the cache, no GIL; sums keep their order."""
+    return made(signature, fastmath={"contract"}, **options)
+
+
+def lane_step(signature: Any) -> Callable[[Kernel], Kernel]:
+    """The same for a kernel that only kernels call: quicker to compile, as Python can't call it."""
+    return lane_kernel(signature, no_cpython_wrapper=True, no_cfunc_wrapper=True)

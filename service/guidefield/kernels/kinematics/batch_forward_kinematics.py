@@ -7,20 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import INDICES
-from guidefield.kernels.simd.f32x16 import (
-    FLOAT_POINTER,
-    FLOATS,
-    LANES,
-    Vector,
-    lane_part,
-    lane_step,
-    load,
-    pointed,
-    splat,
-    store,
-)
-from guidefield.kernels.simd.lane_math import Floats32, cosine_and_sine, quaternion_of
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, FLOATS, INDICES, Floats32, lane_part, lane_step
+from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
+from guidefield.kernels.simd.vector import LANES, Vector, load, splat, store
 
 POSE = 12 * LANES
 """Floats of sixteen placements: rotation and translation row by row, each number in sixteen lanes."""
@@ -188,7 +178,7 @@ def _entries(x: Vector, y: Vector, z: Vector, w: Vector) -> tuple[Vector, ...]:
 @lane_part
 def _turned(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
     """Rotation, row by row, of a joint that turns about a point: that it starts from, then its rotation vector's."""
-    ex, ey, ez, ew = quaternion_of(load(coordinates, at), load(coordinates, at + 16), load(coordinates, at + 32))
+    ex, ey, ez, ew = quaternion_of_vector(load(coordinates, at), load(coordinates, at + 16), load(coordinates, at + 32))
     x, y, z, w = numbers[base + 12], numbers[base + 13], numbers[base + 14], numbers[base + 15]
     return _entries(
         ex * w + ew * x + ez * y - ey * z,

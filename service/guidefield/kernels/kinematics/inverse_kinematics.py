@@ -24,8 +24,8 @@ from guidefield.kernels.kinematics.tip_chain import (
     tip_offset,
     tip_pose,
 )
-from guidefield.kernels.simd.generic_vector import load, magnitude, root, select, store
 from guidefield.kernels.simd.rotations import quaternion_of_vector, quaternion_product, vector_of_quaternion
+from guidefield.kernels.simd.vector import load, magnitude, root, select, store
 
 TRUTHS_OUT = types.Array(types.boolean, 1, "C")
 

@@ -8,14 +8,13 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.jit.signatures import INDICES, MATRIX, VECTOR, Floats, inlined
-from guidefield.kernels.simd.generic_vector import load, store
-from guidefield.kernels.simd.generic_vector_model import LANES_64
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,
     quaternion_of_vector,
     vector_of_quaternion,
 )
+from guidefield.kernels.simd.vector import LANES_64, load, store
 
 TURN, SLIDE, BALL = range(3)
 """Kinds of parts: about z, along z, any rotation. Joints with several degrees of freedom are several parts."""

@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from guidefield.kernels.simd.f32x16 import lane_part
+from guidefield.kernels.jit.signatures import lane_part
 
 
 @intrinsic

@@ -1,12 +1,15 @@
-"""Angles and rotations in lanes: sine and cosine, rotation vectors from matrices and quaternions, and back."""
+"""Angles and rotations in lanes: sine and cosine, rotation vectors from matrices and quaternions, and back.
+
+What both precisions have is one function of two ways, of which the lanes' precision chooses when a kernel is compiled.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from guidefield.kernels.jit.signatures import inlined
-from guidefield.kernels.simd.generic_vector import magnitude, root, select
+from guidefield.kernels.jit.signatures import lane_part
+from guidefield.kernels.simd.vector import is_double, magnitude, rint, root, select
 
 _ROUNDING = 6755399441055744.0
 """1.5 * 2^52: what is added to it is rounded to a whole number, to even from the middle."""
@@ -17,20 +20,25 @@ _QUARTER_MIDDLE = 6.077100506303966e-11
 _QUARTER_LOW = 2.0222662487959506e-21
 _PER_QUARTER = 2.0 / math.pi
 
+# 2 pi in two parts, the first with so few digits that small multiples are exact in float32 (Cody and Waite).
+_TURN_HIGH = 6.28125
+_TURN_LOW = 2.0 * math.pi - _TURN_HIGH
+_PER_TURN = 1.0 / (2.0 * math.pi)
+
 _EIGHTH = math.tan(math.pi / 8.0)
 _SMALL = 1e-9
 _SMALL_ANGLE = 0.1
 
 
-@inlined
+@lane_part
 def _rounded(x: Any) -> Any:
     """The nearest whole number."""
     return (x + _ROUNDING) - _ROUNDING
 
 
-@inlined
-def cosine_and_sine(angle: Any) -> tuple[Any, Any]:
-    """Cosine and sine, each to 2e-16 for angles within 1e5 [rad].
+@lane_part
+def _cosine_and_sine_64(angle: Any) -> tuple[Any, Any]:
+    """`cosine_and_sine` in double precision.
 
     The angle is reduced to an eighth of a turn about a multiple of a quarter; there sine and cosine are the Cephes
     library's polynomials (S. Moshier).
@@ -61,7 +69,44 @@ def cosine_and_sine(angle: Any) -> tuple[Any, Any]:
     )
 
 
-@inlined
+@lane_part
+def _polynomials(u: Any) -> tuple[Any, Any]:
+    """(sin h - h) / h^3 and cos h for u = h^2, h within [-pi/2, pi/2].
+
+    The polynomials of least greatest error there, to h^11 and h^10, give sin h to 2e-10 and cos h to 1e-9.
+    """
+    s = u * -2.4079801291588433e-08 + 2.7536450235908687e-06
+    s = s * u - 0.00019841086446711044
+    s = s * u + 0.008333332768635793
+    s = s * u - 0.16666666663883803
+    c = u * -2.629712856113701e-07 + 2.4774568152524807e-05
+    c = c * u - 0.0013888651585786435
+    c = c * u + 0.04166665936278864
+    c = c * u - 0.49999999964019176
+    return s, c * u + 1.0
+
+
+@lane_part
+def _cosine_and_sine_32(angle: Any) -> tuple[Any, Any]:
+    """`cosine_and_sine` in single precision.
+
+    With h half of the angle, reduced to [-pi/2, pi/2], sin = 2 sin h cos h and cos = 1 - 2 sin^2 h.
+    """
+    turns = rint(angle * _PER_TURN)
+    half = (angle - turns * _TURN_HIGH - turns * _TURN_LOW) * 0.5
+    u = half * half
+    s, c = _polynomials(u)
+    s = half + half * u * s
+    return 1.0 - 2.0 * s * s, 2.0 * s * c
+
+
+@lane_part
+def cosine_and_sine(angle: Any) -> tuple[Any, Any]:
+    """Cosine and sine [rad]: each to 2e-16 for angles within 1e5; in single precision to 5e-7 for such within 1000."""
+    return _cosine_and_sine_64(angle) if is_double(angle) else _cosine_and_sine_32(angle)
+
+
+@lane_part
 def _angle_of(sine: Any, cosine: Any) -> Any:
     """The angle in [0, pi/2] whose sine and cosine, neither negative, have this ratio (arctangent as in Cephes)."""
     steep = sine > cosine
@@ -83,7 +128,7 @@ def _angle_of(sine: Any, cosine: Any) -> Any:
     return select(steep, 0.5 * math.pi - angle, angle)
 
 
-@inlined
+@lane_part
 def vector_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Rotation vector of a unit quaternion, at most pi long [rad], and what its rate needs.
 
@@ -103,16 +148,36 @@ def vector_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any, Any,
     return scale * x, scale * y, scale * z, square, rate
 
 
-@inlined
-def quaternion_of_vector(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
-    """Unit quaternion (x, y, z, w) of a rotation vector [rad]."""
+@lane_part
+def _quaternion_64(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
+    """`quaternion_of_vector` in double precision."""
     angle = root(x * x + y * y + z * z)
     c, s = cosine_and_sine(0.5 * angle)
     scale = select(angle > _SMALL, s / angle, 0.5)
     return scale * x, scale * y, scale * z, c
 
 
-@inlined
+@lane_part
+def _quaternion_32(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
+    """`quaternion_of_vector` in single precision.
+
+    With k a quarter of the angle a, sin(a / 2) / a = sin k cos k / (2 k) and cos(a / 2) = 1 - 2 sin^2 k: no root and no
+    division is needed.
+    """
+    u = (x * x + y * y + z * z) * 0.0625
+    s, c = _polynomials(u)
+    s = s * u + 1.0
+    scale = s * c * 0.5
+    return x * scale, y * scale, z * scale, 1.0 - 2.0 * u * s * s
+
+
+@lane_part
+def quaternion_of_vector(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
+    """Unit quaternion (x, y, z, w) of a rotation vector [rad]; in single precision to 5e-7, of up to a full turn."""
+    return _quaternion_64(x, y, z) if is_double(x) else _quaternion_32(x, y, z)
+
+
+@lane_part
 def quaternion_product(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
     """Product of two quaternions (x, y, z, w): b is turned by a."""
     return (
@@ -123,7 +188,7 @@ def quaternion_product(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
     )
 
 
-@inlined
+@lane_part
 def quaternion_of_matrix(m: Any) -> tuple[Any, Any, Any, Any]:
     """Unit quaternion (x, y, z, w) of a rotation matrix given row by row, from its largest component."""
     t = 1.0 + m[0] + m[4] + m[8]

@@ -12,29 +12,32 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.jit.signatures import INDICES, VECTOR, Floats
-from guidefield.kernels.simd.f32x16 import (
+from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
     FLOATS,
+    INDICES,
+    VECTOR,
+    Floats,
+    Floats32,
+    lane_part,
+    lane_step,
+)
+from guidefield.kernels.simd.packing import pointed, pointers, unpacked
+from guidefield.kernels.simd.rotations import cosine_and_sine
+from guidefield.kernels.simd.vector import (
     LANES,
     Vector,
     f32x16,
-    lane_part,
-    lane_step,
     largest_of,
     load,
     magnitude,
-    pointed,
-    pointers,
     rint,
+    root,
+    select,
     smallest_of,
     splat,
-    sqrt,
     store,
-    where_below,
 )
-from guidefield.kernels.simd.lane_math import Floats32, cosine_and_sine
-from guidefield.kernels.simd.packing import unpacked
 
 _AHEAD = np.arange(1, LANES + 1, dtype=np.float32)
 """Of sixteen samples, the how manieth each is."""
@@ -97,7 +100,7 @@ def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Float
     """The rotation vectors, at most pi long, of the rotations at sixteen places in the unit cube (Shoemake 1992).
 
     Places that fill the cube evenly are rotations that fill all of them evenly. With w the cosine of half of the angle,
-    vector and sine are as arccos w / sqrt(1 - w^2), here a polynomial that is off by 6e-5.
+    vector and sine are as arccos w / root(1 - w^2), here a polynomial that is off by 6e-5.
 
     Args:
         first: Shares of the cube's first side.
@@ -106,14 +109,14 @@ def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Float
         samples_out: Gets the vectors from an index on, coordinate by coordinate, shape (n,) [rad].
         at: That index.
     """
-    inner, outer = sqrt(splat(1.0) - first), sqrt(first)
+    inner, outer = root(splat(1.0) - first), root(first)
     c, s = cosine_and_sine(second * (2.0 * math.pi))
     d, t = cosine_and_sine(third * (2.0 * math.pi))
     w = outer * d
     u = magnitude(w)
     scale = (((0.5462545 - 0.1317371 * u) * u - 1.0787918) * u + 1.5185036) * u - 1.9957945
     scale = scale * u + 3.141535
-    scale = where_below(w, splat(0.0), -scale, scale)
+    scale = select(w < 0.0, -scale, scale)
     store(samples_out, at, scale * inner * s)
     store(samples_out, at + LANES, scale * inner * c)
     store(samples_out, at + 2 * LANES, scale * outer * t)
@@ -141,7 +144,7 @@ def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_
         samples_out: (nv * 16,) the points, coordinate by coordinate [rad or m].
     """
     along = _shares(sampling, places, nv)
-    reach = where_below(along, splat(NEAR), splat(way.reach), splat(np.inf))
+    reach = select(along < NEAR, splat(way.reach), np.inf)
     along = along * np.float32(1.0 / NEAR)
     for j in range(nv):
         at, period, width = way.nodes[way.start + j * way.stride], sampling.period[j], np.float32(sampling.width[j])

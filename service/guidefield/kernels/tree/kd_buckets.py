@@ -12,27 +12,30 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import INDICES_OUT, Integers
-from guidefield.kernels.simd.f32x16 import (
+from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
     FLOATS_OUT,
+    INDICES_OUT,
+    Floats32,
+    Integers,
+    lane_part,
+    lane_step,
+)
+from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.simd.vector import (
     LANES,
     Vector,
     below,
     first_lane,
     lane,
-    lane_part,
-    lane_step,
     largest_lane,
     largest_of,
     load,
     magnitude,
-    pointed,
     rint,
     smallest_lane,
     splat,
 )
-from guidefield.kernels.simd.lane_math import Floats32
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 
 BUCKET = 2 * LANES

@@ -5,24 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, void
 
-from guidefield.kernels.simd.f32x16 import (
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import (
     ALL_LANES,
-    FLOAT_POINTER,
     LANES,
     below,
     first_lane,
     lane,
-    lane_part,
-    lane_step,
     load,
-    pointers,
+    select,
     smallest_lane,
     smallest_of,
     splat,
     store,
-    where_below,
 )
-from guidefield.kernels.simd.lane_math import Floats32
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.kd_buckets import KNOWN, STATE, nearest_in_buckets, put_in_bucket, short_way
 from guidefield.kernels.tree.nodes import LATE, SEARCH, SIZE, TreeSearch
@@ -70,8 +67,8 @@ def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling)
             apart = short_way(load(nodes, start + j * capacity + i) - target[j], period[j], frequency[j])
             total = total + apart * apart
         if size - i < LANES:
-            total = where_below(load(pointers(_PLACES), 0), splat(size - i - 0.5), total, splat(np.inf))
-        which = where_below(total, least, splat(np.float32(i)), which)
+            total = select(load(pointers(_PLACES), 0) < size - i - 0.5, total, np.inf)
+        which = select(total < least, splat(np.float32(i)), which)
         least = smallest_of(total, least)
     best = smallest_lane(least)
     k = first_lane(ALL_LANES & ~below(splat(best), least))
@@ -113,13 +110,13 @@ def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
                 x, y = short_way(x, period, frequency), short_way(y, period, frequency)
                 z, w = short_way(z, period, frequency), short_way(w, period, frequency)
             s, t, u, v = s + x * x, t + y * y, u + z * z, v + w * w
-        which = where_below(s, least, splat(np.float32(a)), which)
+        which = select(s < least, splat(np.float32(a)), which)
         least = smallest_of(s, least)
-        which = where_below(t, least, splat(np.float32(b)), which)
+        which = select(t < least, splat(np.float32(b)), which)
         least = smallest_of(t, least)
-        which = where_below(u, least, splat(np.float32(c)), which)
+        which = select(u < least, splat(np.float32(c)), which)
         least = smallest_of(u, least)
-        which = where_below(v, least, splat(np.float32(d)), which)
+        which = select(v < least, splat(np.float32(d)), which)
         least = smallest_of(v, least)
     store(search.near, 0, least)
     store(search.near, LANES, which)

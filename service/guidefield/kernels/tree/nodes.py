@@ -8,22 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.jit.signatures import INDICES_OUT, VECTOR_OUT
-from guidefield.kernels.simd.f32x16 import (
+from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
     FLOATS_OUT,
-    LANES,
-    lane,
+    INDICES_OUT,
+    VECTOR_OUT,
+    Floats32,
     lane_part,
     lane_step,
-    load,
-    pointed,
-    splat,
-    sqrt,
-    store,
 )
-from guidefield.kernels.simd.lane_math import Floats32
-from guidefield.kernels.simd.packing import unpacked
+from guidefield.kernels.simd.packing import pointed, unpacked
+from guidefield.kernels.simd.vector import LANES, lane, load, root, splat, store
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.kd_buckets import BUCKETS_TYPE, STATE, Buckets, short_way
 
@@ -128,7 +123,7 @@ def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
         way = short_way(way, sampling.period[j], sampling.frequency[j])
         store(ends, j * LANES, way)
         square = square + way * way
-    store(search.near, 0, sqrt(square))
+    store(search.near, 0, root(square))
     for slot in range(batch):
         longest[slot] = min(np.float32(1.0), longest[slot] / max(search.near[slot], np.float32(1e-12)))
     share = load(longest, 0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import void
 
-from guidefield.kernels.simd.f32x16 import lane_part, lane_step
+from guidefield.kernels.jit.signatures import lane_part, lane_step
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.nodes import MEETING, ROOTS, ROWS, SEARCH, TreeSearch
 

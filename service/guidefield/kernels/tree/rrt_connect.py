@@ -15,9 +15,9 @@ import numpy as np
 from numba import boolean, int64, types
 
 from guidefield.kernels.collide.motion_validation import WORLD, LaneWorld, forget, motion_free, world_of
-from guidefield.kernels.jit.signatures import INDICES
-from guidefield.kernels.simd.f32x16 import LANES, first_lane, lane, lane_kernel, lane_part, lane_step, load, pointers
-from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.jit.signatures import INDICES, lane_kernel, lane_part, lane_step
+from guidefield.kernels.simd.packing import Words, pointers
+from guidefield.kernels.simd.vector import LANES, first_lane, lane, load
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, Way, next_samples, pass_samples, sampling_of
 from guidefield.kernels.tree.nearest import nearest, nearest_to_each
 from guidefield.kernels.tree.nodes import (

@@ -11,9 +11,8 @@ import numpy as np
 from numba import int64, types
 
 from guidefield.kernels.collide.motion_validation import LaneWorld, motion_free, world_of
-from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT
-from guidefield.kernels.simd.f32x16 import lane_kernel, lane_part, pointers
-from guidefield.kernels.simd.packing import Words
+from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT, lane_kernel, lane_part
+from guidefield.kernels.simd.packing import Words, pointers
 
 _PATH = types.Array(types.float32, 2, "C")
 

@@ -19,19 +19,9 @@ from guidefield.kernels.collide.layout import (
     LaneObstacles,
     Scratch,
 )
-from guidefield.kernels.jit.signatures import Integers
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, INTEGER_POINTER, Floats32, Integers, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.simd.f32x16 import (
-    ALL_LANES,
-    FLOAT_POINTER,
-    INTEGER_POINTER,
-    LANES,
-    first_lane,
-    lane_part,
-    lane_step,
-    load,
-)
-from guidefield.kernels.simd.lane_math import Floats32
+from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane, load
 
 SIEVE = 32
 """How many of the inner balls that met an obstacle are tried before any other."""

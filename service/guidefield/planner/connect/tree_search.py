@@ -12,8 +12,8 @@ import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.kernels.collide.arena import LINE
-from guidefield.kernels.simd.f32x16 import LANES
 from guidefield.kernels.simd.packing import Words, packed
+from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel
 from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.sphere_rejection import SIEVE

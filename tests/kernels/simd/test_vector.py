@@ -14,15 +14,23 @@ from numba import njit
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import field_tables
 from guidefield.kernels.field.field import field_at_points
-from guidefield.kernels.simd.generic_vector import (
+from guidefield.kernels.simd.vector import (
+    below,
     every,
+    first_lane,
     inverse_root,
     is_double,
+    lane,
     lanes_of,
+    largest_lane,
+    largest_of,
     load,
     magnitude,
+    rint,
     root,
     select,
+    smallest_lane,
+    smallest_of,
     store,
     total,
 )
@@ -51,6 +59,30 @@ def test_lanes_do_what_numpy_does(kind: type) -> None:
     tolerance = 8.0 * float(np.finfo(kind).eps)
     np.testing.assert_allclose(out, expected, rtol=tolerance, atol=32.0 * tolerance)
     np.testing.assert_allclose(sums, plain, rtol=64.0 * tolerance)
+
+
+@njit
+def among_lanes(x: Any, y: Any, out: Any) -> Any:
+    a, b = load(x, 0), load(y, 0)
+    bits = below(a, b)
+    store(out, 0, rint(3.0 * a) + smallest_of(a, b) - 2.0 * largest_of(a, b))
+    return bits, first_lane(bits), lane(a, 5), largest_lane(a), smallest_lane(b)
+
+
+@PRECISIONS
+def test_what_is_asked_of_lanes_is_the_same_undecorated(kind: type) -> None:
+    x, y = np.random.default_rng(4).normal(size=(2, 8 if kind is np.float64 else 16)).astype(kind)
+    x[2] = np.nan
+    out, expected = np.empty_like(x), np.empty_like(x)
+    with np.errstate(invalid="ignore"):
+        found, plain = among_lanes(x, y, out), among_lanes.py_func(x, y, expected)
+    assert found[:2] == plain[:2]
+    assert found[0] >> 2 & 1, "what is not a number is below everything"
+    assert found[2] == plain[2]
+    known = np.arange(len(x)) != 2
+    np.testing.assert_allclose(out[known], expected[known], rtol=1e-6)
+    x[2] = 0.5
+    assert among_lanes(x, y, out)[3:] == among_lanes.py_func(x, y, expected)[3:]
 
 
 @njit

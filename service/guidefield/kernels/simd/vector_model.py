@@ -1,4 +1,4 @@
-"""The vector type of point_lanes.py, and the functions of its values as they run undecorated, on NumPy arrays."""
+"""The vector types of kernels, and the functions of their values as they run undecorated, on NumPy arrays."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from llvmlite import ir
 from numba import types
 from numba.extending import models, register_model
 
-LANES_64 = 8
-"""Points at once in double precision."""
+LANES = 16
+"""Lanes of a vector in single precision."""
 
-LANES_32 = 16
-"""Points at once in single precision."""
+LANES_64 = 8
+"""Lanes of a vector in double precision."""
+
+ALL_LANES = (1 << LANES) - 1
+"""The bit mask of all lanes of a vector in single precision."""
 
 
 class VectorType(types.Type):  # type: ignore[misc]  # numba is untyped
@@ -21,13 +24,19 @@ class VectorType(types.Type):  # type: ignore[misc]  # numba is untyped
 
     def __init__(self, element: types.Float) -> None:
         self.element = element
-        self.count = LANES_64 if element == types.float64 else LANES_32
+        self.count = LANES_64 if element == types.float64 else LANES
         super().__init__(name=f"lanes<{element} x {self.count}>")
 
     @property
     def key(self) -> Any:
         """What tells one from another."""
         return self.element
+
+
+f32x16 = VectorType(types.float32)
+
+Vector = Any
+"""What an annotation says of a value that is an `f32x16` inside a kernel."""
 
 
 class Mask(types.Type):  # type: ignore[misc]
@@ -44,7 +53,7 @@ class Mask(types.Type):  # type: ignore[misc]
 
 
 @register_model(VectorType)
-class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, dmm: Any, fe_type: VectorType) -> None:
         element = ir.DoubleType() if fe_type.element == types.float64 else ir.FloatType()
         super().__init__(dmm, fe_type, ir.VectorType(element, fe_type.count))
@@ -61,7 +70,7 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 def lanes_of(array: Any) -> int:
     """How many lanes a vector of an array's precision has."""
-    return LANES_64 if array.dtype == np.float64 else LANES_32
+    return LANES_64 if array.dtype == np.float64 else LANES
 
 
 def smallest_gap(lanes: Any) -> float:
@@ -70,18 +79,33 @@ def smallest_gap(lanes: Any) -> float:
 
 
 def load(array: Any, at: int) -> Any:
-    """Lanes from consecutive elements of a 1-D array."""
+    """Lanes from consecutive elements of a 1-D array, or of what a pointer points to; bounds are not checked."""
     return array[at : at + lanes_of(array)]
 
 
 def store(array: Any, at: int, lanes: Any) -> None:
-    """Lanes into consecutive elements of a 1-D array."""
+    """Lanes, or one number in all, into consecutive elements of a 1-D array, shape (n,), or behind a pointer."""
     array[at : at + lanes_of(array)] = lanes
+
+
+def splat(number: Any) -> Any:
+    """A number in every lane of an `f32x16`."""
+    return np.full(LANES, number, np.float32)
 
 
 def select(mask: Any, yes: Any, no: Any) -> Any:
     """Lane by lane, one or the other; one of the two may be a number."""
     return np.where(mask, yes, no)
+
+
+def smallest_of(a: Any, b: Any) -> Any:
+    """Lane by lane the smaller of two vectors."""
+    return np.where(a < b, a, b)
+
+
+def largest_of(a: Any, b: Any) -> Any:
+    """Lane by lane the larger of two vectors."""
+    return np.where(a > b, a, b)
 
 
 def root(lanes: Any) -> Any:
@@ -99,9 +123,29 @@ def magnitude(lanes: Any) -> Any:
     return np.abs(lanes)
 
 
+def rint(lanes: Any) -> Any:
+    """The nearest whole number, to even from the middle."""
+    return np.rint(lanes)
+
+
 def total(lanes: Any) -> Any:
     """Sum over the lanes."""
     return np.sum(lanes)
+
+
+def largest_lane(lanes: Any) -> Any:
+    """The largest of the lanes; none may be NaN."""
+    return np.max(lanes)
+
+
+def smallest_lane(lanes: Any) -> Any:
+    """The smallest of the lanes; none may be NaN."""
+    return np.min(lanes)
+
+
+def lane(lanes: Any, index: int) -> Any:
+    """One lane of a vector."""
+    return lanes[index]
 
 
 def is_double(lanes: Any) -> bool:
@@ -112,3 +156,16 @@ def is_double(lanes: Any) -> bool:
 def every(mask: Any) -> bool:
     """Whether it is true of all lanes."""
     return bool(np.all(mask))
+
+
+def below(a: Any, b: Any) -> int:
+    """Bit mask of the lanes where a < b: bit i is lane i's answer.
+
+    A lane with a NaN counts as below, so that a broken value is never called free.
+    """
+    return sum(1 << k for k in np.flatnonzero(~(a >= b)).tolist())
+
+
+def first_lane(bits: int) -> int:
+    """Index of the lowest set bit of a bit mask that has one."""
+    return (bits & -bits).bit_length() - 1
