@@ -21,7 +21,7 @@ from guidefield.cli import app
 from guidefield.errors import ERRORS, Status
 from guidefield.messages import codec, replies, requests, scene
 from guidefield.messages.codec import Encoding
-from guidefield.messages.keys import SERVED
+from guidefield.messages.served import KEYS
 from tests.journeys.service import Service, plain_client, running_service
 
 HOUSE = Path(__file__).resolve().parent.parent
@@ -198,7 +198,7 @@ def test_the_readme_is_short() -> None:
 
 def test_the_wire_page_has_every_key_code_and_field() -> None:
     text = (DOCS / "wire.md").read_text()
-    assert [key for key in SERVED if f"`guidefield/<i>/{key}`" not in text] == []
+    assert [key.key for key in KEYS if f"`guidefield/<i>/{key.key}`" not in text] == []
     rows = dict(re.findall(r"^\| (-?\d+) \| `(\w+)`", text, re.MULTILINE))
     assert {int(code): name for code, name in rows.items()} == {int(s): s.name for s in Status}
     assert [kind.__name__ for kind in ERRORS.values() if f"`{kind.__name__}`" not in text] == []

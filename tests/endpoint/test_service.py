@@ -2,12 +2,19 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
+import zenoh
 
+from guidefield import Client, NoService
+from guidefield.cli.loopback import free_port
 from guidefield.endpoint.service import CannotServe, ServiceSettings, serve, session_config
 from guidefield.errors import MalformedRequest
+from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that, plain_client
 
 
 def test_it_listens_on_loopback_and_scouts_nobody_unless_told(tmp_path: Path) -> None:
@@ -45,6 +52,46 @@ def test_a_mistake_in_a_configuration_file_is_refused(tmp_path: Path) -> None:
 def test_a_name_that_is_no_chunk_of_a_key_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MalformedRequest, match="instance"):
         serve(ServiceSettings(tmp_path, instance="a/b"), threading.Event())
+
+
+def test_what_it_does_while_it_starts_is_told_and_lists_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop, seen = threading.Event(), threading.Event()
+
+    def compiled(told: Callable[[str], None], _stopped: Callable[[], bool]) -> None:
+        told("compiling kernels: 26 of 66")
+        seen.wait(ANSWERED_WITHIN)
+        stop.set()
+
+    monkeypatch.setattr("guidefield.endpoint.service.compile_kernels", compiled)
+    with free_port() as port, ThreadPoolExecutor(1) as thread:
+        endpoint = f"tcp/127.0.0.1:{port}"
+        served = thread.submit(serve, ServiceSettings(tmp_path, listen=(endpoint,)), stop)
+        try:
+            await_that(lambda: "compiling" in _health(endpoint).get("doing", ""))
+            with plain_client(endpoint) as wire:
+                assert _health(endpoint) == {"state": "starting", "doing": "compiling kernels: 26 of 66"}
+                assert "table" in wire.ask("guidefield/local/scenes")["scenes"]
+                refused = wire.refusal("guidefield/local/kinematics", b"{}")
+                assert refused["name"] == "SERVER_BUSY"
+                assert "compiling kernels: 26 of 66" in refused["message"]
+                assert refused["details"]["retry_after"] > 0.0
+            with pytest.raises(NoService, match="'local' is starting: compiling kernels: 26 of 66"):
+                Client.connect(endpoint, wait=0.5)
+        finally:
+            seen.set()
+        served.result(ENDED_WITHIN)
+
+
+def _health(endpoint: str) -> dict[str, Any]:
+    """How a service is that may not listen yet."""
+    try:
+        with plain_client(endpoint) as wire:
+            answers = wire.answers("guidefield/local/info?brief")
+    except zenoh.ZError:
+        return {}
+    return answers[0].json()["health"] if answers else {}
 
 
 def test_a_data_folder_has_one_service(tmp_path: Path) -> None:

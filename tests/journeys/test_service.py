@@ -45,6 +45,11 @@ def test_info(wire: PlainClient) -> None:
     assert info["version"] == guidefield.__version__
     assert info["workers"] == 1
     assert set(info["schemas"]["messages"]) >= {"PlanRequest", "PlanReply", "Scene"}
+    assert info["health"] == {"state": "ready", "doing": ""}
+    assert info["disk"]["total"] >= info["disk"]["free"] > 0
+    assert info["own_memory"] > 10 * 2**20
+    assert {key["key"]: key for key in info["keys"]}["runs"]["parameters"].keys() == {"status", "robot", "since"}
+    assert wire.ask("guidefield/local/info?brief")["keys"] == []
 
 
 def test_robots(wire: PlainClient) -> None:
@@ -94,6 +99,12 @@ def test_every_encoding_is_answered_in_itself(wire: PlainClient) -> None:
     assert msgspec.msgpack.decode(packed.payload) == plain
     error = wire.answer("guidefield/local/kinematics", b"\xc1", "application/msgpack")
     assert msgspec.msgpack.decode(error.payload)["name"] == "MALFORMED_REQUEST"
+
+
+def test_a_payload_that_is_too_large_has_an_answer(wire: PlainClient) -> None:
+    limit = wire.ask("guidefield/local/info?brief")["payload_limit"]
+    for key in ("plan", "kinematics", "scenes/large", "robots/large"):
+        assert wire.refusal(f"guidefield/local/{key}", b" " * (limit + 2**22))["name"] == "REQUEST_TOO_LARGE"
 
 
 def test_vertices_travel_packed(wire: PlainClient) -> None:
@@ -379,6 +390,8 @@ def test_a_full_queue_and_a_time_that_is_up_are_answered(tmp_path: Path) -> None
         assert not busy.done()
         # The end: what is being worked on may finish, but not for ever; everybody gets an answer, nothing hangs.
         service.process.send_signal(signal.SIGTERM)
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["health"]["state"] == "ending")
+        assert wire.refusal("guidefield/local/kinematics", json.dumps(POTENTIAL).encode())["name"] == "SERVER_BUSY"
         assert service.process.wait(ENDED_WITHIN) == 0
         assert refused.result()["name"] == "SERVER_BUSY"
         assert busy.result()["status"]["name"] == "PREEMPTED"

@@ -74,6 +74,9 @@ class Exchange:
                 return freest
             if time.monotonic() > deadline:
                 what = "no service" if self.named is None else f"no service named {self.named!r}"
+                for name, doing in self._instances.starting().items():
+                    if self.named in (None, name):
+                        raise NoService(f"service {name!r} is starting: {doing}; wait for it longer", instance=name)
                 raise NoService(f"{what} is there", instance=self.named)
             time.sleep(0.01)
 

@@ -60,15 +60,23 @@ class Instances:
         with self._changed:
             return self._changed.wait_for(lambda: name in self._living, wait)
 
+    def starting(self) -> dict[str, str]:
+        """What those do that are starting, by their names."""
+        return {name: info.health.doing for name, info in self._infos().items() if info.health.state == "starting"}
+
     def _loads(self) -> dict[str, float]:
         """How much each has to do per worker."""
-        loads = {}
+        return {name: (info.busy + info.queue) / max(info.workers, 1) for name, info in self._infos().items()}
+
+    def _infos(self) -> dict[str, InfoReply]:
+        """What each says about itself, briefly."""
+        infos = {}
         encoding = Encoding.MSGPACK.value
         for reply in self._session.get("guidefield/*/info?brief", encoding=encoding, timeout=ASK_WITHIN):
             if reply.ok is not None:
-                info = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
-                loads[_instance(reply.ok.key_expr)] = (info.busy + info.queue) / max(info.workers, 1)
-        return loads
+                told = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
+                infos[_instance(reply.ok.key_expr)] = told
+        return infos
 
     def _heard(self, token: zenoh.Sample) -> None:
         with self._changed:

@@ -15,20 +15,22 @@ import uuid
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 
 import zenoh
 
 from guidefield.endpoint.asked import Asked
+from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.meter import Meter
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engine import Engine
 from guidefield.errors import ServerBusy, WorkerCrashed
-from guidefield.handlers.info import Figures, brief_info, info
+from guidefield.handlers.info import Figures, brief_info, disk_of, info
 from guidefield.handlers.unbegun import cancelled_waiting, timed_out_waiting
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import Done, error_reply
+from guidefield.messages.replies import Done, Health, error_reply
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Answer, Deadline, Task
 from guidefield.run import whole_recording
@@ -56,6 +58,8 @@ class Endpoint:
         pool: Answers the rest; jobs are `worker.Job`.
         publish: Publishes JSON on a key.
         trace: Begins the trace of each query.
+        condition: How the service is; None: ready.
+        data: Folder whose disk is told of.
     """
 
     def __init__(
@@ -66,6 +70,8 @@ class Endpoint:
         pool: Pool,
         publish: Callable[[str, bytes], None],
         trace: Trace = no_trace,
+        condition: Condition | None = None,
+        data: Path | None = None,
     ) -> None:
         self._instance = instance
         self._engine = engine
@@ -73,6 +79,8 @@ class Endpoint:
         self._pool = pool
         self._publish = publish
         self._trace = trace
+        self._condition = condition
+        self._data = data
         self._under_way = UnderWay(pool)
         self._readers = ThreadPoolExecutor(2, thread_name_prefix="guidefield-reader")
         self._closed = False
@@ -119,6 +127,8 @@ class Endpoint:
             queue=self._pool.queue,
             memory=self._pool.memory,
             latency=self._meter.latency(),
+            health=Health() if self._condition is None else self._condition.now,
+            disk=None if self._data is None else disk_of(self._data),
         )
 
     def _cancel(self, read: keys.Query) -> str:
@@ -126,6 +136,8 @@ class Endpoint:
         return self._under_way.cancel(checked_name(read.key[1], "run_id"))
 
     def _look_up(self, asked: Asked, read: keys.Query) -> None:
+        if self._closed:
+            raise ServerBusy("the service is shutting down")
         if not self._free_reads.acquire(blocking=False):
             raise ServerBusy(f"{MOST_READS} queries wait for the disk already; ask again later", limit=MOST_READS)
         self._readers.submit(self._read_files, asked, read)
@@ -143,6 +155,8 @@ class Endpoint:
                 self._free_reads.release()
 
     def _hand_over(self, asked: Asked, read: keys.Query, received: float) -> None:
+        if self._condition is not None:
+            self._condition.require_ready()
         head = keys.plan_head(read)
         size = len(read.payload)
         if head is None:

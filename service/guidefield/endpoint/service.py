@@ -14,6 +14,7 @@ from pathlib import Path
 
 import zenoh
 
+from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
 from guidefield.errors import WorkerCrashed, without_source
@@ -33,9 +34,13 @@ UNLESS_TOLD = {
     "scouting/multicast/enabled": "false",
     "scouting/gossip/enabled": "false",
     "transport/link/tx/lease": "2000",  # [ms]; a cut link is noticed after it
-    "transport/link/rx/max_message_size": str(codec.MAX_REQUEST_BYTES + 2**20),
+    "transport/link/rx/max_message_size": str(4 * codec.MAX_REQUEST_BYTES),
 }
-"""What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end."""
+"""What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end.
+
+Zenoh drops a message above its limit without a word, so the limit is some times that of a payload: what is between them
+is refused with an answer.
+"""
 ANSWERS_WITHIN = 5.0
 """How long a service of the same name may take to say that it is alive [s]; where there is none it takes no time."""
 PATIENCE = 0.2
@@ -110,19 +115,21 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         session = opened.enter_context(_opened(config))
         trace = _trace(settings, opened)
         _require_no_other(session, settings.instance)
+        starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
         runs = setup.runs()
         runs.sweep(error_reply(WorkerCrashed("the service stopped while it worked on this run")))
         limits = Limits(tasks=settings.queue_limit, tasks_of_client=(settings.queue_limit + 1) // 2)
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
-        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, partial(_publish, session), trace)
+        condition, publish = Condition(), partial(_publish, session)
+        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, publish, trace, condition, settings.data)
+        opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
         opened.callback(endpoint.close)
         opened.callback(pool.close, settings.grace)
+        opened.callback(condition.end, f"what is being worked on is finished, within {settings.grace:g} s")
         announce(f"starting (workers: {settings.workers})")
-        _compile(announce, stop)
-        pool.start()
-        if not _await(pool, stop):
+        if not _started(settings, pool, condition, announce, stop):
             return
-        opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
+        starting.undeclare()
         opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
         announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
         stop.wait()
@@ -168,22 +175,29 @@ def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
     return opentelemetry_trace(provider)
 
 
-def _compile(announce: Callable[[str], None], stop: threading.Event) -> None:
-    """Compile the kernels before the workers load them: each would compile them all."""
-    try:
-        compile_kernels(announce, stop.is_set)
-    except RuntimeError as error:
-        raise CannotServe(str(error)) from None
+def _started(
+    settings: ServiceSettings, pool: Pool, condition: Condition, announce: Callable[[str], None], stop: threading.Event
+) -> bool:
+    """Whether the pool became ready before it was told to stop; the condition says meanwhile what is done.
 
+    The kernels are compiled before the workers load them: each would compile them all.
+    """
 
-def _await(pool: Pool, stop: threading.Event) -> bool:
-    """Whether the pool became ready before it was told to stop."""
+    def told(sentence: str) -> None:
+        condition.start(sentence)
+        announce(sentence)
+
     try:
+        compile_kernels(told, stop.is_set)
+        robots = f", and prepares {', '.join(settings.prepare)}" if settings.prepare else ""
+        condition.start(f"the first of {settings.workers} workers loads the planner{robots}")
+        pool.start()
         while not pool.ready(PATIENCE):
             if stop.is_set():
                 return False
     except RuntimeError as error:
         raise CannotServe(str(error)) from None
+    condition.be_ready()
     return True
 
 
@@ -207,7 +221,8 @@ def _alive(instance: str) -> str:
 
 
 def _require_no_other(session: zenoh.Session, instance: str) -> None:
-    if any(reply.ok is not None for reply in session.liveliness().get(_alive(instance), timeout=ANSWERS_WITHIN)):
+    tokens = session.liveliness().get(f"guidefield/{instance}/*", timeout=ANSWERS_WITHIN)
+    if any(reply.ok is not None for reply in tokens):
         raise CannotServe(f"a service named {instance!r} is alive on this network; choose another name")
 
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import functools
+import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from guidefield.messages import codec
-from guidefield.messages.replies import Histogram, InfoReply
+from guidefield.messages.replies import Disk, Health, Histogram, InfoReply
+from guidefield.messages.served import KEYS
+from guidefield.resident import resident
 
 PACKAGES = ("pin", "coal", "numba", "numpy", "eclipse-zenoh", "rerun-sdk", "example-robot-data", "msgspec")
 """Packages whose versions a bug report should name."""
@@ -28,16 +33,18 @@ class Figures:
     queue: int = 0
     memory: int = 0
     latency: Mapping[str, Histogram] = field(default_factory=dict)
+    health: Health = field(default_factory=Health)
+    disk: Disk | None = None
 
 
 def info(figures: Figures) -> InfoReply:
-    """Versions, the JSON Schema of every message, and the figures given."""
+    """Versions, keys, the JSON Schema of every message, and the figures given."""
     packages = {package: version(package) for package in PACKAGES}
-    return msgspec.structs.replace(brief_info(figures), packages=packages, schemas=_schemas())
+    return msgspec.structs.replace(brief_info(figures), packages=packages, keys=list(KEYS), schemas=_schemas())
 
 
 def brief_info(figures: Figures) -> InfoReply:
-    """The figures, without the packages' versions and the schemas."""
+    """The figures, without the packages' versions, the keys and the schemas."""
     return InfoReply(
         version=_version(),
         packages={},
@@ -49,7 +56,20 @@ def brief_info(figures: Figures) -> InfoReply:
         counters=dict(figures.counters),
         uptime=figures.uptime,
         latency=dict(figures.latency),
+        health=figures.health,
+        own_memory=resident(os.getpid()),
+        disk=figures.disk,
+        payload_limit=codec.MAX_REQUEST_BYTES,
     )
+
+
+def disk_of(folder: Path) -> Disk | None:
+    """The disk that a folder is on; None where it can't be looked at."""
+    try:
+        found = shutil.disk_usage(folder)
+    except OSError:
+        return None
+    return Disk(free=found.free, total=found.total)
 
 
 @functools.cache

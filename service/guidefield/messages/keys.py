@@ -12,21 +12,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.scene import Scene
-
-SERVED = (
-    "plan",
-    "kinematics",
-    "robots",
-    "robots/<name>",
-    "scenes",
-    "scenes/<name>",
-    "runs",
-    "runs/<id>",
-    "runs/<id>/recording",
-    "runs/<id>/cancel",
-    "info",
-)
-"""The keys of an instance that can be queried."""
+from guidefield.messages.served import SERVED
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,8 @@ from guidefield.messages.robot_replies import (
 )
 from guidefield.messages.scene import Scene
 from guidefield.messages.service_replies import (
+    Disk as Disk,
+    Health as Health,
     Histogram as Histogram,
     InfoReply as InfoReply,
     Progress as Progress,

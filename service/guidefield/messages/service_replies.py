@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
+from guidefield.messages.served import KeyInfo
 from guidefield.messages.values import Reply
 
 
@@ -15,13 +16,32 @@ class Histogram(Reply):
     sum: float
 
 
+class Health(Reply):
+    """How a service is.
+
+    Attributes:
+        state: starting: only what needs no worker is answered; ready; ending: nothing new is begun.
+        doing: What it does meanwhile, in a sentence; empty where it is ready.
+    """
+
+    state: Literal["starting", "ready", "ending"] = "ready"
+    doing: str = ""
+
+
+class Disk(Reply):
+    """The disk that the data folder is on: how much is free, and how large it is [bytes]."""
+
+    free: int
+    total: int
+
+
 class InfoReply(Reply):
     """What a service is and does.
 
     Attributes:
         version: Of guidefield.
         packages: Versions of what it stands on.
-        schemas: JSON Schema of every message; empty where a brief answer was asked for, as are the packages.
+        schemas: JSON Schema of every message; empty where a brief answer was asked for, as are the packages and keys.
         workers: Processes that work on requests.
         busy: How many of them do so now.
         queue: Requests that wait.
@@ -29,6 +49,11 @@ class InfoReply(Reply):
         uptime: Time since the start [s].
         latency: From a query's arrival to its answer, by the first chunk of its key.
         memory: Resident memory of the workers [bytes].
+        keys: Every key with its parameters and messages; the names are those of the schemas.
+        health: How it is.
+        own_memory: Resident memory of the service's own process, without the workers [bytes].
+        disk: Where it keeps runs, scenes and robots; null where it keeps none.
+        payload_limit: The largest payload that is looked at [bytes]; a larger one is refused.
     """
 
     version: str
@@ -41,6 +66,11 @@ class InfoReply(Reply):
     busy: int = 0
     latency: dict[str, Histogram] = {}
     memory: int = 0
+    keys: list[KeyInfo] = []
+    health: Health = Health()
+    own_memory: int = 0
+    disk: Disk | None = None
+    payload_limit: int = 0
     schema: int = 1
 
 

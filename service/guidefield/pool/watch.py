@@ -6,9 +6,8 @@ import contextlib
 import os
 import select
 import signal
-from pathlib import Path
 
-_PAGE = os.sysconf("SC_PAGE_SIZE")
+from guidefield.resident import resident
 
 
 class Watch:
@@ -20,7 +19,6 @@ class Watch:
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self._statm = Path(f"/proc/{pid}/statm")
         self._descriptor = os.pidfd_open(pid)
         self._end = select.poll()
         self._end.register(self._descriptor, select.POLLIN)
@@ -31,9 +29,7 @@ class Watch:
 
     def memory(self) -> int:
         """Its resident memory [bytes]; 0 once it has ended."""
-        with contextlib.suppress(OSError, IndexError):
-            return int(self._statm.read_text().split()[1]) * _PAGE
-        return 0
+        return resident(self.pid)
 
     def kill(self) -> None:
         """End it at once; nothing else can be hit, even if its id is used again."""

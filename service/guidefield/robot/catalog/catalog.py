@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from guidefield.robot.urdf.meshes import MeshResolver
 
 MAX_CACHED = 32
 """Robots kept loaded."""
+MOST_LINES = 1_000
+"""Lines about robots that were sent that are kept."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class Catalog:
     def __init__(self, package_dirs: Iterable[Path] = ()) -> None:
         self._package_dirs = tuple(package_dirs)
         self._loaded: dict[str, _Loaded] = {}
+        self._lines: dict[str, RobotSummary] = {}
 
     def names(self) -> list[str]:
         """Names that `load` knows."""
@@ -51,8 +55,23 @@ class Catalog:
 
     def summaries(self, sent: Iterable[SentRobot] = ()) -> list[RobotSummary]:
         """A line about each name, in their order, then about robots that clients sent; those with a problem say it."""
-        found = [summarize(entry) for entry in entries().values()]
-        return [*found, *(summarize_sent(robot, self._package_dirs) for robot in sent)]
+        return [*self._own_lines, *map(self._line, sent)]
+
+    @functools.cached_property
+    def _own_lines(self) -> list[RobotSummary]:
+        """Lines about the robots that come with the package."""
+        return [summarize(entry) for entry in entries().values()]
+
+    def _line(self, sent: SentRobot) -> RobotSummary:
+        """A line about a robot that was sent, found once; not so where it has a problem, which somebody may mend."""
+        line = self._lines.get(_key(sent))
+        if line is None:
+            line = summarize_sent(sent, self._package_dirs)
+            if line.problem is None:
+                self._lines[_key(sent)] = line
+                while len(self._lines) > MOST_LINES:
+                    del self._lines[next(iter(self._lines))]
+        return line
 
     def load(self, reference: RobotReference | SentRobot) -> RobotModel:
         """The robot that a request means.

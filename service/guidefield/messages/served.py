@@ -1,0 +1,90 @@
+"""The keys of an instance: what each is for, and which parameters and messages go with it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from guidefield.messages.values import Reply
+
+DELETE = {"delete": "forgets it; without a payload"}
+
+
+class KeyInfo(Reply):
+    """One key of an instance.
+
+    Attributes:
+        key: Below the instance's, ``guidefield/<i>/``.
+        what: What it is for.
+        how: Whether it is queried, published for subscribers, or a liveliness token.
+        parameters: Those that a query may have, and what they do.
+        takes: Names of the messages that its payload may be; none: it takes no payload.
+        gives: Names of the messages that it answers or publishes; none: bytes.
+    """
+
+    key: str
+    what: str
+    how: Literal["query", "published", "token"] = "query"
+    parameters: dict[str, str] = {}
+    takes: list[str] = []
+    gives: list[str] = []
+
+
+KEYS = (
+    KeyInfo("plan", "plans a motion", takes=["PlanRequest"], gives=["PlanReply"]),
+    KeyInfo(
+        "kinematics",
+        "answers at configurations, poses or points, one or many",
+        takes=["ForwardKinematics", "InverseKinematics", "Clearance", "Potential"],
+        gives=[
+            *("ForwardKinematicsReply", "InverseKinematicsReply", "ClearanceReply"),
+            *("PointPotentialReply", "RobotPotentialReply"),
+        ],
+    ),
+    KeyInfo("robots", "lists the robots that can be named", gives=["RobotsReply"]),
+    KeyInfo(
+        "robots/<name>",
+        "describes one robot; with a payload stores it",
+        parameters=DELETE,
+        takes=["RobotFiles"],
+        gives=["RobotReply", "Done"],
+    ),
+    KeyInfo("scenes", "lists the scenes that can be named", gives=["ScenesReply"]),
+    KeyInfo(
+        "scenes/<name>",
+        "reads one scene; with a payload stores it",
+        parameters=DELETE,
+        takes=["Scene"],
+        gives=["SceneReply", "Done"],
+    ),
+    KeyInfo(
+        "runs",
+        "lists the kept runs, newest first",
+        parameters={
+            "status": "only those that ended so: the name of a status, RUNNING or UNREADABLE",
+            "robot": "only those of a robot",
+            "since": "only those begun since then [s since 1970]",
+        },
+        gives=["RunsReply"],
+    ),
+    KeyInfo(
+        "runs/<id>",
+        "request and reply of one run, also while it runs",
+        parameters={"delete": "forgets it, with its recording"},
+        gives=["RunReply", "Done"],
+    ),
+    KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file"),
+    KeyInfo("runs/<id>/cancel", "ends one run early", gives=["Done"]),
+    KeyInfo("runs/<id>/progress", "how far one run is, while it runs", how="published", gives=["Progress"]),
+    KeyInfo(
+        "info",
+        "what the service is and does; also while it starts and ends",
+        parameters={"brief": "without versions, keys and schemas"},
+        gives=["InfoReply"],
+    ),
+    KeyInfo("alive", "is there as long as requests are taken", how="token"),
+    KeyInfo("starting", "is there while it starts", how="token"),
+)
+"""Every key."""
+
+SERVED = tuple(key.key for key in KEYS if key.how == "query")
+"""The keys that can be queried."""
