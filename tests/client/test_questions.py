@@ -8,8 +8,8 @@ import pytest
 from guidefield.client import questions
 from guidefield.errors import InternalFailure, MalformedRequest, RequestTooLarge
 from guidefield.messages.codec import MAX_REQUEST_BYTES
-from guidefield.messages.requests import JointsGoal, PlanRequest
-from guidefield.messages.scene import Scene
+from guidefield.messages.requests import JointsGoal, PlanRequest, Potential
+from guidefield.messages.scene import Scene, Sphere
 
 PLAN = PlanRequest(robot="panda", scene="table", goal=JointsGoal(positions={}))
 
@@ -20,6 +20,16 @@ def test_a_plan_is_asked_for_with_a_request_or_with_its_fields() -> None:
         sent = msgspec.msgpack.decode(question.payload, type=PlanRequest)
         assert msgspec.structs.replace(sent, run_id=None) == PLAN
         assert sent.run_id == question.run_id is not None
+
+
+def test_scenes_and_kinematics_requests_may_be_plain_data() -> None:
+    scene = {"name": "mine", "obstacles": [{"type": "sphere", "name": "ball", "radius": 0.1}]}
+    ball = Sphere(name="ball", radius=0.1)
+    assert questions.store_scene(scene).payload == questions.store_scene(Scene("mine", obstacles=[ball])).payload
+    asked = questions.kinematics({"type": "potential", "scene": "table", "points": [[0.1, 0, 0.9]]})
+    assert asked.payload == questions.kinematics(Potential(scene="table", points=[(0.1, 0.0, 0.9)])).payload
+    with pytest.raises(MalformedRequest, match=r"did you mean `radius`\?.*obstacles\[0\]"):
+        questions.store_scene({"name": "mine", "obstacles": [{"type": "sphere", "name": "ball", "radus": 0.1}]})
 
 
 def test_a_request_and_fields_are_refused_together() -> None:

@@ -97,7 +97,7 @@ class AsyncClient:
         """End a run early: its reply is PREEMPTED, with the best by then; says in a sentence what that means."""
         return (await self._ask(questions.cancel(run_id))).done
 
-    async def kinematics(self, request: KinematicsRequest) -> KinematicsReply:
+    async def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
         return await self._ask(questions.kinematics(request))
 
@@ -133,7 +133,7 @@ class AsyncClient:
         """One scene."""
         return (await self._ask(questions.scene(name))).scene
 
-    async def store_scene(self, scene: Scene) -> list[str]:
+    async def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
         """Store a scene under its own name; what is odd about its obstacles but harmless."""
         return (await self._ask(questions.store_scene(scene))).warnings
 

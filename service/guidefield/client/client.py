@@ -152,17 +152,18 @@ class Client:
         """
         return self._ask(questions.cancel(run_id)).done
 
-    def kinematics(self, request: KinematicsRequest) -> KinematicsReply:
+    def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials.
 
         Args:
-            request: One of the four kinematics requests.
+            request: One of the four kinematics requests, or the same as a dict.
 
         Returns:
             The reply of the request's kind.
 
         Raises:
             InvalidConfiguration, InvalidGroup, UnknownFrame, RobotInvalid, SceneInvalid: if the request is ill-posed.
+            MalformedRequest: if a dict is no kinematics request.
         """
         return self._ask(questions.kinematics(request))
 
@@ -231,10 +232,11 @@ class Client:
         """
         return self._ask(questions.scene(name)).scene
 
-    def store_scene(self, scene: Scene) -> list[str]:
-        """Store a scene under its own name; what is odd about its obstacles but harmless.
+    def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
+        """Store a scene, or the same as a dict, under its own name; what is odd about its obstacles but harmless.
 
         Raises:
+            MalformedRequest: if a dict is no scene.
             SceneInvalid: if something in it can't be used, or the name is a packaged scene's.
         """
         return self._ask(questions.store_scene(scene)).warnings

@@ -94,9 +94,14 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
     return Question("plan", _reader("plan", PlanReply), _sent(named), given.allowed_planning_time + PLAN_MARGIN, run_id)
 
 
-def kinematics(request: KinematicsRequest) -> Question[KinematicsReply]:
-    """Placements, configurations, clearances or potentials."""
-    return Question("kinematics", _reader("kinematics", _kinematics_reply(request)), _sent(request))
+def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[KinematicsReply]:
+    """Placements, configurations, clearances or potentials.
+
+    Raises:
+        MalformedRequest: if the dict isn't a kinematics request.
+    """
+    given = codec.convert(request, KinematicsRequest) if isinstance(request, dict) else request
+    return Question("kinematics", _reader("kinematics", _kinematics_reply(given)), _sent(given))
 
 
 def robots() -> Question[RobotsReply]:
@@ -133,10 +138,15 @@ def scene(name: str) -> Question[SceneReply]:
     return _reading(_key("scenes", name), SceneReply)
 
 
-def store_scene(scene: Scene) -> Question[Done]:
-    """A scene is to be stored under its own name."""
-    key = _key("scenes", scene.name)
-    return Question(key, _reader(key, Done), _sent(scene))
+def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
+    """A scene is to be stored under its own name.
+
+    Raises:
+        MalformedRequest: if the dict isn't a scene.
+    """
+    given = codec.convert(scene, Scene) if isinstance(scene, dict) else scene
+    key = _key("scenes", given.name)
+    return Question(key, _reader(key, Done), _sent(given))
 
 
 def delete_scene(name: str) -> Question[Done]:

@@ -98,21 +98,35 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
     if isinstance(request, msgspec.Struct):
         return request
     if isinstance(request, dict):
-        kind = requests.TaggedRequest if "type" in request else requests.PlanRequest
-        try:
-            try:
-                converted: requests.Request = msgspec.convert(request, kind)
-            except msgspec.ValidationError:
-                request = _without_arrays(request)
-                converted = msgspec.convert(request, kind)
-        except msgspec.ValidationError as error:
-            raise _refused(error, request, kind) from None
+        converted: requests.Request = convert(
+            request, requests.TaggedRequest if "type" in request else requests.PlanRequest
+        )
         return converted
     if not isinstance(request, bytes | bytearray | memoryview | str):
         raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
     tag = decode(request, _Tag, Encoding.JSON)
     decoded: requests.Request = decode(request, requests.PlanRequest if tag.type is None else requests.TaggedRequest)
     return decoded
+
+
+def convert(plain: dict[str, Any], kind: Any) -> Any:
+    """A message of plain data, in which NumPy's numbers and arrays may stand.
+
+    Args:
+        plain: The message as a dict.
+        kind: A message class, or a union of tagged ones.
+
+    Raises:
+        MalformedRequest: if it isn't such a message; names the path of the first fault.
+    """
+    try:
+        try:
+            return msgspec.convert(plain, kind)
+        except msgspec.ValidationError:
+            plain = _without_arrays(plain)
+            return msgspec.convert(plain, kind)
+    except msgspec.ValidationError as error:
+        raise _refused(error, plain, kind) from None
 
 
 def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
