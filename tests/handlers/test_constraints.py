@@ -107,10 +107,13 @@ def test_ends_that_violate_them_are_told_apart() -> None:
     start = ask(goal={"type": "joints", "positions": TURNED}, path_constraints=[above])
     assert start.status.name == "START_STATE_VIOLATES_PATH_CONSTRAINTS"
     assert start.status.details["frame"] == TIP
+    off = 1e3 * start.status.details["value"]
+    assert f"`path_constraints[0]`: {TIP!r} is {off:.1f} mm from the plane, 10.0 mm are allowed" in start.status.message
     bent = {**READY, "panda_joint6": 2.2}
     goal = ask(goal={"type": "joints", "positions": bent}, path_constraints=[CONE])
     assert goal.status.name == "GOAL_VIOLATES_PATH_CONSTRAINTS"
     assert goal.status.details["value"] > 0.25
+    assert f"the axis of {TIP!r} is {goal.status.details['value']:.4g} rad off" in goal.status.message
 
 
 def test_constraints_that_make_no_sense_are_refused() -> None:

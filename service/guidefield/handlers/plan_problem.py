@@ -75,28 +75,40 @@ def problem_of(
 
 
 def _require_served(request: PlanRequest, scene: Scene) -> None:
-    """Refuse what is part of the wire but not of this version, by name."""
+    """Refuse what is part of the wire but not served among obstacles that move, by name."""
+    if not scene.moves:
+        return
     unserved = {
-        "path_constraints among obstacles that move": scene.moves and bool(request.path_constraints),
-        "leave_start_contact among obstacles that move": scene.moves and request.leave_start_contact,
-        "moving obstacles with goals other than the last guide plane": scene.moves
-        and not isinstance(request.goal, requests.GuidePlaneGoal),
-        "jerk limits among obstacles that move": scene.moves
-        and any(limits.jerk is not None for limits in request.limits.values()),
+        "path_constraints": (bool(request.path_constraints), "leave them out"),
+        "leave_start_contact": (request.leave_start_contact, "leave it out"),
+        "goal": (
+            not isinstance(request.goal, requests.GuidePlaneGoal),
+            "give one of type 'guide_plane', the last of the `guide_planes`",
+        ),
+        "limits.jerk": (any(limits.jerk is not None for limits in request.limits.values()), "leave it out"),
     }
-    for what, asked in unserved.items():
+    moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
+    for what, (asked, instead) in unserved.items():
         if asked:
-            raise MalformedRequest(f"this version does not serve {what} yet; leave it out", unserved=what)
+            such = "such a `goal`" if what == "goal" else f"`{what}`"
+            raise MalformedRequest(
+                f"among obstacles that move ({moving}) {such} is not served: {instead}", unserved=what
+            )
+
+
+def _why_no_plane(request: PlanRequest) -> str:
+    if request.planner == "tree":
+        return "planner 'tree' uses none"
+    if request.guide_planes == []:
+        return "`guide_planes` is empty; null takes the scene's"
+    return "the scene has none; give some in `guide_planes`"
 
 
 def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:
     goal = request.goal
     if isinstance(goal, requests.GuidePlaneGoal):
         if not planes:
-            why = (
-                "planner 'tree' uses none" if request.planner == "tree" else "neither the request nor the scene has one"
-            )
-            raise InvalidGoal(f"the goal is the last guide plane, but there is none: {why}")
+            raise InvalidGoal(f"the goal is the last guide plane, but there is none: {_why_no_plane(request)}")
         return LastPlaneGoal()
     if request.planner == "guided":
         raise InvalidGoal(

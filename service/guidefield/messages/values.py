@@ -81,4 +81,7 @@ def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
     require_finite(field, quaternion)
     norm = math.sqrt(sum(x * x for x in quaternion))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        raise ValueError(f"`{field}` must be a unit quaternion within {QUATERNION_TOLERANCE:g}, its norm is {norm:.9g}")
+        raise ValueError(
+            f"`{field}` must be a unit quaternion within {QUATERNION_TOLERANCE:g}, its norm is {norm:.9g}: divide it by"
+            " its norm"
+        )

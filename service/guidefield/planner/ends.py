@@ -228,7 +228,7 @@ def _violated(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | N
     if values[worst] <= frames.limits[worst]:
         return None
     value, limit, frame = float(values[worst]), float(frames.limits[worst]), frames.constraints[worst].frame
-    message = f"number {worst} has {frame} at {value:.4g}, {limit:.4g} is the most"
+    message = f"`path_constraints[{worst}]`: {frames.constraints[worst].told(value)}"
     return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 
@@ -242,9 +242,10 @@ def _check_clearance(problem: Problem, z: ChartPoint, end: str) -> None:
         return
     found = clearance_at(problem.world, problem.group.expand_from_chart(z))
     pair = list(found.obstacle_pair) if found.obstacle_pair else None
+    where = f" ({pair[0]} and {pair[1]})" if pair else ""
     raise StageFailed(
         Status.CLEARANCE_BELOW_MINIMUM,
-        f"the {end} keeps {1000 * found.obstacle_distance:.1f} mm from the obstacles, "
+        f"the {end} keeps {1000 * found.obstacle_distance:.1f} mm from the obstacles{where}, "
         f"{1000 * problem.min_clearance:.1f} mm are asked for",
         stage=end,
         clearance=found.obstacle_distance,

@@ -48,7 +48,9 @@ def led_goal_points(
         here = found.path[-1]
         square = _square(problem, here, np.asarray(target.placement.translation))
         crossing = cross(problem, group.from_chart(here), square, len(problem.guide_planes), attempts)
-        stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
+        stage.outcome = (
+            "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower().replace("_", " ")
+        )
     along = group.chart_path(list(crossing.path), here)
     if crossing.status is Status.SUCCESS:
         found = found.extended(along)

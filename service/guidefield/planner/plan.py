@@ -151,7 +151,9 @@ def _cross_planes(
             continue
         with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
             crossing = cross(problem, group.from_chart(found.path[-1]), plane, index, attempts)
-            stage.outcome = "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower()
+            stage.outcome = (
+                "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower().replace("_", " ")
+            )
         along = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
         if crossing.status is Status.SUCCESS:
             found = along

@@ -126,8 +126,9 @@ def _unknown(name: str, names: list[str]) -> SceneInvalid:
     near = nearest(name, names)
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    file = "a scene in a file is sent itself, as the file holds it; " if name.endswith(".json") else ""
     return SceneInvalid(
-        f"there is no scene {name[:64]!r}; {meant}there are {', '.join(names[:MOST_NAMED])}{more}",
+        f"there is no scene {name[:64]!r}; {meant}{file}there are {', '.join(names[:MOST_NAMED])}{more}",
         scene=name[:64],
         available=names,
     )

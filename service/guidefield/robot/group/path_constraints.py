@@ -42,6 +42,10 @@ class PathConstraint(Protocol):
         """The most that it changes while the origin moves by `shift` [m] and the frame turns by `turn` [rad]."""
         ...
 
+    def told(self, value: float) -> str:
+        """A value of the number beyond the limit, in words [rad or mm]."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Cone:
@@ -77,6 +81,10 @@ class Cone:
         """As much as the frame turns."""
         return turn
 
+    def told(self, value: float) -> str:
+        """As in `PathConstraint`."""
+        return f"the axis of {self.frame!r} is {value:.4g} rad off, {self.limit:.4g} rad are allowed"
+
 
 @dataclass(frozen=True, eq=False)
 class Near:
@@ -107,6 +115,11 @@ class Near:
     def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - a place stays where the frame turns
         """As much as the origin moves."""
         return shift
+
+    def told(self, value: float) -> str:
+        """As in `PathConstraint`."""
+        what = "plane" if len(self.across) == 1 else "line"
+        return f"{self.frame!r} is {1e3 * value:.1f} mm from the {what}, {1e3 * self.limit:.1f} mm are allowed"
 
 
 def plane(frame: str, point: np.ndarray, normal: np.ndarray, tolerance: float) -> Near:

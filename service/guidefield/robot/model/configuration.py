@@ -69,7 +69,10 @@ def configuration_from_wire(
                 available=available,
             )
         if joint.mimic is not None:
-            raise error(f"joint {name!r} follows {joint.mimic.driver!r} and can't be given", joint=name)
+            raise error(
+                f"joint {name!r} follows {joint.mimic.driver!r} and can't be given: give {joint.mimic.driver!r}",
+                joint=name,
+            )
         if max(map(abs, value if isinstance(value, list) else (value,)), default=0.0) > FURTHEST:
             raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name)
         q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
