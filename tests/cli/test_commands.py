@@ -229,7 +229,7 @@ def test_a_plan_is_a_table_a_reply_and_a_recording(plan_file: Path, tmp_path: Pa
     reply, recording = tmp_path / "reply.json", tmp_path / "run.rrd"
     done = guidefield("plan", str(plan_file), "-o", str(reply), "--record", str(recording))
     assert done.returncode == 0, done.stderr
-    for said in ("SUCCESS", "clearance", "certificate", "collision-free", "time", "recording", "to open it"):
+    for said in ("SUCCESS", "clearance", "certificate", "free: the trajectory", "time", "recording", "to open it"):
         assert said in done.stdout
     assert json.loads(reply.read_text())["recording"] == str(recording)
     assert recording.stat().st_size > 10_000

@@ -51,7 +51,7 @@ def test_a_plan_says_what_a_person_wants_to_know() -> None:
         "2.40 s long",
         "31.2 mm between panda_hand and board1, at 1.70 s",
         "21.0 mm between panda_link5 and panda_link7",
-        "collision-free, trajectory: Coal, 412 evaluations",
+        "free: the trajectory, 412 evaluations",
         "guide GP1: reached, 8.1 ms",
         "1.25 s in all (guide 8.1 ms, certify 2.0 ms)",
         "start panda_joint4 was clamped",
@@ -60,10 +60,19 @@ def test_a_plan_says_what_a_person_wants_to_know() -> None:
         assert said in text, said
 
 
+def test_what_a_certificate_is_about_is_told() -> None:
+    figures = CertificateFigures(collision_free=True, method="Coal", covers="path", evaluations=0)
+    failed = msgspec.structs.replace(plan_reply("r1", Status.GOAL_IN_COLLISION), certificate=figures)
+    refused = msgspec.structs.replace(failed, path=failed.path[:1])
+    assert "free: the start alone, 0 evaluations" in _text(plan_table(refused))
+    partly = msgspec.structs.replace(failed, path=[[0.0], [1.0], [2.0]])
+    assert "free: the motion as far as it got, 0 evaluations" in _text(plan_table(partly))
+
+
 def test_an_honest_no_is_a_table_too() -> None:
     text = _text(plan_table(plan_reply("r1", Status.STUCK_IN_MINIMUM)))
     assert "STUCK_IN_MINIMUM" in text
-    assert "not certified" in text
+    assert "nothing was judged" in text
     assert "recording" not in text
 
 

@@ -357,7 +357,15 @@ def test_a_goal_that_is_refused_is_shown(run, tmp_path):
     details = {"stage": "goal", "pair": ["panda_hand", "can"], "depth": 0.01}
     status = replies.Outcome(code=-12, name="GOAL_IN_COLLISION", message="the goal is in collision", details=details)
     changes = {"path": run.reply.path[:1], "trajectory": None, "metrics": None, "clearance": None}
+    outcome = "the goal is in collision: panda_hand and can, 10.0 mm deep, and what else is said about it at length"
+    figures = replies.CertificateFigures(collision_free=True, method="Coal", covers="path", evaluations=0)
+    changes |= {"stages": [replies.Stage("ends", outcome, 0.1)], "certificate": figures}
     recording = record(run, tmp_path / "run.rrd", status=status, **changes)
+    (summary,) = recording.one("/documents/summary", "TextDocument:text")
+    rows = [line for line in summary.splitlines() if line.startswith("|")]
+    assert max(map(len, rows)) < 110
+    assert outcome in " ".join(" ".join(line.strip("| ") for line in rows).split()).replace("ends | 100.0 ms | ", "")
+    assert "free: the start alone" in summary
     (position,) = recording.values("/plots/position", "Scalars:scalars", "path_time")
     q = run.group.q_origin.copy()
     q[0] = run.request.goal.positions["panda_joint1"]

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from guidefield.errors import Status
+from guidefield.messages.certificate_in_words import certified
 from guidefield.messages.replies import PlanReply, Stage, Timing
 
 
@@ -46,17 +47,7 @@ def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
         rows.append(
             ("to itself", Text(f"{_millimetres(reply.self_clearance.minimum)}{_pair(reply.self_clearance.pair)}"))
         )
-    certificate = reply.certificate
-    verdict = ("collision-free", "green") if certificate.collision_free else ("not certified", "yellow")
-    rows.append(
-        (
-            "certificate",
-            Text.assemble(
-                verdict,
-                f", {certificate.covers}: {certificate.method}, {_counted(certificate.evaluations, 'evaluation')}",
-            ),
-        )
-    )
+    rows.append(("certificate", _certificate(reply)))
     rows.extend(("stage", Text(_stage(reply, stage))) for stage in reply.stages)
     rows.append(("time", Text(_timing(reply.timing))))
     rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
@@ -79,7 +70,7 @@ def _this_command() -> str:
 def _path(reply: PlanReply) -> str:
     parts = [_counted(len(reply.path), "waypoint")]
     if reply.metrics is not None:
-        parts.append(f"{reply.metrics.joint_path_length:.2f} rad of joint motion")
+        parts.append(f"{reply.metrics.joint_path_length:.2f} rad or m in the joints")
         parts.append(f"{reply.metrics.tip_path_length:.2f} m of the tip")
         parts.append(f"{reply.metrics.duration:.2f} s long")
     return ", ".join(parts)
@@ -97,6 +88,12 @@ def _clearance(reply: PlanReply) -> str:
     if clearance.mean is not None:
         text += f"; on average {_millimetres(clearance.mean)}"
     return text
+
+
+def _certificate(reply: PlanReply) -> Text:
+    figures = reply.certificate
+    said = (certified(reply), "green" if figures.collision_free else "yellow")
+    return Text.assemble(said, f", {_counted(figures.evaluations, 'evaluation')}")
 
 
 def _stage(reply: PlanReply, stage: Stage) -> str:

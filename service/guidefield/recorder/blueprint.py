@@ -49,7 +49,7 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
     Args:
         eye: From where to look at the scene.
         timeline: The timeline to begin with.
-        present: Entities that the recording has: tabs and plots of others are left out.
+        present: Entities that have something to show: tabs and plots of others are left out.
     """
     tabs = [_overview(eye, present)]
     if "/planner/log" in present:
@@ -57,7 +57,7 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
     if not present.isdisjoint({PICTURE, PICTURE_AT_START}):
         tabs.append(_field(eye, PICTURE in present))
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, _joints(present), _documents(), active_tab=0),
+        rrb.Tabs(*tabs, *_joints(present), _documents(), active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=timeline, loop_mode="all", play_state="playing"),
@@ -112,7 +112,7 @@ def _field(eye: Eye, at_rest: bool) -> rrb.Horizontal:
     return rrb.Horizontal(forces, picture, column_shares=[1.2, 1.0], name="Field")
 
 
-def _joints(present: Set[str]) -> rrb.Grid:
+def _joints(present: Set[str]) -> list[rrb.Grid]:
     plots = [
         ("/plots/position", "Positions [rad, m]"),
         ("/plots/use/position", "Positions between their limits"),
@@ -122,7 +122,7 @@ def _joints(present: Set[str]) -> rrb.Grid:
         ("/plots/use/acceleration", "Accelerations as shares of their limits"),
     ]
     shown = [_plot(origin, name) for origin, name in plots if origin in present]
-    return rrb.Grid(*shown, grid_columns=min(len(shown), 2), name="Joints")
+    return [rrb.Grid(*shown, grid_columns=min(len(shown), 2), name="Joints")] if shown else []
 
 
 def _documents() -> rrb.Horizontal:

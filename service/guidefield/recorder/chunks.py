@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,6 +15,9 @@ PATH_TIME = "path_time"
 
 STEP = "step"
 """Timeline of the planner's accepted steps, counted."""
+
+PLOTS = "/plots/"
+"""Below it are the curves."""
 
 GHOST_ENTITY = "/ghosts"
 """Entity of the robot along its way, translucent."""
@@ -70,6 +74,14 @@ def evenly(count: int, most: int) -> np.ndarray:
 def path_times(times: np.ndarray) -> rr.TimeColumn:
     """The column of `PATH_TIME` for times (n,) [s]."""
     return rr.TimeColumn(PATH_TIME, duration=times)
+
+
+def shown(chunks: Iterable[Chunk]) -> frozenset[str]:
+    """The entities that have something to show: curves of a single point have not."""
+    points = Counter[str]()
+    for chunk in chunks:
+        points[chunk.entity_path] += 0 if chunk.is_static else chunk.num_rows
+    return frozenset(path for path, rows in points.items() if rows > 1 or not path.startswith(PLOTS))
 
 
 def _single_row(archetype: Any) -> list[Any]:

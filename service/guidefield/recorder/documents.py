@@ -6,6 +6,8 @@ import functools
 import hashlib
 import json
 import platform
+import textwrap
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -16,6 +18,7 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages import codec
+from guidefield.messages.certificate_in_words import certified
 from guidefield.messages.replies import PlanReply, as_plain_data
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
@@ -43,6 +46,12 @@ LONGEST_LIST = 12
 LONGEST_TEXT = 300
 """Characters of a text that are shown."""
 
+LEAST_TOLD = 5e-5
+"""A shorter time is left out [s]."""
+
+COLUMN = 76
+"""Characters of a line in the last column of a table."""
+
 WIDTH = 110
 """Characters of a line within which a list of plain values stays."""
 
@@ -58,7 +67,7 @@ def summary_document(
     request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str]
 ) -> Chunk:
     """How the plan ended, in figures; what it was about; what it was made with."""
-    parts = [*_headline(reply), *_figures(reply), *_stages(reply), *_remarks((*reply.warnings, *remarks))]
+    parts = [*_headline(reply), *_remarks((*reply.warnings, *remarks)), *_figures(reply, group), *_stages(reply)]
     parts += _origin(request, reply, group, scene)
     return still(SUMMARY, rr.TextDocument("\n".join(parts), media_type=rr.MediaType.MARKDOWN))
 
@@ -132,7 +141,7 @@ def _headline(reply: PlanReply) -> list[str]:
     return lines
 
 
-def _figures(reply: PlanReply) -> list[str]:
+def _figures(reply: PlanReply, group: PlanningGroup) -> list[str]:
     rows: list[tuple[str, str]] = []
     if (clear := reply.clearance) is not None:
         where = f" ({clear.pair[0]} - {clear.pair[1]})" if clear.pair else ""
@@ -145,11 +154,11 @@ def _figures(reply: PlanReply) -> list[str]:
         rows.append(("to itself", f"{_millimetres(own.minimum)}{where}"))
     if (metrics := reply.metrics) is not None:
         rows.append(("duration", f"{metrics.duration:.2f} s"))
-        ways = f"{metrics.joint_path_length:.2f} rad / {metrics.tip_path_length:.2f} m"
+        unit = _unit(group)
+        ways = f"{metrics.joint_path_length:.2f} {unit} / {metrics.tip_path_length:.2f} m"
         rows.append(("way of the joints / the tip", ways))
-        rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} rad/s³"))
-    judged = "free of collision" if reply.certificate.collision_free else "**not certified**"
-    rows.append(("certificate", f"{judged}: {reply.certificate.covers}"))
+        rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} {unit}/s³"))
+    rows.append(("certificate", certified(reply)))
     counters = reply.counters
     rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
     work = [
@@ -162,11 +171,15 @@ def _figures(reply: PlanReply) -> list[str]:
 
 
 def _stages(reply: PlanReply) -> list[str]:
-    rows = [(one.name, _plane(one.plane, reply), one.outcome, _milliseconds(one.seconds)) for one in reply.stages]
+    """The stages, and what else took time; a stage that came once has its time in its own row."""
+    rows = [(f"{one.name}{_plane(one.plane, reply)}", _milliseconds(one.seconds), one.outcome) for one in reply.stages]
+    times = Counter(one.name for one in reply.stages)
     spent = {name: seconds for name, seconds in as_plain_data(reply.timing).items() if seconds and name != "total"}
-    rows += [(f"all of {name}", "", "", _milliseconds(seconds)) for name, seconds in spent.items()]
-    rows.append(("**total**", "", "", f"**{_milliseconds(reply.timing.total)}**"))
-    return [*_table(("stage", "guide plane", "outcome", "time"), rows), ""]
+    for name, seconds in spent.items():
+        if times[name] != 1 and seconds >= LEAST_TOLD:
+            rows.append((f"all of {name}" if times[name] else name, _milliseconds(seconds), ""))
+    rows.append(("**total**", f"**{_milliseconds(reply.timing.total)}**", ""))
+    return [*_table(("stage", "time", "outcome"), rows), ""]
 
 
 def _remarks(remarks: Sequence[str]) -> list[str]:
@@ -178,7 +191,7 @@ def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene:
     rows = [
         ("run", reply.run_id),
         ("robot", f"{group.robot.name} (URDF {urdf}), {len(group.joints)} joints, tip {group.tip}"),
-        ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes crossed"),
+        ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
         ("request", hashlib.sha256(codec.encode(request)).hexdigest()[:12]),
         ("planner, seed", f"{reply.planner}, {reply.seed}"),
         ("made with", _made_with()),
@@ -206,11 +219,23 @@ def versions() -> dict[str, str]:
 def _plane(index: int | None, reply: PlanReply) -> str:
     if index is None:
         return ""
-    return reply.guide_planes[index].name if index < len(reply.guide_planes) else f"{index}"
+    return f" to {reply.guide_planes[index].name if index < len(reply.guide_planes) else index}"
+
+
+def _unit(group: PlanningGroup) -> str:
+    """Of the joints' coordinates together."""
+    kinds = {joint.kind.value for joint in group.joints}
+    if kinds == {"prismatic"}:
+        return "m"
+    return "rad" if kinds.isdisjoint(("prismatic", "planar", "floating")) else "(rad, m)"
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    lines = [head, tuple("---" for _ in head), *rows]
+    """A table whose last column is broken into lines, each a row: the viewer cuts what is too wide for it."""
+    lines = [head, tuple("---" for _ in head)]
+    for *first, last in rows:
+        begun, *more = textwrap.wrap(last, COLUMN, break_on_hyphens=False) or [""]
+        lines += [(*first, begun), *((*("" for _ in first), line) for line in more)]
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 
 

@@ -29,7 +29,7 @@ from guidefield.recorder import (
 from guidefield.recorder.blueprint import Eye, layout
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import choose_eye
-from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, path_times
+from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, path_times, shown
 from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
 from guidefield.recorder.whole import left_out
 from guidefield.recorder.writing import write_recording
@@ -110,7 +110,7 @@ class Recorder:
             chunks += [*self._planning(reply, motion.configurations[0], drawn.links), *self._field(motion, at)]
         timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
         if self._place.whole:
-            present = frozenset(chunk.entity_path for chunk in chunks)
+            present = shown(chunks)
             chunks += bodies_file.meshes(self._group.robot, drawn)
             write_recording(self._place.file, self._run_id, chunks, layout(eye, timeline, present))
         else:

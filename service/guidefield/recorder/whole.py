@@ -15,7 +15,7 @@ import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
 from guidefield.recorder.blueprint import Eye, layout
-from guidefield.recorder.chunks import still
+from guidefield.recorder.chunks import shown, still
 from guidefield.recorder.documents import with_warning
 from guidefield.recorder.meshes_file import UNREADABLE, read_meshes
 from guidefield.recorder.writing import encode_recording
@@ -60,9 +60,8 @@ def self_contained(recording: Path, folder: Path) -> bytes:
     batch = lacking.to_record_batch()
     (name,), at, (timeline,) = (batch.column(part).to_pylist()[0] for part in ("meshes", "eye", "timeline"))
     rest = [chunk for chunk in chunks if chunk.entity_path != LEFT_OUT]
-    present = frozenset(chunk.entity_path for chunk in rest)
-    shown = layout(Eye(np.array(at[:3]), np.array(at[3:]), frozenset()), timeline, present)
-    return encode_recording(store.recording_id, _with_meshes(rest, folder / Path(name).name), shown)
+    views = layout(Eye(np.array(at[:3]), np.array(at[3:]), frozenset()), timeline, shown(rest))
+    return encode_recording(store.recording_id, _with_meshes(rest, folder / Path(name).name), views)
 
 
 def _with_meshes(chunks: Sequence[Chunk], file: Path) -> list[Chunk]:
