@@ -204,6 +204,14 @@ def test_every_room_says_its_idea() -> None:
         assert ast.get_docstring(ast.parse(path.read_text())), path
 
 
+def test_a_stranger_reads_the_referee_in_ten_minutes() -> None:
+    room = PACKAGE / "referee"
+    assert len((room / "judge.py").read_text().splitlines()) <= 250
+    imported = {name for path in room.glob("*.py") for name in _imported(path)}
+    foreign = {name for name in imported if name.split(".")[0] not in sys.stdlib_module_names}
+    assert {name for name in foreign if not name.startswith("guidefield.referee.")} == {"coal", "numpy", "pinocchio"}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=_relative)
 def test_commands_and_tools_on_a_page_exist(page: Path) -> None:
     commands = get_command(app).commands  # type: ignore[attr-defined]

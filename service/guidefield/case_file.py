@@ -1,0 +1,249 @@
+"""A motion as a plain file that anyone can judge: what the referee reads (referee.md)."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import lzma
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import coal
+import msgspec
+import numpy as np
+from lxml import etree
+
+from guidefield.collision.world import World
+from guidefield.geometry.closed import boundary, compact
+from guidefield.messages.conditions import AttachedObject, PathConstraint
+from guidefield.messages.scene import Mesh
+from guidefield.messages.values import Placement
+from guidefield.robot.model.configuration import configuration_to_wire
+from guidefield.robot.model.model import JointKind, RobotModel
+from guidefield.robot.model.shapes import hull, triangulation
+from guidefield.robot.urdf import xml
+from guidefield.scene import obstacle
+from guidefield.scene.mesh import mesh_surface
+from guidefield.whole_file import write_whole
+
+FORMAT = "guidefield cases 1"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motion:
+    """What was certified.
+
+    Attributes:
+        world: The robot with what it holds, among obstacles; the pairs that count.
+        placement: Of the robot's root in the world.
+        held: What it holds, as declared.
+        times: Of the knots, shape (k,) [s]; None for a path of straight lines in the chart.
+        positions: Chart points, shape (k, nv) [rad or m].
+        velocities: Of the chart, shape (k, nv); None for a path.
+        jerk_limits: Shape (nv,), infinite where there is none; None where jerk doesn't matter.
+        min_clearance: Distance to keep from obstacles [m].
+        path_constraints: As declared.
+        touching: Pairs of names that touch at the start, and may until `left_at`.
+        left_at: Index of a piece, and the share of it that has passed.
+    """
+
+    world: World
+    placement: Placement
+    held: Sequence[AttachedObject]
+    times: np.ndarray | None
+    positions: np.ndarray
+    velocities: np.ndarray | None
+    jerk_limits: np.ndarray | None = None
+    min_clearance: float = 0.0
+    path_constraints: Sequence[PathConstraint] = ()
+    touching: Sequence[tuple[str, str]] = ()
+    left_at: tuple[int, float] = (0, 0.0)
+
+
+def write(path: Path, motion: Motion) -> None:
+    """Write a motion to a file: JSON, packed with xz where the name ends so.
+
+    Raises:
+        OSError: if it can't be written, or a mesh of the robot can't be read any more.
+    """
+    text = json.dumps({"format": FORMAT, "cases": cases(motion)}).encode()
+    write_whole(path, lzma.compress(text, preset=1) if path.suffix == ".xz" else text)
+
+
+def cases(motion: Motion) -> list[dict[str, Any]]:
+    """A motion as plain values, as JSON has them; the fields are told in referee.md.
+
+    Where it begins by leaving a contact there are two: until then without the pairs that touch, and from then on.
+
+    Raises:
+        OSError: if a mesh of the robot can't be read any more.
+    """
+    if not motion.touching:
+        return [_case(motion)]
+    motion, k = _with_knot(motion)
+    whole = _case(motion)
+    excused = [[*pair, "they touch at the start, and part"] for pair in motion.touching]
+    first = _part(whole, slice(None, k + 1)) | {"left_out": [*whole["left_out"], *excused]}
+    return [first] if k + 1 == len(motion.positions) else [first, _part(whole, slice(k, None))]
+
+
+def _with_knot(motion: Motion) -> tuple[Motion, int]:
+    """The same motion with a knot at `left_at`, and the knot's index."""
+    k, share = motion.left_at
+    if share in (0.0, 1.0):
+        return motion, k + round(share)
+    p, q = motion.positions[k : k + 2]
+    h = 1.0 if motion.times is None else motion.times[k + 1] - motion.times[k]
+    v, w = (q - p, q - p) if motion.velocities is None else h * motion.velocities[k : k + 2]
+    bend, twist = 3.0 * (q - p) - 2.0 * v - w, v + w - 2.0 * (q - p)  # p + v s + bend s^2 + twist s^3
+    added = {"positions": p + share * (v + share * (bend + share * twist))}
+    if motion.times is not None:
+        added["times"] = motion.times[k] + share * h
+    if motion.velocities is not None:
+        added["velocities"] = (v + share * (2.0 * bend + share * 3.0 * twist)) / h
+    rows = {kind: np.insert(getattr(motion, kind), k + 1, row, axis=0) for kind, row in added.items()}
+    return dataclasses.replace(motion, **rows), k + 1
+
+
+def _part(whole: dict[str, Any], knots: slice) -> dict[str, Any]:
+    """A case with some of the knots alone."""
+    motion = whole["motion"]
+    some = {kind: motion[kind] and motion[kind][knots] for kind in ("times", "positions", "velocities")}
+    return whole | {"motion": motion | some}
+
+
+def _case(motion: Motion) -> dict[str, Any]:
+    group, scene = motion.world.group, motion.world.scene
+    robot = group.robot
+    reference = configuration_to_wire(robot.joints, group.q_reference)
+    return {
+        "format": FORMAT,
+        "robot": _robot(robot, motion.placement),
+        "held": _plain(motion.held),
+        "obstacles": _plain(scene.message.obstacles),
+        "reference": reference,
+        "motion": {
+            "joints": [joint.name for joint in group.joints],
+            "times": None if motion.times is None else motion.times.tolist(),
+            "positions": motion.positions.tolist(),
+            "velocities": None if motion.velocities is None else motion.velocities.tolist(),
+        },
+        "limits": _limits(motion),
+        "without_limits": _without_limits(robot),
+        "min_clearance": motion.min_clearance,
+        "path_constraints": _plain(motion.path_constraints),
+        "left_out": _left_out(motion),
+        "parts": {"links": _parts_of_links(motion), "objects": _parts_of_objects(motion)},
+    }
+
+
+def _plain(messages: Any) -> Any:
+    """Messages as JSON has them."""
+    return msgspec.json.decode(msgspec.json.encode(messages))
+
+
+def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
+    """The URDF without what is only seen, and the files of its collision meshes."""
+    root, files = xml.parse(robot.source.urdf_text), {}
+    for visual in list(root.iter("visual")):
+        visual.getparent().remove(visual)
+    for number, mesh in enumerate(root.iter("mesh")):
+        path = Path(mesh.get("filename"))
+        name = f"{number}_{path.name}"
+        files[name] = base64.b64encode(path.read_bytes()).decode()
+        mesh.set("filename", name)
+    return {
+        "urdf": etree.tostring(root, encoding="unicode"),
+        "root_joint": robot.source.root_joint,
+        "placement": _plain(placement),
+        "ball_joints": [joint.name for joint in robot.joints if joint.kind is JointKind.SPHERICAL],
+        "mesh_files": files,
+    }
+
+
+def _limits(motion: Motion) -> dict[str, Any]:
+    group, limits = motion.world.group, {}
+    endless = np.full(group.nv, np.inf)
+    jerk = endless if motion.jerk_limits is None else motion.jerk_limits
+    kinds = {"velocity": group.velocity_limits, "acceleration": group.acceleration_limits, "jerk": jerk}
+    for joint in group.joints:
+        at = slice(joint.idx_v, joint.idx_v + joint.nv)
+        limits[joint.name] = {
+            kind: values[at].tolist() if np.isfinite(values[at]).all() else None for kind, values in kinds.items()
+        }
+    return limits
+
+
+def _without_limits(robot: RobotModel) -> list[str]:
+    """Joints whose limits in the URDF aren't kept, with a warning to whom it matters."""
+    said = robot.model.upperPositionLimit
+    return [
+        joint.name
+        for joint in robot.joints
+        if joint.nq == 1 and np.isfinite(said[joint.idx_q]) and not np.isfinite(joint.upper[0])
+    ]
+
+
+def _left_out(motion: Motion) -> list[list[str]]:
+    """Pairs of names that aren't judged, each with a reason; but not those that can't move relative to each other."""
+    world, robot = motion.world, motion.world.group.robot
+    names, judged = world.body_names, {tuple(sorted(pair)) for pair in world.pairs.tolist()}
+    links = world.group.geometry.ngeoms
+    reasons = {frozenset(one.links): one.reason for one in robot.pairs_left_out}
+    for one in motion.held:
+        for link in (one.link, *one.touch_links):
+            reasons[frozenset((one.obstacle.name, link))] = "the link holds it, or may touch it"
+    joints = [shape.parentJoint for shape in world.group.geometry.geometryObjects]
+    told = {}
+    for first in range(links):
+        for second in range(first + 1, len(names)):
+            rigid = joints[first] == (joints[second] if second < links else 0)
+            if not rigid and (first, second) not in judged:
+                pair = frozenset((names[first], names[second]))
+                told[names[first], names[second]] = reasons.get(pair, "the request allows it")
+    return [[first, second, why] for (first, second), why in told.items()]
+
+
+def _parts_of_links(motion: Motion) -> dict[str, Any]:
+    """By collision shape: the hull that contains a mesh, and the mesh closed where it isn't as it is."""
+    held = {one.obstacle.name for one in motion.held}
+    parts = {}
+    for shape in motion.world.group.robot.geometry.geometryObjects:
+        if shape.name not in held and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):
+            mesh = shape.geometry
+            if isinstance(mesh, coal.Convex):
+                mesh = coal.MeshLoader(coal.BV_OBBRSS).load(shape.meshPath, shape.meshScale)
+            parts[shape.name] = _hulls(shape.geometry) | _shell(*triangulation(mesh))
+    return parts
+
+
+def _parts_of_objects(motion: Motion) -> dict[str, Any]:
+    """The same by obstacle and held object."""
+    held = [obstacle.build(one.obstacle, index) for index, one in enumerate(motion.held)]
+    parts: dict[str, Any] = {}
+    for one in (*held, *motion.world.scene.obstacles):
+        if isinstance(one.message, Mesh):
+            vertices, triangles = one.recipe.surface(one.message)
+            closed = {"shell": _told(vertices, triangles)} if one.solid else {}
+            parts[one.name] = _hulls(one.shape) | closed
+    return parts
+
+
+def _hulls(shape: Any) -> dict[str, Any]:
+    around = hull(shape) if isinstance(shape, coal.BVHModelBase) else shape
+    return {} if around is None else {"hulls": [np.array(around.points()).tolist()]}
+
+
+def _shell(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
+    """The closed surface of a mesh that isn't closed as it is, or not turned alike."""
+    points, corners, _ = compact(vertices, triangles)
+    if not len(boundary(corners, len(points))):
+        return {}
+    closed = mesh_surface(vertices, triangles)
+    return {} if closed is None or not closed.solid else {"shell": _told(closed.vertices, closed.triangles)}
+
+
+def _told(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
+    return {"vertices": vertices.tolist(), "triangles": triangles.tolist()}

@@ -1,0 +1,250 @@
+"""The judge: is a motion free, within its limits and constraints, at every time? Interval bisection, nothing else.
+
+A stretch of the motion is tried at its middle. There Coal says how far two bodies are apart, and `_reach` how far any
+of their points can move within the stretch. Bodies that are further apart are free all along; for others both halves of
+the stretch are tried. What is promised is in certificate.md.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.referee.case import Body, Case, Constraint
+from guidefield.referee.verdict import Answer, Finding, Verdict
+
+SLACK = FLOOR = 1e-6  # of Coal's distances, constraints [m, rad] and rates [share]; what moves less is undecided
+ROUNDING = 1e-9  # a position may be beyond its limit by this [rad or m]
+KINDS = ("position", "velocity", "acceleration", "jerk")
+# start, p, v, a, j and duration h: a time s after the start the columns are at p + v s + a s^2 / 2 + j s^3 / 6
+Piece = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
+Told = tuple[Answer | None, float, float, float]  # what is broken; room to what is required, its loss, distance
+
+
+def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float = math.inf) -> Verdict:
+    """Judge a motion.
+
+    Args:
+        case: The motion, and what it is said to keep.
+        extra: Distance to keep from obstacles beyond what is required [m].
+        own_extra: Distance that the robot's bodies have to keep from each other [m].
+        seconds: Time after which what is left is undecided.
+    """
+    if case.unknown:
+        return Verdict(Finding(Answer.NOT_JUDGED, tuple(case.unknown)))
+    along = _Along(case, extra, own_extra, time.monotonic() + seconds)
+    found = _false_part(case) or _beyond_limit(case) or along.inside() or along.judged()
+    return Verdict(found, along.kept, len(along.pairs), tuple(along.left_out), along.evaluations)
+
+
+def _false_part(case: Case) -> Finding | None:
+    """A triangle whose three corners are in a convex part is in it; a shell is closed and has all triangles."""
+    for body in case.bodies:
+        places, corner = np.unique(body.triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        within, here = np.zeros(len(body.triangles), bool), coal.Transform3s.Identity()
+        for part in body.parts:
+            gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in places]
+            within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK).all(axis=1)
+        told = [{frozenset(map(tuple, t)) for t in some.tolist()} for some in (body.triangles, body.shell)]
+        whole = {t for t in told[0] if len(t) == 3} <= told[1] and _closed(body.shell)
+        if (body.parts and not within.all()) or (len(body.shell) and not whole):
+            return Finding(Answer.FALSE_PART, (body.name,))
+    return None
+
+
+def _pieces(case: Case) -> Iterator[Piece]:
+    """The cubics with the positions and velocities of both knots (Hermite); straight lines, where there are none."""
+    p, times = case.positions, np.arange(float(len(case.positions))) if case.times is None else case.times
+    for k, h in enumerate(np.diff(times).tolist()):
+        mean = (p[k + 1] - p[k]) / h
+        v, w = (mean, mean) if case.velocities is None else case.velocities[k : k + 2]
+        yield float(times[k]), p[k], v, (6 * mean - 4 * v - 2 * w) / h, (6 * v + 6 * w - 12 * mean) / h**2, h
+
+
+def _at(piece: Piece, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity, acceleration and jerk a time s after the start of a piece."""
+    _, p, v, a, j, _ = piece
+    return p + s * (v + s * (a / 2 + s * j / 6)), v + s * (a + s * j / 2), a + s * j, j
+
+
+def _beyond_limit(case: Case) -> Finding | None:
+    """A limit that is exceeded where a position or a rate of any column is extreme."""
+    for piece in _pieces(case):
+        start, _, v, a, j, h = piece
+        with np.errstate(all="ignore"):  # where v + a s + j s^2 / 2 is 0, no digits cancelling, and a + j s
+            stable = -(a + np.copysign(np.sqrt(a * a - 2 * j * v), a))
+            inner = np.concatenate([stable / j, 2 * v / stable, -a / j])
+        for s in {0.0, h, *inner[(inner > 0.0) & (inner < h)].tolist()}:
+            z, *rates = _at(piece, s)
+            y = case.spread @ z + case.offset
+            over = [np.maximum(y - case.upper, case.lower - y), *(np.abs(rates) - case.rates * (1.0 + SLACK))]
+            for kind, excess in zip(KINDS[: 1 if case.times is None else 4], over, strict=False):
+                if (worst := float(excess.max(initial=-1.0))) > ROUNDING:
+                    of = case.rows if kind == "position" else case.columns
+                    return Finding(Answer.BEYOND_LIMIT, (of[int(excess.argmax())], kind), start + s, worst)
+    return None
+
+
+class _Along:
+    """Every pair of bodies and every constraint, all along the motion."""
+
+    def __init__(self, case: Case, extra: float, own_extra: float, until: float) -> None:
+        self.case, self.until, self.data = case, until, case.model.createData()
+        self.kept, self.evaluations, self.left_out = math.inf, 0, list(case.left_out)
+        self.carried: list[Body | Constraint] = [*case.bodies, *case.constraints]
+        self.corners = np.array([np.c_[one.corners, np.ones(8)].T for one in self.carried])  # (b, 4, 8)
+        self.rows = [slice(joint.idx_v, joint.idx_v + joint.nv) for joint in case.model.joints]
+        planned = {i for i, rows in enumerate(self.rows) if i and case.spread[rows].any()}
+        movers = [planned & set(case.model.supports[one.joint]) for one in self.carried]
+        self.moved = np.array([[i in some for i in range(case.model.njoints)] for some in movers], bool)
+        self.pairs: list[tuple[int, int, float]] = []  # two bodies, and the distance that they have to keep
+        allowed = {frozenset(pair[:2]) for pair in case.left_out}
+        for (i, a), (j, b) in itertools.combinations(enumerate(case.bodies), 2):
+            if b.obstacle and not a.obstacle and not movers[i]:
+                self.left_out.append((a.name, b.name, "the link never moves"))
+            elif movers[i] != movers[j] and frozenset((a.name, b.name)) not in allowed:
+                self.pairs.append((i, j, case.clearance + extra if b.obstacle else own_extra))
+        between = [(case.bodies[i].name, case.bodies[j].name) for i, j, _ in self.pairs]
+        self.names = [*between, *((one.name,) for one in case.constraints)]
+
+    def inside(self) -> Finding | None:
+        """A body in another's closed mesh at the start. One that starts outside it has to touch it to come inside."""
+        start, z, *_ = next(_pieces(self.case))
+        self._stand(z, start)
+        for k, m in [both for i, j, _ in self.pairs if self.case.bodies[j].obstacle for both in ((i, j), (j, i))]:
+            a, b, seen = self.case.bodies[k], self.case.bodies[m], self.placed[k].actInv(self.placed[m])
+            points = b.points @ seen.rotation.T + seen.translation
+            near = points[((points >= a.corners.min(axis=0)) & (points <= a.corners.max(axis=0))).all(axis=1)]
+            shell = a.shell if len(a.shell) or not len(near) else a.triangles
+            if _closed(shell) and any(abs(_winding(point, shell)) > 0.5 for point in near):
+                return Finding(Answer.INSIDE, (a.name, b.name), start)
+        return None
+
+    def judged(self) -> Finding:
+        """Halve the motion until everything is told apart, or something is broken."""
+        unsure, n = None, len(self.pairs)
+        stack = [(piece, 0.0, piece[-1], list(range(len(self.names)))) for piece in _pieces(self.case)][::-1]
+        while stack:
+            piece, low, high, asked = stack.pop()
+            start, middle, r = piece[0], 0.5 * (low + high), 0.5 * (high - low)
+            if time.monotonic() > self.until:
+                return Finding(Answer.UNDECIDED, ("time was up",), start + low)
+            z, v, a, j = _at(piece, middle)
+            self._stand(z, start + middle)
+            moves, turns = self._reach(r * (np.abs(v) + r * (np.abs(a) / 2 + r * np.abs(j) / 6)))  # Taylor's terms
+            moves[:, 0] = [r * _fastest(one, start + low, start + high) for one in self.carried]
+            left = []
+            for k in asked:
+                broken, room, loss, distance = self._pair(k, moves) if k < n else self._constraint(k - n, moves, turns)
+                if broken:
+                    return Finding(broken, self.names[k], start + middle, distance)
+                if room >= loss:
+                    self.kept = min(self.kept, room - loss) if k < n else self.kept
+                elif loss <= FLOOR:
+                    unsure = unsure or Finding(Answer.UNDECIDED, self.names[k], start + middle, distance)
+                else:
+                    left.append(k)
+            stack += [(piece, middle, high, left), (piece, low, middle, left)] if left else []
+        return unsure or Finding(Answer.FREE)
+
+    def _stand(self, z: np.ndarray, now: float) -> None:
+        """Place everything where it is with the motion's columns z at a time: joints slide first and turn then."""
+        y, q = self.case.spread @ z + self.case.offset, pin.neutral(self.case.model)
+        for step in (np.where(self.case.turning, 0.0, y), self.case.turned, np.where(self.case.turning, y, 0.0)):
+            q = pin.integrate(self.case.model, q, step)
+        pin.computeJointJacobians(self.case.model, self.data, q)
+        self.placed = [_carrier(one, self.data, now) * one.placement for one in self.carried]
+        self.coal = [coal.Transform3s(one.rotation, one.translation) for one in self.placed]
+
+    def _reach(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far joints move any point of each body, (b, njoints), and how far they turn, (njoints,).
+
+        Let the columns stay within `half` of where they are. Move the joints one by one, from base to tip. While one
+        moves, all beyond it still stand: a point p moves by at most e |v + w x p|, with the joint's unit velocity v, w
+        and its way e: e times the distance from its axis, or e where it slides. That is convex in p, so largest at a
+        corner. A joint of several freedoms slides by a norm, and turns about any axis through its centre by the norm of
+        its rotation vector's change at most (the exponential map of rotations stretches nothing). The ways add up, by
+        the triangle inequality. What moves two bodies moves both as one.
+        """
+        y = np.abs(self.case.spread) @ half
+        points = np.array([one.homogeneous[:3] for one in self.placed]) @ self.corners
+        moves, turns = np.zeros(self.moved.shape), np.zeros(self.moved.shape[1])
+        for i, rows in enumerate(self.rows[1:], 1):
+            e, turning = y[rows], self.case.turning[rows]
+            if len(e) == 1:
+                v, w = np.split(self.data.J.reshape(6, -1)[:, rows], 2)
+                turns[i] = e[0] * np.linalg.norm(w)
+                moves[:, i] = e[0] * np.linalg.norm(v + np.cross(w, points, axis=-2), axis=1).max(axis=1)
+            else:
+                turns[i] = np.linalg.norm(e[turning])
+                arms = np.linalg.norm(points - self.data.oMi[i].translation[:, None], axis=1).max(axis=1)
+                moves[:, i] = np.linalg.norm(e[~turning]) + turns[i] * arms
+        return np.where(self.moved, moves, 0.0), turns
+
+    def _pair(self, k: int, moves: np.ndarray) -> Told:
+        """Two bodies: first the parts that contain them, less what may stand out of these; then as declared."""
+        i, j, required = self.pairs[k]
+        a, b = self.case.bodies[i], self.case.bodies[j]
+        loss = float((moves[i] + moves[j])[self.moved[i] ^ self.moved[j]].sum() + moves[i, 0] + moves[j, 0])
+        for some, others, out in ((a.parts or [a.exact], b.parts or [b.exact], SLACK), ([a.exact], [b.exact], 0.0)):
+            self.evaluations += len(some) * len(others)
+            gap = min(_distance(one, self.coal[i], other, self.coal[j]) for one in some for other in others)
+            distance = gap - a.rounding - b.rounding - out
+            if distance - SLACK - required >= loss:
+                break
+        close = Answer.TOO_CLOSE if distance <= required - SLACK else None
+        return Answer.CONTACT if distance <= 0.0 else close, distance - SLACK - required, loss, distance
+
+    def _constraint(self, k: int, moves: np.ndarray, turns: np.ndarray) -> Told:
+        """The angle of a frame's axis, or the distance of its origin; told is by how much that exceeds the limit."""
+        one, carrier = self.case.constraints[k], len(self.case.bodies) + k
+        axis, value = self.placed[carrier].rotation @ one.axis, self.placed[carrier].translation - one.point
+        if one.across is None:
+            excess = math.atan2(float(np.linalg.norm(np.cross(axis, one.target))), float(axis @ one.target)) - one.limit
+            loss = float(turns[self.moved[carrier]].sum())
+        else:
+            excess, loss = float(np.linalg.norm(one.across @ value)) - one.limit, float(moves[carrier].sum())
+        return Answer.CONSTRAINT_BROKEN if excess > SLACK else None, SLACK - excess, loss, excess
+
+
+def _carrier(one: Body | Constraint, data: Any, now: float) -> Any:
+    """Where the joint stands that carries a body or frame; or an obstacle's own frame, on a screw from stop to stop."""
+    if one.screw is None:
+        return data.oMi[one.joint]
+    times, stops = one.screw.times, one.screw.stops
+    k = min(max(int(np.searchsorted(times, now)) - 1, 0), len(times) - 2)
+    return stops[k] * pin.exp6((min(max(now, times[0]), times[-1]) - times[k]) * one.screw.twists[k])
+
+
+def _fastest(one: Body | Constraint, start: float, end: float) -> float:
+    """The largest speed of any point of an obstacle between two times: v + w x p in its frame, all along a screw."""
+    if one.screw is None:
+        return 0.0
+    v, w = np.split(one.screw.twists[(one.screw.times[1:] > start) & (one.screw.times[:-1] < end), None], 2, axis=2)
+    points = one.corners @ one.placement.rotation.T + one.placement.translation
+    return float(np.linalg.norm(v + np.cross(w, points), axis=2).max(initial=0.0))
+
+
+def _closed(triangles: np.ndarray) -> bool:
+    """Whether every edge of triangles (t, 3, 3) is run through as often in one direction as in the other."""
+    index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    edges = np.column_stack([index.ravel(), np.roll(index, -1, axis=1).ravel()])
+    return len(edges) > 0 and sorted(edges.tolist()) == sorted(edges[:, ::-1].tolist())
+
+
+def _winding(point: np.ndarray, triangles: np.ndarray) -> float:
+    """How often closed triangles (t, 3, 3) wind around a point (3,): their solid angles over 4 pi."""
+    arms = triangles - point
+    (a, b, c), (ab, bc, ca) = np.linalg.norm(arms, axis=2).T, (arms * np.roll(arms, -1, axis=1)).sum(axis=2).T
+    return float(np.arctan2(np.linalg.det(arms), a * b * c + ab * c + bc * a + ca * b).sum() / (2 * np.pi))
+
+
+def _distance(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
+    return float(coal.distance(a, at_a, b, at_b, coal.DistanceRequest(), coal.DistanceResult()))

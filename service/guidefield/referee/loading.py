@@ -1,0 +1,305 @@
+"""From a file to what the referee judges; the file's fields are told in referee.md."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import lzma
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.referee.case import Body, Case, Constraint, Screw
+from guidefield.referee.shapes import NO_TRIANGLES, Shape, hull, placement_of, shape, shape_of
+
+FORMAT = "guidefield cases 1"
+
+ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
+
+MOMENT = 1e-9
+"""How long a motion of a single position is judged [s]."""
+
+Told = Mapping[str, Any]
+
+
+class UnusableFile(ValueError):
+    """The file isn't one of this format, or something in it contradicts something else."""
+
+
+def load(path: Path) -> list[Case]:
+    """Read cases from a file of JSON, or of JSON packed with xz.
+
+    Raises:
+        UnusableFile: if it can't be used, with what is wrong.
+        OSError: if it can't be read.
+    """
+    packed = path.read_bytes()
+    try:
+        told = json.loads(lzma.decompress(packed) if packed[:6] == b"\xfd7zXZ\x00" else packed)
+    except (ValueError, lzma.LZMAError) as error:
+        raise UnusableFile(f"{path.name} isn't JSON: {error}") from None
+    if not isinstance(told, dict) or told.get("format") != FORMAT or not isinstance(told.get("cases"), list):
+        raise UnusableFile(f"{path.name} must have `format` {FORMAT!r} and a list of `cases`")
+    return [case_of(one) for one in told["cases"]]
+
+
+def case_of(told: Told) -> Case:
+    """One case that a file tells.
+
+    Raises:
+        UnusableFile: if something is missing or contradicts something else.
+    """
+    try:
+        return _case(told)
+    except KeyError as error:
+        raise UnusableFile(f"{error.args[0]!r} is missing") from None
+    except (TypeError, AttributeError, IndexError, RuntimeError, ValueError, ElementTree.ParseError) as error:
+        raise UnusableFile(f"it can't be used: {error}") from None
+
+
+def _case(told: Told) -> Case:
+    model, geometry, laws = _robot(told["robot"])
+    spread, offset, turning, turned, columns = _chart(model, told, laws)
+    positions, times, velocities = _motion(told["motion"], len(columns))
+    lower, upper, unlimited = _position_limits(model, spread, told.get("without_limits", ()))
+    unknown = ["obstacles that move, along a path without times"] if times is None and _moves(told) else []
+    bodies = [*_links(model, geometry, told["parts"]), *_objects(model, told, unknown)]
+    return Case(
+        model=model,
+        spread=spread,
+        offset=offset,
+        turning=turning,
+        turned=turned,
+        bodies=bodies,
+        constraints=[*_constraints(model, told.get("path_constraints", ()), unknown)],
+        rows=[model.names[i] for i in range(1, model.njoints) for _ in range(model.joints[i].nv)],
+        columns=columns,
+        times=times,
+        positions=positions,
+        velocities=velocities,
+        lower=lower,
+        upper=upper,
+        rates=_rates(columns, told["limits"]),
+        clearance=float(told["min_clearance"]),
+        left_out=[*_left_out(told["left_out"], bodies), *unlimited],
+        unknown=unknown,
+    )
+
+
+def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
+    """Pinocchio's model and collision geometry where the robot stands; of each follower driver, multiplier, offset."""
+    root = ElementTree.fromstring(told["urdf"])  # noqa: S314 - who judges a file has chosen it
+    laws = {
+        joint.get("name", ""): (law.get("joint", ""), float(law.get("multiplier", 1)), float(law.get("offset", 0)))
+        for joint in root.iter("joint")
+        for law in joint.findall("mimic")
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        for number, mesh in enumerate(root.iter("mesh")):
+            name = mesh.get("filename", "")
+            path = Path(folder) / f"{number}{Path(name).suffix}"
+            path.write_bytes(base64.b64decode(told["mesh_files"][name]))
+            mesh.set("filename", str(path))
+        text, joint = ElementTree.tostring(root, "unicode"), ROOTS[told.get("root_joint", "fixed")]
+        model = pin.buildModelFromXML(text) if joint is None else pin.buildModelFromXML(text, joint())
+        geometry = pin.GeometryModel()
+        pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+    base = placement_of(told.get("placement", {}))
+    for i in range(1, model.njoints):
+        if model.parents[i] == 0:
+            model.jointPlacements[i] = base * model.jointPlacements[i]
+    for one in (*list(model.frames)[1:], *geometry.geometryObjects):
+        if one.parentJoint == 0:
+            one.placement = base * one.placement
+    return model, geometry, laws
+
+
+def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
+    """`spread`, `offset`, `turning`, `turned` and `columns` of a case."""
+    balls, planned, reference = told["robot"].get("ball_joints", ()), told["motion"]["joints"], told["reference"]
+    joints = {name: model.joints[i] for i, name in enumerate(model.names) if i}
+    free = {name: [*range(3 if name in balls else 0, joint.nv)] for name, joint in joints.items()}
+    columns = [name for name in planned for _ in free[name]]
+    spread, offset = np.zeros((model.nv, len(columns))), np.zeros(model.nv)
+    turning, turned, column = np.zeros(model.nv, bool), np.zeros(model.nv), 0
+    for name, joint in joints.items():
+        rows = joint.idx_v + np.arange(joint.nv)
+        value = np.array(reference.get(name, 0.0), float).reshape(-1)
+        if joint.nv == 6:
+            turning[rows[3:]], offset[rows[:3]] = True, 0.0 if name in balls else value[:3]
+            turned[rows[3:]] = pin.log3(pin.Quaternion(value[-4:]).normalized().matrix())
+        elif name not in laws:
+            turning[rows[2:]], offset[rows] = True, value
+    for name in planned:
+        rows = joints[name].idx_v + np.array(free[name])
+        spread[rows, column : column + len(rows)], offset[rows] = np.eye(len(rows)), 0.0
+        column += len(rows)
+    for name in laws:
+        driver, multiplier, shift = laws[name]
+        while driver in laws:
+            driver, other, more = laws[driver]
+            multiplier, shift = multiplier * other, multiplier * more + shift
+        if joints[name].nv != 1 or joints[driver].nv != 1:
+            raise UnusableFile(f"joint {name!r} follows, or is followed, and has several freedoms")
+        row, source = joints[name].idx_v, joints[driver].idx_v
+        spread[row], offset[row] = multiplier * spread[source], multiplier * offset[source] + shift
+    return spread, offset, turning, turned, columns
+
+
+def _motion(told: Told, columns: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """`positions`, `times` and `velocities` of a case."""
+    positions = np.array(told["positions"], float)
+    times, velocities = (
+        None if told[kind] is None else np.array(told[kind], float) for kind in ("times", "velocities")
+    )
+    if not len(positions) or positions.shape[1:] != (columns,):
+        raise UnusableFile(f"`motion.positions` needs rows of {columns} numbers, as its joints have")
+    if times is not None and (times.shape != positions.shape[:1] or not (np.diff(times) > 0.0).all()):
+        raise UnusableFile("`motion.times` must increase, one for each position")
+    if velocities is not None and (times is None or velocities.shape != positions.shape):
+        raise UnusableFile("`motion.velocities` must be as many as positions, which need times then")
+    if not all(np.isfinite(some).all() for some in (positions, velocities, times) if some is not None):
+        raise UnusableFile("`motion` must have finite numbers")
+    if len(positions) == 1:  # a motion that goes nowhere, for a moment
+        positions, velocities = np.repeat(positions, 2, axis=0), None
+        times = None if times is None else np.array([times[0], times[0] + MOMENT])
+    return positions, times, velocities
+
+
+def _position_limits(model: Any, spread: np.ndarray, without: Sequence[str]) -> tuple[Any, Any, list[Any]]:
+    """The URDF's limits of joints that move, and which of them the file says aren't kept."""
+    lower, upper, unlimited = np.full(model.nv, -np.inf), np.full(model.nv, np.inf), []
+    for name, joint in zip(model.names[1:], list(model.joints)[1:], strict=True):
+        row = joint.idx_v
+        if (joint.nq, joint.nv) == (1, 1) and spread[row].any():
+            if name in without:
+                unlimited.append((name, "its position limits", "the file says that they aren't kept"))
+            else:
+                lower[row], upper[row] = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+    return lower, upper, unlimited
+
+
+def _rates(columns: Sequence[str], limits: Told) -> np.ndarray:
+    rates = np.full((3, len(columns)), np.inf)
+    for row, kind in enumerate(("velocity", "acceleration", "jerk")):
+        for name in dict.fromkeys(columns):
+            if (limit := limits[name][kind]) is not None:
+                rates[row, [column == name for column in columns]] = limit
+    return rates
+
+
+def _body(name: str, joint: int, placement: Any, one: Shape, parts: Told, *, obstacle: bool, **more: Any) -> Body:
+    told = parts.get(more.pop("key", name), {})
+    shell = NO_TRIANGLES
+    if "shell" in told:
+        shell = np.array(told["shell"]["vertices"], float)[np.array(told["shell"]["triangles"], int)] + 0.0
+    return Body(
+        name=name,
+        joint=joint,
+        placement=placement * one.placement,
+        exact=one.exact,
+        rounding=one.rounding,
+        corners=one.corners,
+        parts=[hull(np.array(points, float)) for points in told.get("hulls", ())],
+        triangles=one.triangles,
+        shell=shell,
+        points=one.points,
+        obstacle=obstacle,
+        **more,
+    )
+
+
+def _links(model: Any, geometry: Any, parts: Told) -> Iterator[Body]:
+    for one in geometry.geometryObjects:
+        link, own = model.frames[one.parentFrame].name, shape(one.geometry, pin.SE3.Identity())
+        yield _body(link, one.parentJoint, one.placement, own, parts["links"], key=one.name, obstacle=False)
+
+
+def _moves(told: Told) -> bool:
+    return any(one.get("trajectory") for one in told["obstacles"])
+
+
+def _objects(model: Any, told: Told, unknown: list[str]) -> Iterator[Body]:
+    """What is held, then obstacles."""
+    parts = told["parts"]["objects"]
+    for held in told.get("held", ()):
+        one, frame = shape_of(held["obstacle"]), model.frames[_body_frame(model, held["link"])]
+        if one is None:
+            unknown.append(f"held {held['obstacle']['name']!r} of type {held['obstacle']['type']!r}")
+        else:
+            placement = frame.placement * placement_of(held.get("placement", {}))
+            yield _body(held["obstacle"]["name"], frame.parentJoint, placement, one, parts, obstacle=False)
+    for obstacle in told["obstacles"]:
+        one, moves = shape_of(obstacle), obstacle.get("trajectory")
+        if one is None or (moves and obstacle["type"] in ("half_space", "point_cloud")):
+            unknown.append(f"obstacle {obstacle['name']!r} of type {obstacle['type']!r}, as it is declared")
+            continue
+        screw = _screw(moves) if moves else None  # its placements take the place of its own
+        own = pin.SE3.Identity() if screw is None else one.placement.inverse()
+        yield _body(obstacle["name"], 0, own, one, parts, obstacle=True, screw=screw)
+
+
+def _screw(told: Told) -> Screw:
+    """Of placements at times; a single one is there twice."""
+    stops, times = [placement_of(stop) for stop in told["placements"]], list(map(float, told["times"]))
+    if len(times) == 1:
+        stops, times = stops * 2, [times[0], times[0] + 1.0]
+    if len(stops) != len(times) or min(np.diff(times)) <= 0.0:
+        raise UnusableFile("a `trajectory` needs as many placements as times, which must increase")
+    steps = [pin.log6(a.actInv(b)).vector for a, b in itertools.pairwise(stops)]
+    return Screw(np.array(times), stops, np.array(steps) / np.diff(times)[:, None])
+
+
+def _body_frame(model: Any, link: str) -> int:
+    index: int = model.getFrameId(link, pin.FrameType.BODY)
+    if index >= model.nframes:
+        raise UnusableFile(f"the robot has no link {link!r}")
+    return index
+
+
+def _constraints(model: Any, told: Sequence[Told], unknown: list[str]) -> Iterator[Constraint]:
+    for one in told:
+        kind, name = one["type"], one["frame"]
+        if kind not in ("orientation_cone", "plane", "line"):
+            unknown.append(f"a path constraint of type {kind!r}")
+            continue
+        index = next((k for k in range(1, model.nframes) if model.frames[k].name == name), None)
+        if index is None:
+            raise UnusableFile(f"the robot has no frame {name!r}")
+        nothing, across = np.zeros(3), None
+        if kind == "plane":
+            across = _unit(one["normal"])[None]
+        if kind == "line":
+            across = np.linalg.svd(_unit(one["direction"])[None])[2][1:]
+        cone = across is None
+        yield Constraint(
+            name=f"{kind} of {name}",
+            joint=model.frames[index].parentJoint,
+            placement=model.frames[index].placement,
+            limit=float(one["half_angle" if cone else "tolerance"]),
+            axis=_unit(one["axis"]) if cone else nothing,
+            target=_unit(one["target_axis"]) if cone else nothing,
+            point=nothing if cone else np.array(one["point"], float),
+            across=across,
+            corners=np.zeros((8, 3)),
+        )
+
+
+def _unit(vector: Sequence[float]) -> np.ndarray:
+    unit: np.ndarray = np.array(vector, float) / np.linalg.norm(vector)
+    return unit
+
+
+def _left_out(told: Sequence[Sequence[str]], bodies: Sequence[Body]) -> list[tuple[str, str, str]]:
+    names = {body.name for body in bodies}
+    for first, second, _ in told:
+        for name in (first, second):
+            if name not in names:
+                raise UnusableFile(f"`left_out` names {name!r}, which has no body")
+    return [(first, second, why) for first, second, why in told]

@@ -1,0 +1,171 @@
+"""Coal's shapes of what the file declares."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+SPECK = 1e-9
+"""Side of the triangle that stands for a point, and its share of how far points are from the origin [m]."""
+
+NO_TRIANGLES = np.empty((0, 3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape and where its frame stands in the frame that declares it; the others are as `Body` has them."""
+
+    exact: Any
+    placement: Any
+    rounding: float
+    corners: np.ndarray
+    triangles: np.ndarray
+    points: np.ndarray
+
+
+def placement_of(told: Mapping[str, Any]) -> Any:
+    """A pinocchio.SE3 of what has `position` and `quaternion_xyzw`, either or none."""
+    x, y, z, w = told.get("quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized(), np.array(told.get("position", (0.0, 0.0, 0.0)), float))
+
+
+def shape_of(told: Mapping[str, Any]) -> Shape | None:
+    """The shape of an obstacle or held object; None of a kind that isn't known."""
+    kind, here = told["type"], placement_of(told)
+    if kind == "half_space":
+        normal = np.array(told["normal"], float)
+        length = float(np.linalg.norm(normal))
+        exact = coal.Halfspace(normal / length, float(told["offset"]) / length)
+        return Shape(exact, pin.SE3.Identity(), 0.0, np.zeros((8, 3)), NO_TRIANGLES, np.empty((0, 3)))
+    if kind in ("mesh", "polygon"):
+        vertices = points_of(told["vertices"])
+        triangles = np.array(told["triangles"], int) if kind == "mesh" else ears(vertices)
+        return shape(surface(vertices, triangles), here)
+    if kind == "point_cloud":
+        points, radius = points_of(told["points"]), float(told["radius"])
+        size = SPECK * (1.0 + np.abs(points).max())
+        specks = (points[:, None] + size * np.eye(3)).reshape(-1, 3)
+        exact = surface(specks, np.arange(len(specks)).reshape(-1, 3))
+        return Shape(exact, here, radius, box_corners(exact, radius), NO_TRIANGLES, points)
+    primitives = {
+        "box": lambda: coal.Box(*map(float, told["size"])),
+        "sphere": lambda: coal.Sphere(float(told["radius"])),
+        "cylinder": lambda: coal.Cylinder(float(told["radius"]), float(told["length"])),
+        "capsule": lambda: coal.Capsule(float(told["radius"]), float(told["length"])),
+    }
+    return shape(primitives[kind](), here) if kind in primitives else None
+
+
+def shape(exact: Any, placement: Any) -> Shape:
+    """Of a bounded Coal shape that stands at a pinocchio.SE3."""
+    corners, points, triangles = box_corners(exact, 0.0), np.zeros((1, 3)), NO_TRIANGLES
+    if isinstance(exact, coal.BVHModelBase):
+        vertices = np.array(exact.vertices()) + 0.0  # so that 0 and -0 are the same
+        faces = np.array([[face[0], face[1], face[2]] for face in map(exact.tri_indices, range(exact.num_tris))])
+        triangles, points = vertices[faces], vertices[first_of_each_piece(vertices, faces)]
+    elif isinstance(exact, coal.ConvexBase):
+        points = np.mean(exact.points(), axis=0, keepdims=True)
+    return Shape(exact, placement, 0.0, corners, triangles, points)
+
+
+def box_corners(exact: Any, more: float) -> np.ndarray:
+    """Corners of the box about a Coal shape, larger all around by some more [m], shape (8, 3)."""
+    exact.computeLocalAABB()
+    low, high = np.array(exact.aabb_local.min_) - more, np.array(exact.aabb_local.max_) + more
+    return np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
+
+
+def points_of(told: Any) -> np.ndarray:
+    """Points, shape (n, 3) [m]: as triples, or packed as little-endian float32 in base64."""
+    if isinstance(told, dict):
+        return np.frombuffer(base64.b64decode(told["float32"]), "<f4").astype(float).reshape(-1, 3)
+    return np.array(told, float).reshape(-1, 3)
+
+
+def surface(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+    """Coal's tree of triangles (t, 3) between vertices (v, 3) [m]."""
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(triangles), len(vertices))
+    tree.addVertices(np.ascontiguousarray(vertices, float))
+    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
+    tree.endModel()
+    return tree
+
+
+def hull(points: np.ndarray) -> Any:
+    """Coal's convex hull of points, shape (n, 3) [m], that don't lie in a plane.
+
+    Its faces are found where the points are spread alike in all directions: on thin plates Qhull gives up.
+    """
+    offsets = points - points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(offsets, full_matrices=False)
+    even = np.sign(np.linalg.det(axes)) * offsets @ (axes.T / spread) * np.sqrt(len(points))
+    found = coal.Convex.convexHull(_vector(even), True, "Qt")
+    place = {point.tobytes(): index for index, point in enumerate(even)}
+    index = [place[vertex.tobytes()] for vertex in np.asarray(found.points())]
+    faces = coal.StdVec_Triangle()
+    for face in map(found.polygons, range(found.num_polygons)):
+        faces.append(coal.Triangle(face[0], face[1], face[2]))
+    return coal.Convex(_vector(points[index]), faces)
+
+
+def _vector(points: np.ndarray) -> Any:
+    vector = coal.StdVec_Vec3s()
+    for point in points:
+        vector.append(point)
+    return vector
+
+
+def first_of_each_piece(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """A vertex of each connected piece of triangles (t, 3) between vertices (v, 3): indices, shape (p,)."""
+    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    corners = same.reshape(-1)[triangles]
+    labels, before = np.arange(len(first)), None
+    while before is None or (labels != before).any():
+        before = labels.copy()
+        np.minimum.at(labels, corners, labels[corners].min(axis=1, keepdims=True))
+        labels = labels[labels]
+    pieces: np.ndarray = first[np.unique(labels[corners])]
+    return pieces
+
+
+def ears(corners: np.ndarray) -> np.ndarray:
+    """Triangles (n - 2, 3) of a flat, simple polygon with corners (n, 3): ears are cut off (Meisters 1975).
+
+    Raises:
+        ValueError: if it isn't simple.
+    """
+    following = np.roll(corners, -1, axis=0)
+    normal = np.cross(corners - corners[0], following - corners[0]).sum(axis=0)
+    drop = int(np.argmax(np.abs(normal)))
+    flat = np.delete(corners, drop, axis=1) * [1.0, np.sign(normal[drop]) * (-1.0 if drop == 1 else 1.0)]
+    left, cut = list(range(len(corners))), []
+    while len(left) > 2:
+        ear = max(range(len(left)), key=lambda k: _ear(flat, left, k))
+        if _ear(flat, left, ear) < 0.0:
+            raise ValueError("a polygon isn't simple")
+        cut.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
+        del left[ear]
+    return np.array(cut)
+
+
+def _ear(flat: np.ndarray, left: Sequence[int], k: int) -> float:
+    """The area that cutting the corner left[k] off takes away; -1 if it can't be cut."""
+    a, b, c = flat[left[k - 1]], flat[left[k]], flat[left[(k + 1) % len(left)]]
+    others = flat[[one for one in left if one not in (left[k - 1], left[k], left[(k + 1) % len(left)])]]
+    sides = [_twice_area(p, q, others) for p, q in ((a, b), (b, c), (c, a))]
+    area = float(_twice_area(a, b, c[None])[0])
+    within = np.all(np.array(sides) >= 0.0, axis=0) & (others != a).any(axis=1) & (others != c).any(axis=1)
+    return area if area >= 0.0 and not (area > 0.0 and within.any()) else -1.0
+
+
+def _twice_area(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
+    (x, y), (u, v) = b - a, (points - a).T
+    area: np.ndarray = x * v - y * u
+    return area

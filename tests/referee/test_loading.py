@@ -1,0 +1,155 @@
+"""The referee's file: what it says is what is judged, and what is wrong with one is told."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, strategies as st
+
+from guidefield import case_file
+from guidefield.messages import scene as messages
+from guidefield.messages.values import Placement
+from guidefield.referee.judge import judge
+from guidefield.referee.loading import UnusableFile, case_of, load
+from guidefield.referee.shapes import ears
+from guidefield.referee.verdict import Answer
+from guidefield.robot.group.reduced_model import select
+from tests.collision.scenery import box, world_of
+from tests.referee.cases import read, straight
+from tests.robots import box_arm, group, grouped, robot
+
+
+def told() -> dict[str, Any]:
+    planned = grouped(box_arm("y", 1), "l1")
+    (case,) = case_file.cases(straight(world_of(planned, [box("b", (0.1, 0.1, 0.1), (1, 0, 0))]), [[0.0], [0.3]]))
+    made: dict[str, Any] = json.loads(json.dumps(case))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (lambda case: case.pop("motion"), "'motion' is missing"),
+        (lambda case: case["robot"].pop("urdf"), "'urdf' is missing"),
+        (lambda case: case["motion"].update(positions=[[0.0, 1.0]]), "rows of 1 numbers"),
+        (lambda case: case["motion"].update(positions=[]), "rows of 1 numbers"),
+        (lambda case: case["motion"].update(times=[1.0, 0.5]), "must increase"),
+        (lambda case: case["motion"].update(velocities=[[0.0], [0.0]]), "need times"),
+        (lambda case: case["motion"].update(positions=[[0.0], [float("nan")]]), "finite"),
+        (lambda case: case["motion"].update(joints=["elbow"]), "'elbow' is missing"),
+        (lambda case: case["robot"].update(urdf="<robot"), "can't be used"),
+        (lambda case: case["left_out"].append(["l1", "ghost", "why"]), "'ghost', which has no body"),
+        (lambda case: case["obstacles"][0].update(size=[1.0]), "can't be used"),
+    ],
+)
+def test_a_faulty_file_is_refused_with_what_is_wrong(change, fault):
+    case = told()
+    change(case)
+    with pytest.raises(UnusableFile, match=fault):
+        case_of(case)
+
+
+def test_what_nobody_here_can_judge_is_not_judged():
+    strange = told()
+    strange["obstacles"].append({"type": "torus", "name": "ring"})
+    finding = judge(case_of(strange)).finding
+    assert (finding.answer, finding.about) == (
+        Answer.NOT_JUDGED,
+        ("obstacle 'ring' of type 'torus', as it is declared",),
+    )
+    moving = told()
+    stops = {"times": [0.0, 1.0], "placements": [{}, {"position": [0, 0, 1]}]}
+    moving["obstacles"][0]["trajectory"] = stops
+    assert judge(case_of(moving)).answer is Answer.NOT_JUDGED
+
+
+def test_a_file_is_judged_by_a_program_of_its_own(tmp_path):
+    """The file holds all there is: nothing of guidefield but the referee is loaded to judge it."""
+    planned = group("panda")
+    z = planned.chart(planned.part_of(planned.robot.rest))
+    motion = straight(world_of(planned, [box("b", (0.1, 0.1, 0.1), (1, 0, 0))]), [z, z + 0.1])
+    path = tmp_path / "motion.json.xz"
+    case_file.write(path, motion)
+    program = [sys.executable, "-X", "importtime", "-m", "guidefield.referee", str(path)]
+    run = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout.splitlines()[0]) == (0, "referee: free")
+    assert "panda_link0 and b: the link never moves" in run.stdout
+    loaded = {line.rpartition("|")[2].strip() for line in run.stderr.splitlines()}
+    ours = {name for name in loaded if name.startswith("guidefield.")}
+    assert ours
+    assert all(name.startswith("guidefield.referee") for name in ours)
+    assert not loaded & {"numba", "msgspec", "lxml"}
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(UnusableFile, match="format"):
+        load(tmp_path / "other.json")
+    run = subprocess.run([*program[:-1], str(tmp_path / "other.json")], capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
+def test_bodies_stand_where_the_robot_has_them(name):
+    """Every collision shape, at random configurations and a random root, by Pinocchio on the model that plans."""
+    rng = np.random.default_rng(5)
+    model = robot(name)
+    x, y, z, w = (q := rng.normal(size=4)) / np.linalg.norm(q)
+    root = Placement(position=(0.3, -0.2, 0.5), quaternion_xyzw=(float(x), float(y), float(z), float(w)))
+    placed = pin.SE3(pin.Quaternion(w, x, y, z), np.array(root.position))
+    planned = select(model, None, None, model.rest, placed)
+    world = world_of(planned, [])
+    point = planned.chart(planned.random(rng))
+    motion = case_file.Motion(world, root, (), None, np.array([point, point]), None)
+    case = read(motion)
+    q = pin.integrate(case.model, pin.neutral(case.model), case.spread @ point + case.offset)
+    data = case.model.createData()
+    pin.forwardKinematics(case.model, data, q)
+    pin.updateGeometryPlacements(
+        world.model, world.data, world.geometry, world.geometry_data, planned.expand_from_chart(point)
+    )
+    for body, there in zip(case.bodies, world.geometry_data.oMg, strict=True):
+        assert (data.oMi[body.joint] * body.placement).isApprox(there, 1e-9)
+
+
+@given(st.integers(0, 10**6), st.integers(3, 12))
+def test_ears_are_the_whole_polygon(seed, count):
+    """Their areas add up to the polygon's, and points that they contain are in it."""
+    rng = np.random.default_rng(seed)
+    angles = 2.0 * np.pi * np.arange(count) / count
+    flat = rng.uniform(0.2, 1.0, count)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    x, y, z, w = rng.normal(size=4)
+    corners = np.column_stack([flat, np.zeros(count)]) @ pin.Quaternion(w, x, y, z).normalized().matrix().T
+    triangles = ears(corners)
+    a, b, c = np.moveaxis(corners[triangles], 1, 0)
+    following = np.roll(flat, -1, axis=0)
+    area = 0.5 * (flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]).sum()
+    assert len(triangles) == count - 2
+    assert 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(area, rel=1e-9)
+
+
+def test_a_cloud_is_balls_and_a_polygon_a_wall():
+    """The robot's link is 4 cm wide and stands upright, 0.2 m from both."""
+    planned = grouped(box_arm("y", 1), "l1")
+    cloud = messages.PointCloud(name="cloud", points=[(0.22, 0.0, 0.4), (0.3, 0.0, 0.4)], radius=0.05)
+    wall = messages.Polygon(name="wall", vertices=[(-0.22, -1, 0), (-0.22, 1, 0), (-0.22, 1, 1), (-0.22, -1, 1)])
+    for obstacle, gap in ((cloud, 0.15), (wall, 0.2)):
+        world = world_of(planned, [obstacle])
+        assert judge(read(straight(world, [[0.0], [0.0]], gap - 1e-5))).answer is Answer.FREE
+        finding = judge(read(straight(world, [[0.0], [0.0]], gap + 1e-5))).finding
+        assert finding.answer is Answer.TOO_CLOSE
+        assert finding.distance == pytest.approx(gap, abs=1e-6)
+
+
+def test_meshes_of_a_robot_are_in_the_file_and_in_their_hulls():
+    panda = group("panda")
+    z = panda.chart(panda.part_of(panda.robot.rest))
+    case = read(straight(world_of(panda, []), [z]))
+    meshes = [body for body in case.bodies if isinstance(body.exact, coal.BVHModelBase)]
+    assert len(meshes) == sum(choice.shape == "mesh" for choice in panda.robot.geometry_choices)
+    assert all(len(body.parts) == 1 for body in meshes)
+    assert judge(case).answer is Answer.FREE
