@@ -199,6 +199,16 @@ def test_the_arrays_of_values_are_read_only() -> None:
     assert left == []
 
 
+def test_every_setting_says_what_it_is_and_what_chose_it() -> None:
+    for path in PACKAGE.rglob("settings.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef):
+                names = [ast.unparse(part.target) for part in node.body if isinstance(part, ast.AnnAssign)]
+                told = (ast.get_docstring(node) or "").partition("Attributes:")[2]
+                assert [name for name in names if not re.search(rf"\b{name}\b.*:", told)] == [], path
+                assert "frozen=True" in ast.unparse(node.decorator_list[0])
+
+
 def test_every_room_says_its_idea() -> None:
     for path in PACKAGE.rglob("__init__.py"):
         assert ast.get_docstring(ast.parse(path.read_text())), path

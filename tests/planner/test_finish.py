@@ -12,9 +12,10 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.verdict import Reason
 from guidefield.errors import Status
 from guidefield.planner import finish as module
-from guidefield.planner.finish import FINER, HURRIED, finish
+from guidefield.planner.finish import HURRIED, finish
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.relax.relaxation import SEGMENT, Outcome, Relaxed, relax
+from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
+from guidefield.planner.relax.settings import RELAXATION
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
 from tests.planner.relax.test_relaxation import over_the_wall, smallest_clearance
@@ -33,7 +34,7 @@ def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.Mo
     made, path = over_the_wall()
     asked: list[float] = []
 
-    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
         relaxed = relax(*arguments, segment=segment)
         asked.append(segment)
         first = len(asked) == 1
@@ -42,7 +43,7 @@ def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.Mo
     monkeypatch.setattr(module, "relax", misled)
     stages = Stages(made)
     finished = finish(made, PathSoFar(path, proven=False), stages)
-    assert asked == [SEGMENT, FINER * SEGMENT]
+    assert asked == [RELAXATION.segment, RELAXATION.finer * RELAXATION.segment]
     assert finished.verdict.free
     assert finished.warnings == ()
     assert certify(made.world, finished.trajectory.bezier()).free
@@ -56,7 +57,7 @@ def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pyt
     made, path = over_the_wall()
     asked: list[float] = []
 
-    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
         relaxed = relax(*arguments, segment=segment)
         asked.append(segment)
         if len(asked) == 1:
@@ -72,7 +73,7 @@ def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pyt
 def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
 
-    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
         relaxed = relax(*arguments, segment=segment)
         return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path))
 
@@ -86,14 +87,16 @@ def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: py
 
 def test_shorter_segments_are_more() -> None:
     made, path = over_the_wall()
-    assert len(relax(made, path, {}, segment=FINER * SEGMENT).path) > 1.5 * len(relax(made, path, {}).path)
+    assert len(relax(made, path, {}, segment=RELAXATION.finer * RELAXATION.segment).path) > 1.5 * len(
+        relax(made, path, {}).path
+    )
 
 
 def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
     upper = float(made.group.upper[0])
 
-    def misled(*arguments: Any, segment: float = SEGMENT) -> Relaxed:
+    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
         relaxed = relax(*arguments, segment=segment)
         beyond = relaxed.path.copy()
         beyond[len(beyond) // 2, 0] = upper + 0.01

@@ -23,7 +23,7 @@ from guidefield.errors import Status
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import LANE_RESOLUTION
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.plan import Planner, plan
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal
@@ -104,7 +104,7 @@ def _planned(given: Problems, problem: dict[str, Any], scene: Scene) -> Times:
         began = time.process_time()
         budget = Budget(time.monotonic() + SECONDS)
         rng = np.random.default_rng(0)
-        found = tree_search.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, budget)
+        found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, budget)
         times[name] = _since(began) if found.path is not None else np.nan
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
     asked = posed(group, scene, q_start, goal, budget=Budget(time.monotonic() + SECONDS))

@@ -31,9 +31,10 @@ from guidefield.collision.world import World
 from guidefield.kernels.collide.motion_validation import EXACT
 from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import LANE_ATTEMPTS, LANE_FINER, LANE_MARGIN, LANE_RESOLUTION
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.conditions import Budget
+from guidefield.robot.model.margin import MARGIN
 from guidefield.scene.scene import build
 
 REPEATS = 3
@@ -140,9 +141,9 @@ def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planne
         world = World.build(given.group, build(message))
         lanes = BatchCollision.build(world)
         ready = time.thread_time()
-        found = _grown(lanes, z_start, z_goal, LANE_RESOLUTION, rng)
+        found = _grown(lanes, z_start, z_goal, TREE.resolution, rng)
         grown = time.thread_time()
-        path = None if found.path is None else lanes.shortened(found.path, LANE_RESOLUTION, LANE_MARGIN)
+        path = None if found.path is None else lanes.shortened(found.path, TREE.resolution, MARGIN)
         done = time.thread_time()
         scene, plan, simplify = min(scene, ready - began), min(plan, grown - ready), min(simplify, done - grown)
         call = min(call, done - began)
@@ -161,17 +162,17 @@ def _judged(given: Problems, problem: dict[str, Any], planned: _Planned, sequenc
     world = World.build(given.group, build(scene_message(problem)))
     lanes, path, rng = BatchCollision.build(world), planned.path, planned.rng
     began = time.thread_time()
-    _grown(lanes, z_start, z_goal, LANE_RESOLUTION, np.random.default_rng(sequence))
+    _grown(lanes, z_start, z_goal, TREE.resolution, np.random.default_rng(sequence))
     after = time.thread_time() - began
-    began, refused, resolution = time.thread_time(), 0, LANE_RESOLUTION
+    began, refused, resolution = time.thread_time(), 0, TREE.resolution
     while path is not None and not certify(world, polyline(path)).free:
         refused += 1
-        if refused == LANE_ATTEMPTS:
+        if refused == TREE.attempts:
             path = None
             break
-        resolution *= LANE_FINER
+        resolution *= TREE.finer
         again = _grown(lanes, z_start, z_goal, resolution, rng)
-        path = None if again.path is None else lanes.shortened(again.path, resolution, LANE_MARGIN)
+        path = None if again.path is None else lanes.shortened(again.path, resolution, MARGIN)
     certificate = time.thread_time() - began
     return Row(
         problem_set=problem["set"],
@@ -203,15 +204,15 @@ def _grown(
 
 def _rate(lanes: BatchCollision, path: np.ndarray) -> float:
     """Configurations that are judged per second in a path's motions, all free [1/s]."""
-    if lanes.free_until(path, LANE_RESOLUTION) < len(path) - 1:
+    if lanes.free_until(path, TREE.resolution) < len(path) - 1:
         return np.nan
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    count = 16.0 * np.maximum(1.0, np.ceil(lengths * LANE_RESOLUTION / 16.0 - EXACT)).sum()
+    count = 16.0 * np.maximum(1.0, np.ceil(lengths * TREE.resolution / 16.0 - EXACT)).sum()
     shortest = np.inf
     for _ in range(REPEATS):
         began = time.thread_time()
         for _ in range(PASSES):
-            lanes.free_until(path, LANE_RESOLUTION)
+            lanes.free_until(path, TREE.resolution)
         shortest = min(shortest, time.thread_time() - began)
     return float(PASSES * count / shortest)
 

@@ -22,7 +22,8 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import LANE_RESOLUTION, connect
+from guidefield.planner.connect.connect import connect
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
@@ -94,7 +95,7 @@ def timed(problem: Problem, ways: Ways, sequences: int, seconds: float) -> Itera
             whole = time.thread_time() - began
             rng, budget = np.random.default_rng(sequence), Budget(time.monotonic() + seconds)
             began = time.thread_time()
-            tree_search.grow(lanes, start[None], goal[None], LANE_RESOLUTION, 0.0, rng, budget)
+            tree_search.grow(lanes, start[None], goal[None], TREE.resolution, 0.0, rng, budget)
             yield found.status is Status.SUCCESS, 1000.0 * whole, 1000.0 * (time.thread_time() - began)
 
 

@@ -31,7 +31,8 @@ from guidefield.planner.guide.auto_planes import derive
 from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import FIRST_STEP, Attempt
+from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.univariate import Univariate
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
@@ -220,7 +221,7 @@ def converged(scenes: Sequence[str]) -> None:
     for title in scenes:
         problem = problem_of(title)
         chain = link_chain(problem.group)
-        run = crossed(problem, problem.guide_planes, (Attempt(Univariate(chain), FIRST_STEP),))
+        run = crossed(problem, problem.guide_planes, (Attempt(Univariate(chain), APPROACH.first_step),))
         cells = []
         for plane, q in zip(problem.guide_planes, run.settled_from, strict=False):
             ends = []

@@ -16,11 +16,12 @@ import numpy as np
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import LANE_MARGIN, LANE_RESOLUTION
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal
+from guidefield.robot.model.margin import MARGIN
 
 SECONDS = 20.0
 """Budget of one problem."""
@@ -53,11 +54,11 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
     problem = posed(group, scene_of(declared), q_start, goal, budget=Budget(time.monotonic() + SECONDS))
     lanes = problem.lanes
-    found = tree_search.grow(lanes, z_start[None], z_goal[None], LANE_RESOLUTION, 0.0, rng, problem.budget)
+    found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, problem.budget)
     if found.path is None:
         return None
-    path = lanes.shortened(found.path, LANE_RESOLUTION, LANE_MARGIN)
-    rounds = Rounds(number, LANE_RESOLUTION, LANE_MARGIN)
+    path = lanes.shortened(found.path, TREE.resolution, MARGIN)
+    rounds = Rounds(number, TREE.resolution, MARGIN)
     began = time.thread_time()
     better = shorter(problem, path, z_goal[None], rounds, rng, lambda _: True)
     return length_of(better.path) / length_of(path), time.thread_time() - began

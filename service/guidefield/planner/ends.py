@@ -15,8 +15,9 @@ from guidefield.errors import Status
 from guidefield.planner.leaving import SLIGHT
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
-from guidefield.robot.ik.inverse_kinematics import MOST_REJECTED, IkResult, solve
+from guidefield.robot.ik.inverse_kinematics import IkResult, solve
 from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
@@ -107,7 +108,7 @@ def _solved(
     target: PoseTarget,
     starts: Sequence[ChartPoint],
     free: Callable[[Problem, ChartPoints], np.ndarray],
-    most: int = MOST_REJECTED,
+    most: int = SEARCH.most_rejected,
 ) -> IkResult:
     return solve(
         problem.group,

@@ -15,7 +15,7 @@ import numpy as np
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.position_limits import TOLERANCE
+from guidefield.collision.certify.settings import LIMITS
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
@@ -26,7 +26,8 @@ from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.relax.relaxation import SEGMENT, Outcome, Relaxed, relax
+from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
+from guidefield.planner.relax.settings import RELAXATION
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -37,8 +38,6 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 REPAIRS = 12
 """How often the spline is drawn closer to the path where the certificate refused it."""
 
-FINER = 0.5
-"""Segments of a path that is relaxed again, as a share of the usual ones."""
 
 LAST_JUDGEMENT = 0.1
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
@@ -129,7 +128,7 @@ def _relaxed(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     if finished.verdict.free or problem.budget.spent():
         return finished
     with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
-        relaxed = relax(problem, relaxed.path, relaxed.crossings, segment=FINER * SEGMENT)
+        relaxed = relax(problem, relaxed.path, relaxed.crossings, segment=RELAXATION.finer * RELAXATION.segment)
         stage.outcome = relaxed.outcome.value
     again = _of_relaxed(problem, relaxed, stages)
     return again if again.verdict.free else finished
@@ -198,7 +197,8 @@ def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
     """Whether a chart point (nv,) itself is refused for a reason: contact, less than the clearance, beyond limits."""
     match reason:
         case Reason.BEYOND_LIMITS:
-            return bool(((z < problem.group.lower - TOLERANCE) | (z > problem.group.upper + TOLERANCE)).any())
+            lower, upper = problem.group.lower - LIMITS.tolerance, problem.group.upper + LIMITS.tolerance
+            return bool(((z < lower) | (z > upper)).any())
         case Reason.TOO_CLOSE:
             return (
                 clearance_at(problem.world, problem.group.expand_from_chart(z)).obstacle_distance

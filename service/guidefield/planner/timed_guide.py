@@ -20,7 +20,8 @@ from guidefield.errors import Status
 from guidefield.planner.guide.aim import ANYWHERE, Aim
 from guidefield.planner.guide.guide import margin_at
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.rounds import ON_PLANE, Attempt, Round, approach
+from guidefield.planner.guide.rounds import Attempt, Round, approach
+from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.ending import Ending
@@ -29,6 +30,7 @@ from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
+from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 NOMINAL = 0.9
@@ -37,8 +39,6 @@ AHEAD = 0.25
 """How far ahead of the robot's time the obstacles' places are looked at first [s]."""
 WAIT = 0.1
 """How long the robot waits before it looks again [s]."""
-MARGIN = 2e-3
-"""Distance from obstacles that move beyond what is asked for [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +242,7 @@ def _given_up(
         "stage": "guide",
         "plane": index,
         "guide_plane": aim.plane.name,
-        "distance": max(aim.distance(_tip(problem, path)) - ON_PLANE, 0.0),
+        "distance": max(aim.distance(_tip(problem, path)) - APPROACH.on_plane, 0.0),
         "time": path.time,
     }
     return path.failed(Ending(status, message, details))

@@ -12,7 +12,8 @@ from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.connect.sample_sources import sources_of
-from guidefield.planner.connect.shorter import LEAST, Rounds, Shorter, shorter
+from guidefield.planner.connect.settings import ROUNDS
+from guidefield.planner.connect.shorter import Rounds, Shorter, shorter
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.conditions import Budget
 from tests.planner.connect.test_connect import wall_between
@@ -46,7 +47,7 @@ def test_more_rounds_make_no_longer_paths_with_the_same_ends() -> None:
         assert better.rounds == number
     assert lengths[0] == length_of(path)
     assert (np.diff(lengths) <= 0.0).all()
-    assert lengths[-1] < (1.0 - LEAST) * lengths[0]
+    assert lengths[-1] < (1.0 - ROUNDS.least) * lengths[0]
 
 
 def test_the_same_seed_gives_the_same_path_with_any_time_that_suffices() -> None:

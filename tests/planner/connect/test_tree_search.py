@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -21,6 +22,7 @@ from guidefield.kernels.tree.rrt_connect import way_of
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.task.conditions import Budget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import scene_of
@@ -75,7 +77,7 @@ def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before()
 
 def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
     plenty = search(1)[0]
-    monkeypatch.setattr(tree_search, "FIRST_CAPACITY", 3)
+    monkeypatch.setattr(tree_search, "TREE", dataclasses.replace(TREE, first_capacity=3))
     scarce = search(1)[0]
     assert scarce.path is not None
     assert plenty.path is not None

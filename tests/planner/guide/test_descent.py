@@ -13,9 +13,10 @@ from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.aim import ANYWHERE
 from guidefield.planner.guide.attempts import ATTEMPTS
-from guidefield.planner.guide.descent import ON_CONSTRAINT, Descent, descend
+from guidefield.planner.guide.descent import Descent, descend
 from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.guided_path import GuidedPath
+from guidefield.planner.guide.settings import DESCENT
 from guidefield.planner.guide.tip_constraints import evaluated, on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField
@@ -65,7 +66,7 @@ def test_a_descent_lowers_the_potential_and_keeps_the_constraint(kind: str) -> N
     assert all(after < before for before, after in pairwise(potentials))
     assert descent.potential == pytest.approx(potentials[-1], rel=1e-6)
     for p in descent.path:
-        assert np.abs(evaluated(constraint, made.group, p)[0]).max() <= ON_CONSTRAINT
+        assert np.abs(evaluated(constraint, made.group, p)[0]).max() <= DESCENT.on_constraint
         z = made.group.chart(p)
         assert np.all((z >= made.group.lower) & (z <= made.group.upper))
 

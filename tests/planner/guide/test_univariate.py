@@ -16,7 +16,7 @@ from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.minimizer import Minimizer
 from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import ON_PLANE
+from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_constraints import on_plane
 from guidefield.planner.guide.univariate import Univariate
 from guidefield.planner.task.problem import Problem
@@ -65,7 +65,7 @@ def test_every_plane_is_crossed(title: str) -> None:
         assert crossing.status is Status.SUCCESS, crossing.message
         q = crossing.path[-1]
         tip = made.kinematics.tip_position(q)
-        assert abs(plane.signed_height(tip)) <= ON_PLANE
+        assert abs(plane.signed_height(tip)) <= APPROACH.on_plane
         assert plane.contains(tip)
 
 

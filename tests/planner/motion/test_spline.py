@@ -8,7 +8,8 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
-from guidefield.planner.motion.spline import REPEATED, interpolate
+from guidefield.planner.motion.settings import SPLINE
+from guidefield.planner.motion.spline import interpolate
 
 SEEDS = st.integers(0, 2**32 - 1)
 ANY_WAYPOINTS = arrays.arrays(
@@ -114,19 +115,19 @@ def test_swings_away_from_the_polyline_less_than_with_knots_spaced_by_the_chords
 
 def test_repeated_waypoints_are_left_out():
     a, b, c = random_waypoints(1, 3)
-    spline = interpolate(np.array([a, a, b, b + REPEATED / 10, b, c, c]))
+    spline = interpolate(np.array([a, a, b, b + SPLINE.repeated / 10, b, c, c]))
     np.testing.assert_array_equal(spline.waypoints, [a, b, c])
 
 
 def test_the_goal_is_kept_rather_than_what_it_repeats():
     a, b = random_waypoints(2, 2)
-    goal = b + REPEATED / 10
+    goal = b + SPLINE.repeated / 10
     np.testing.assert_array_equal(interpolate(np.array([a, b, goal])).waypoints, [a, goal])
 
 
 def test_a_waypoint_between_two_that_repeat_each_other_is_no_trap():
     a = random_waypoints(3, 2)[0]
-    step = np.eye(7)[0] * REPEATED
+    step = np.eye(7)[0] * SPLINE.repeated
     assert interpolate(np.array([a, a + 1.2 * step, a + 0.6 * step])).is_point
 
 

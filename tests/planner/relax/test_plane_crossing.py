@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from guidefield.messages import scene as messages
-from guidefield.planner.relax.plane_crossing import ON_PLANE, PlaneCrossing
+from guidefield.planner.relax.plane_crossing import PlaneCrossing
+from guidefield.planner.relax.settings import CROSSING
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import GuidePlane, build
@@ -46,8 +47,8 @@ def test_a_waypoint_is_brought_back(name: str, seed: int) -> None:
     back = crossing.brought_back(pushed)
     assert back is not None
     reached = made_for.kinematics.tip_position(made_for.group.expand_from_chart(back))
-    assert crossing.plane.distance(reached, crossing.inset) <= ON_PLANE
-    assert abs(crossing.plane.signed_height(reached)) <= ON_PLANE
+    assert crossing.plane.distance(reached, crossing.inset) <= CROSSING.on_plane
+    assert abs(crossing.plane.signed_height(reached)) <= CROSSING.on_plane
     assert (back >= made_for.group.lower).all()
     assert (back <= made_for.group.upper).all()
     assert np.linalg.norm(back - pushed) < 1.0

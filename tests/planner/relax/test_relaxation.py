@@ -15,17 +15,11 @@ from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.guide.guide import cross
 from guidefield.planner.motion.spline import interpolate
-from guidefield.planner.relax.path_samples import RANGE
-from guidefield.planner.relax.plane_crossing import ON_PLANE
 from guidefield.planner.relax.relaxation import (
-    END_SEGMENT,
-    LEAST_SEGMENTS,
-    MOST_SEGMENTS,
-    SEGMENT,
-    SHRUNK,
     Outcome,
     relax,
 )
+from guidefield.planner.relax.settings import BARRIER, CROSSING, RELAXATION
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
@@ -155,8 +149,8 @@ def test_it_gets_clear_of_a_half_space() -> None:
 def test_the_segments_at_the_ends_are_short() -> None:
     made, path = over_the_wall()
     spacing = np.linalg.norm(np.diff(relax(made, path, {}).path, axis=0), axis=1)
-    assert max(spacing[0], spacing[-1]) <= END_SEGMENT + 1e-12
-    assert spacing.max() > END_SEGMENT
+    assert max(spacing[0], spacing[-1]) <= RELAXATION.end_segment + 1e-12
+    assert spacing.max() > RELAXATION.end_segment
 
 
 def test_where_the_ends_are_far_from_everything_the_middle_stays_as_far() -> None:
@@ -170,9 +164,9 @@ def test_where_the_ends_are_far_from_everything_the_middle_stays_as_far() -> Non
     made = problem(planned, scene_of(post), planes=())
     path = np.array([start, goal])
     ends = min(clearance_at(made.world, planned.expand_from_chart(z)).obstacle_distance for z in path)
-    assert ends > 2.0 * RANGE
-    assert smallest_clearance(made, path) < RANGE
-    assert smallest_clearance(made, relax(made, path, {}).path) > 1.5 * RANGE
+    assert ends > 2.0 * BARRIER.range
+    assert smallest_clearance(made, path) < BARRIER.range
+    assert smallest_clearance(made, relax(made, path, {}).path) > 1.5 * BARRIER.range
 
 
 def test_limits_are_kept() -> None:
@@ -233,9 +227,11 @@ def test_a_detour_is_cut_short_and_spread_anew() -> None:
     detour = np.vstack([path[0], relaxed[len(relaxed) // 2] + 0.8, path[0] + 0.4, relaxed[len(relaxed) // 2], path[-1]])
     shortened = relax(made, detour, {})
     assert length(shortened.path) < 0.6 * length(detour)
-    expected = np.clip(np.ceil(length(shortened.path) / SEGMENT), LEAST_SEGMENTS, MOST_SEGMENTS)
+    expected = np.clip(
+        np.ceil(length(shortened.path) / RELAXATION.segment), RELAXATION.least_segments, RELAXATION.most_segments
+    )
     spacing = np.linalg.norm(np.diff(shortened.path, axis=0), axis=1)
-    assert len(shortened.path) - 1 <= expected / SHRUNK + 1 + (spacing <= END_SEGMENT).sum()
+    assert len(shortened.path) - 1 <= expected / RELAXATION.shrunk + 1 + (spacing <= RELAXATION.end_segment).sum()
     assert shortened.energy_after < shortened.energy_before
     np.testing.assert_array_equal(shortened.path[[0, -1]], path[[0, -1]])
 
@@ -275,7 +271,7 @@ def test_crossings_stay_on_their_planes() -> None:
     for index, at in relaxed.crossings.items():
         tip = made.kinematics.tip_position(made.group.expand_from_chart(relaxed.path[at]))
         plane = made.guide_planes[index]
-        assert abs(plane.signed_height(tip)) <= (1e-4 if at == len(relaxed.path) - 1 else ON_PLANE)
+        assert abs(plane.signed_height(tip)) <= (1e-4 if at == len(relaxed.path) - 1 else CROSSING.on_plane)
         assert plane.contains(tip)
     inside = relaxed.crossings[0]
     assert (relaxed.path[inside] != path[crossings[0]]).any(), "it moves within its plane"
@@ -298,7 +294,7 @@ def test_a_crossing_is_kept_inside_its_polygon_though_the_shorter_way_leads_past
     tips = [made.kinematics.tip_position(made.group.expand_from_chart(q)) for q in free]
     assert min(plane.distance(t) for t in tips) > 0.05
     crossing = made.kinematics.tip_position(made.group.expand_from_chart(kept.path[kept.crossings[0]]))
-    assert plane.distance(crossing) <= ON_PLANE
+    assert plane.distance(crossing) <= CROSSING.on_plane
     assert np.linalg.norm(crossing - tip) > 0.005, "it went as far as the polygon lets it"
     assert length(kept.path) < length(path)
 

@@ -16,33 +16,19 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
-from guidefield.collision.certify.position_limits import TOLERANCE, excesses
+from guidefield.collision.certify.position_limits import excesses
+from guidefield.collision.certify.settings import CERTIFICATE, LIMITS
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelConfiguration
-
-COAL_ACCURACY = 1e-6
-"""Added to every margin: how far off Coal's answers may be [m]."""
-
-MESH_FROM = 0.01
-"""A mesh is asked, where its hull does not tell, once its pair's possible motion is down to this [m]."""
-
-LEAST_SHARE = 1.0 / 8.0
-"""What can't be told is divided into at most as many parts at once as this goes into one."""
-
-MOST_PAIRS = 30_000
-"""The pairs of so many segments are compared at once that they are not more than this, or of a single one."""
-
-BATCH = 64
-"""At most so many segments have their bounds computed together."""
 
 
 def certify(
     world: World,
     pieces: ChartCurves,
     min_clearance: float = 0.0,
-    floor: float = 1e-5,
+    floor: float = CERTIFICATE.floor,
     stopped: Callable[[], object] = lambda: None,
 ) -> Verdict:
     """Judge a motion.
@@ -50,7 +36,7 @@ def certify(
     All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
     that everything before the refusal that is told is certified. Whether the robot is wholly inside a closed mesh at
     the start is another question: `enclosed`. Of a piece on which a joint leaves its limits by more than
-    `TOLERANCE` nothing is certified, only what comes before it.
+    `LIMITS.tolerance` nothing is certified, only what comes before it.
 
     Args:
         world: The robot among obstacles.
@@ -70,10 +56,10 @@ def certify(
     level = curve_segments(pieces if refusal is None else pieces[: refusal.piece])
     while level:
         finer: list[CurveSegment] = []
-        for first in range(0, len(level), BATCH):
+        for first in range(0, len(level), CERTIFICATE.batch):
             if stopped():
                 return _unfinished(world, min([*finer, level[first]], key=_place), judge.evaluations)
-            parts, found = judge.divided(level[first : first + BATCH])
+            parts, found = judge.divided(level[first : first + CERTIFICATE.batch])
             finer += parts
             if found is not None:
                 refusal = found
@@ -85,7 +71,7 @@ def certify(
 
 
 def motion_free(
-    world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0, floor: float = 1e-5
+    world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0, floor: float = CERTIFICATE.floor
 ) -> Verdict:
     """Judge the straight motion between two points, each of shape (nv,), of the group's chart; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance, floor)
@@ -95,7 +81,7 @@ def _beyond_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     """The refusal of the first piece on which a joint leaves its limits, where it is farthest beyond; None if none."""
     group = world.group
     found, places = excesses(pieces, group.lower, group.upper)
-    refused = np.flatnonzero((found > TOLERANCE).any(axis=1))
+    refused = np.flatnonzero((found > LIMITS.tolerance).any(axis=1))
     if not len(refused):
         return None
     piece = int(refused[0])
@@ -137,7 +123,7 @@ class _Judge:
         self.evaluations = 0
         self._kept = np.where(world.is_obstacle_pair, min_clearance, 0.0)
         self._hulled = world.hulled.tolist()
-        self._together = max(1, MOST_PAIRS // max(1, len(world.pairs)))
+        self._together = max(1, CERTIFICATE.most_pairs // max(1, len(world.pairs)))
 
     def divided(self, level: Sequence[CurveSegment]) -> tuple[list[CurveSegment], Verdict | None]:
         """Judge some segments in order, up to the first that is refused.
@@ -153,7 +139,7 @@ class _Judge:
                 continue
             share = self._decided_share(left, bound)
             parts = segment.parts(math.ceil(1.0 / share), left if 2 * len(left) < len(self._kept) else None)
-            if share == LEAST_SHARE or bound[left].min() <= MESH_FROM:
+            if share == CERTIFICATE.least_share or bound[left].min() <= CERTIFICATE.mesh_from:
                 refusal = self._refusal_at(parts[len(parts) // 2], segment, left, bound)
                 if refusal is not None:
                     return finer, refusal
@@ -167,7 +153,7 @@ class _Judge:
             result = self.world.hull_margin_data.collisionResults[pair]
             apart = result.getContact(0).penetration_depth - keep[pair]
             share = min(share, apart / bounds[pair]) if bounds[pair] > 0.0 else share
-        return max(share, LEAST_SHARE)
+        return max(share, CERTIFICATE.least_share)
 
     def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[ModelConfiguration], np.ndarray, list[list[int]]]:
         """At each segment's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
@@ -194,7 +180,7 @@ class _Judge:
     def _near(self, placements: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[list[int]]:
         """The pairs at each of s configurations that balls and boxes about them can't tell apart."""
         world = self.world
-        margins = bounds + self._kept + COAL_ACCURACY
+        margins = bounds + self._kept + CERTIFICATE.coal_accuracy
         near = world.bodies.separations(centres, world.pairs, world.n_self) <= margins
         rows, pairs = np.nonzero(near)
         apart = world.bodies.closer_separations(placements, rows, world.pairs[pairs], world.is_obstacle_pair[pairs])
@@ -211,11 +197,11 @@ class _Judge:
         """
         world = self.world
         self.evaluations += 1
-        margins = bounds + self._kept + COAL_ACCURACY
+        margins = bounds + self._kept + CERTIFICATE.coal_accuracy
         world.set_margins(world.hulls, world.hull_margin_data, margins)
         pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
         left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]
-        asked = [pair for pair in left if self._hulled[pair] and bounds[pair] <= MESH_FROM]
+        asked = [pair for pair in left if self._hulled[pair] and bounds[pair] <= CERTIFICATE.mesh_from]
         if not asked:
             return left
         world.set_margins(world.geometry, world.margin_data, margins)

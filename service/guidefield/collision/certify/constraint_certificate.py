@@ -13,12 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from guidefield.collision.certify.curve_segments import halved
+from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.spaces import ChartCurves
-
-FLOOR = 1e-5
-"""Curves that span no more than this in every coordinate, and still can't be told, are refused [rad or m]."""
 
 
 def certify_constraints(
@@ -53,7 +51,7 @@ def certify_constraints(
         if (np.array(reached) <= frames.limits).all():
             continue
         first = control[0]
-        if (frames.values(first) > frames.limits).any() or (high - low).max() <= FLOOR:
+        if (frames.values(first) > frames.limits).any() or (high - low).max() <= CERTIFICATE.constraint_floor:
             return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, first)
         one, other = halved(control[None])
         half = 0.5 * (start + end)

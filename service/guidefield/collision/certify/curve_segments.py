@@ -7,13 +7,8 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
-
-WIDEST = 0.3
-"""Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there rarely decides."""
-
-TOGETHER = 0.07
-"""Consecutive pieces are tested together as long as they span about this in some coordinate, not more [rad or m]."""
 
 
 class CurveSegment(NamedTuple):
@@ -59,7 +54,7 @@ class CurveSegment(NamedTuple):
 
 
 def curve_segments(pieces: ChartCurves) -> list[CurveSegment]:
-    """Pieces in order: short ones together, long ones halved until no coordinate spans more than `WIDEST`.
+    """Pieces in order: short ones together, long ones halved until no coordinate spans more than `CERTIFICATE.widest`.
 
     Args:
         pieces: Control points, shape (m, k, nv).
@@ -68,16 +63,16 @@ def curve_segments(pieces: ChartCurves) -> list[CurveSegment]:
         return []
     lows, highs = pieces.min(axis=1), pieces.max(axis=1)
     spans = (highs - lows).max(axis=1)
-    number, alone = (np.cumsum(spans) - 0.5 * spans) // TOGETHER, spans > TOGETHER
+    number, alone = (np.cumsum(spans) - 0.5 * spans) // CERTIFICATE.together, spans > CERTIFICATE.together
     starts = np.flatnonzero(np.r_[True, (number[1:] != number[:-1]) | alone[1:] | alone[:-1]])
     low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
     found: list[CurveSegment] = []
     for k, (first, last) in enumerate(pairwise([*starts.tolist(), len(pieces)])):
         parts = pieces[first:last]
-        if spans[first] <= WIDEST:
+        if spans[first] <= CERTIFICATE.widest:
             found.append(CurveSegment(first, parts, low[k], high[k], 0.0, 1.0, None))
             continue
-        while (parts.max(axis=1) - parts.min(axis=1)).max() > WIDEST:
+        while (parts.max(axis=1) - parts.min(axis=1)).max() > CERTIFICATE.widest:
             parts = halved(parts)
         for index, part in enumerate(parts):
             found.append(CurveSegment.of(first, part[None], index / len(parts), (index + 1) / len(parts), None))

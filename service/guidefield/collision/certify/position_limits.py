@@ -9,16 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.certify.curve_segments import halved
+from guidefield.collision.certify.settings import LIMITS
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
-
-TOLERANCE = 1e-9
-"""What a coordinate may be beyond its limit, for rounding [rad or m]."""
-
-EXACT = 1e-13
-"""Curves are halved until the largest excess is known to this [rad or m]."""
-
-MOST_HALVINGS = 60
-"""Parts shorter than this leaves can't be told from a point."""
 
 
 def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +27,7 @@ def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple
     """
     most = np.maximum(lower - pieces.min(axis=1), pieces.max(axis=1) - upper)
     places = np.zeros(most.shape)
-    which, at = np.nonzero(most > EXACT)
+    which, at = np.nonzero(most > LIMITS.exact)
     if len(which):
         most[which, at], places[which, at] = _largest(pieces[which, :, at], lower[at], upper[at])
     return most, places
@@ -46,7 +38,7 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
     ends = np.maximum(lower[:, None] - curves[:, [0, -1]], curves[:, [0, -1]] - upper[:, None])
     most, places = ends.max(axis=1), np.argmax(ends, axis=1).astype(float)
     parts, of, starts, width = curves[:, :, None], np.arange(len(curves)), np.zeros(len(curves)), 1.0
-    for _ in range(MOST_HALVINGS):
+    for _ in range(LIMITS.most_halvings):
         parts, of, starts, width = halved(parts), np.repeat(of, 2), np.repeat(starts, 2), 0.5 * width
         starts[1::2] += width
         begun = np.maximum(lower[of] - parts[:, 0, 0], parts[:, 0, 0] - upper[of])
@@ -54,7 +46,7 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
             if begun[k] > most[of[k]]:
                 most[of[k]], places[of[k]] = begun[k], starts[k]
         reached = np.maximum(lower[of] - parts.min(axis=(1, 2)), parts.max(axis=(1, 2)) - upper[of])
-        left = reached > np.maximum(most[of], 0.0) + EXACT
+        left = reached > np.maximum(most[of], 0.0) + LIMITS.exact
         if not left.any():
             break
         parts, of, starts = parts[left], of[left], starts[left]

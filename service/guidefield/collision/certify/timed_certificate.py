@@ -15,15 +15,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.certificate import COAL_ACCURACY, certify
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 from guidefield.scene.obstacle import Obstacle
-
-FLOOR = 1e-3
-"""Where robot and obstacle together can't move farther than this and still can't be told apart, it is undecided [m]."""
 
 ASKED_EVERY = 16
 """After so many evaluations it is asked whether the judgement is to end."""
@@ -66,7 +64,7 @@ def certify_timed(
     pieces: ChartCurves,
     times: np.ndarray,
     min_clearance: float = 0.0,
-    floor: float = FLOOR,
+    floor: float = CERTIFICATE.timed_floor,
     stopped: Callable[[], object] = lambda: None,
 ) -> Verdict:
     """Judge a motion in time; see `certify`.
@@ -76,7 +74,7 @@ def certify_timed(
         pieces: Bezier control points of each piece in the group's chart, shape (m, k, nv) [rad or m].
         times: When they begin and the last one ends, shape (m + 1,) [s].
         min_clearance: What robot and obstacles must keep apart [m].
-        floor: See `FLOOR` [m].
+        floor: See `CERTIFICATE.timed_floor` [m].
         stopped: Asked now and then; anything true ends the judgement.
     """
     verdict = certify(worlds.resting, pieces, min_clearance, stopped=stopped)
@@ -89,7 +87,7 @@ def certify_moving(
     pieces: ChartCurves,
     times: np.ndarray,
     min_clearance: float = 0.0,
-    floor: float = FLOOR,
+    floor: float = CERTIFICATE.timed_floor,
     stopped: Callable[[], object] = lambda: None,
 ) -> Verdict:
     """`certify_timed` for the obstacles that move alone.
@@ -173,7 +171,7 @@ class _Judge:
             motion, (centre, radius) = self.worlds.obstacles[k].motion, self.worlds.balls[k]
             assert motion is not None, "only what moves is judged here"
             bounds[k] += half * motion.speed(segment.since, segment.until, centre, radius)
-        left = [k for k in segment.pairs if self._within(k, time, self.kept + bounds[k] + COAL_ACCURACY)]
+        left = [k for k in segment.pairs if self._within(k, time, self.kept + bounds[k] + CERTIFICATE.coal_accuracy)]
         if not left:
             return None
         first, second = segment.halves(left)

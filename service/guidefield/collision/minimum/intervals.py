@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import COAL_ACCURACY
+from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.read_only import ReadOnly
 
@@ -128,7 +128,7 @@ class Entries(ReadOnly):
         """What each keeps at least by the rule of first order, shape (e,) [m]."""
         a, b = places.distances[self.first, self.pair], places.distances[self.last, self.pair]
         travel = self.speed * self.span
-        bound: np.ndarray = np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel) - COAL_ACCURACY
+        bound: np.ndarray = np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel) - CERTIFICATE.coal_accuracy
         return bound
 
     def kept(self, places: Places, least: np.ndarray) -> np.ndarray:
@@ -139,9 +139,8 @@ class Entries(ReadOnly):
         return decided
 
     def _second_order(self, places: Places, least: np.ndarray) -> np.ndarray:
-        a, b = (
-            np.maximum(places.distances[row, self.pair] - COAL_ACCURACY, 0.0) ** 2 for row in (self.first, self.last)
-        )
+        ends = (places.distances[row, self.pair] - CERTIFICATE.coal_accuracy for row in (self.first, self.last))
+        a, b = (np.maximum(end, 0.0) ** 2 for end in ends)
         travel = self.speed * self.span
         bend = self.speed**2 + (least + travel) * self.acceleration
         rise, sag = np.abs(b - a), bend * self.span**2

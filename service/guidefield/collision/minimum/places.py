@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.certificate import MOST_PAIRS
+from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.closing import Closing
@@ -92,7 +92,7 @@ class Surveyor:
         centres = world.bodies.centres_in_world(placements)
         speeds = self.closing.speeds(jacobians, centres, _tangents(group, zs, rates) @ group.expand_velocity.T)
         speeds[np.isin(times, self.curve.breaks)] = np.inf
-        few = max(1, MOST_PAIRS // max(1, len(world.pairs)))
+        few = max(1, CERTIFICATE.most_pairs // max(1, len(world.pairs)))
         distances = np.empty((len(times), len(world.pairs)))
         for k in range(0, len(times), few):
             distances[k : k + few] = world.bodies.separations(centres[k : k + few], world.pairs, world.n_self)

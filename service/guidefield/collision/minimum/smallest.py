@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import MESH_FROM
+from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.minimum.intervals import Entries, Intervals
 from guidefield.collision.minimum.places import EXACT, HULLS, Places, Surveyor
 from guidefield.read_only import ReadOnly
@@ -137,7 +137,7 @@ class _Search:
         """
         rows, pairs = np.concatenate([entries.first, entries.last]), np.concatenate([entries.pair, entries.pair])
         stage, least = places.stages[rows, pairs], np.tile(least, 2)
-        near = np.tile(entries.speed * entries.span, 2) <= MESH_FROM
+        near = np.tile(entries.speed * entries.span, 2) <= CERTIFICATE.mesh_from
         asked = (stage < HULLS) | ((stage == HULLS) & (near | (places.distances[rows, pairs] < least)))
         if not asked.any():
             return False

@@ -14,20 +14,14 @@ import numpy as np
 from guidefield.collision.certify.certificate import motion_free
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.connect.unconnected import no_way, why_not
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.read_only import ReadOnly
+from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-
-LANE_RESOLUTION, LANE_ATTEMPTS, LANE_FINER = 32.0, 6, 2.0
-"""Samples per length [1/rad or 1/m] by which a tree judges a motion; how often the certificate may refuse what it
-found; how much finer it looks then."""
-
-LANE_MARGIN = 2e-3
-"""What shortcuts on lanes keep from obstacles beside the clearance asked for [m]: they end where they graze something,
-and samples overlook corners; with it the certificate refuses a tenth as many paths, 0.5 % longer ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,35 +60,35 @@ def connect(
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     for goal in near[np.argsort(np.linalg.norm(near - z_start, axis=1))]:
         way = np.array([z_start, goal])
-        if lanes.free_until(way, LANE_RESOLUTION, clearance) and (not prove or _certified(problem, way)):
+        if lanes.free_until(way, TREE.resolution, clearance) and (not prove or _certified(problem, way)):
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
-    blocked = no_way(lanes, z_start, near, LANE_RESOLUTION, clearance)
+    blocked = no_way(lanes, z_start, near, TREE.resolution, clearance)
     if blocked is not None:
         return Connection(Status.PLANNING_FAILED, blocked, z_start[None])
     roots = np.concatenate([near, *map(problem.group.turned_otherwise, near)])
-    resolution, refused = LANE_RESOLUTION, 0
+    resolution, refused = TREE.resolution, 0
 
     def accepted(path: ChartPoints) -> bool:
         return not prove or _certified(problem, path)
 
-    for _ in range(LANE_ATTEMPTS):
+    for _ in range(TREE.attempts):
         found = tree_search.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.budget)
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
         problem.tell(TreeGrown(found.trees))
         if found.path is None:
             break
-        path = lanes.shortened(found.path, resolution, clearance + LANE_MARGIN)
+        path = lanes.shortened(found.path, resolution, clearance + MARGIN)
         if accepted(path):
             message = f"found by a tree in {found.iterations} iterations"
             if problem.optimization_iterations:
-                rounds = Rounds(problem.optimization_iterations, resolution, LANE_MARGIN)
+                rounds = Rounds(problem.optimization_iterations, resolution, MARGIN)
                 better = shorter(problem, path, roots, rounds, rng, accepted)
                 path, message = better.path, f"{message}, {better.message}"
             for z in path[1:]:
                 problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
             return Connection(Status.SUCCESS, message, path, prove)
-        resolution, refused = resolution * LANE_FINER, refused + 1
+        resolution, refused = resolution * TREE.finer, refused + 1
     return _unconnected(problem, z_start, found, len(goals), refused)
 
 

@@ -11,29 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import LANE_RESOLUTION, Connection
+from guidefield.planner.connect.connect import Connection
+from guidefield.planner.connect.settings import CONSTRAINED, TREE
 from guidefield.planner.connect.tree import Tree
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-
-ROOM = 0.6
-"""Configurations are brought to within this share of each limit: what lies between them has the rest."""
-
-CORRECTIONS = 15
-"""Newton steps by which a configuration is brought back."""
-
-STRIDE = 0.1
-"""Length of a step of a tree [rad or m]."""
-
-LEAST_GAIN = 0.2
-"""A step that comes nearer to where it was to go by less than this share of its length ends an extension."""
-
-MOST_ITERATIONS = 20_000
-
-SHORTCUTS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +44,7 @@ class Keeper:
             Orthonormal rows, shape (r, nv).
         """
         values, rows = self.frames.values_and_rows(z)
-        leaving = rows[(values >= ROOM * self.frames.limits * (1.0 - 1e-3)) & (rows @ descent > 0.0)]
+        leaving = rows[(values >= CONSTRAINED.room * self.frames.limits * (1.0 - 1e-3)) & (rows @ descent > 0.0)]
         _, strengths, directions = np.linalg.svd(leaving, full_matrices=False)
         held: np.ndarray = directions[strengths > 1e-9]
         return held
@@ -69,8 +54,8 @@ class Keeper:
 
         Newton's steps of least length on the numbers that are too large.
         """
-        group, aim = self.problem.group, ROOM * self.frames.limits
-        for _ in range(CORRECTIONS):
+        group, aim = self.problem.group, CONSTRAINED.room * self.frames.limits
+        for _ in range(CONSTRAINED.corrections):
             values, rows = self.frames.values_and_rows(z)
             excess = values - aim
             if (excess <= 1e-6 * aim).all():
@@ -97,13 +82,14 @@ class Keeper:
         """
         taken, here = [], origin
         while (left := float(np.linalg.norm(target - here))) > 1e-9:
-            if left <= STRIDE:
+            if left <= CONSTRAINED.stride:
                 there: ChartPoint | None = target
             else:
-                there = self.brought_back(here + (target - here) * (STRIDE / left))
-            if there is None or left - np.linalg.norm(target - there) < LEAST_GAIN * min(STRIDE, left):
+                there = self.brought_back(here + (target - here) * (CONSTRAINED.stride / left))
+            least = CONSTRAINED.least_gain * min(CONSTRAINED.stride, left)
+            if there is None or left - np.linalg.norm(target - there) < least:
                 break
-            if np.linalg.norm(there - here) > 2.0 * STRIDE or not self._free(here, there):
+            if np.linalg.norm(there - here) > 2.0 * CONSTRAINED.stride or not self._free(here, there):
                 break
             taken.append(there)
             here = there
@@ -113,7 +99,7 @@ class Keeper:
         if not self.keeps(there) or not self.keeps(0.5 * (here + there)):
             return False
         self.problem.counters.collision_checks += 1
-        return self.problem.lanes.free_until(np.array([here, there]), LANE_RESOLUTION) == 1
+        return self.problem.lanes.free_until(np.array([here, there]), TREE.resolution) == 1
 
 
 def connect_constrained(
@@ -131,7 +117,7 @@ def connect_constrained(
     group = problem.group
     near = np.array([group.unwrapped(goal, z_start) for goal in goals])
     trees = (Tree(z_start[None]), Tree(near))
-    for iteration in range(MOST_ITERATIONS):
+    for iteration in range(CONSTRAINED.most_iterations):
         if (spent := problem.budget.spent()) is not None:
             return Connection(spent, "no connection within the path constraints was found in time", z_start[None])
         problem.counters.iterations += 1
@@ -163,7 +149,7 @@ def _grown(tree: Tree, node: int, steps: list[ChartPoint]) -> int:
 
 def _shortened(keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
     """The path with detours between random waypoints left out where steps lead across."""
-    for _ in range(SHORTCUTS):
+    for _ in range(CONSTRAINED.shortcuts):
         if len(path) < 4 or keeper.problem.budget.spent():
             break
         first, last = np.sort(rng.choice(len(path), 2, replace=False))

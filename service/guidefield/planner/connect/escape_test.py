@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.planner.connect.settings import ESCAPE
 from guidefield.robot.model.spaces import ChartPoints
-
-LENGTHS = 0.3, 0.1, 0.03, 0.01
-"""How far the motions go that are tried [rad or m]."""
-
-DIRECTIONS = 1024
-"""How many directions of each length, beside those along one coordinate."""
 
 
 def can_be_left(
@@ -27,10 +22,10 @@ def can_be_left(
         rng: Chooses directions.
     """
     group, along = lanes.world.group, np.eye(lanes.world.group.nv)
-    drawn = rng.normal(size=(DIRECTIONS, group.nv))
+    drawn = rng.normal(size=(ESCAPE.directions, group.nv))
     directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]])
     for root in roots:
-        for length in LENGTHS:
+        for length in ESCAPE.lengths:
             ends = np.clip(root + length * directions, group.lower, group.upper)
             ends = ends[np.linalg.norm(ends - root, axis=1) > 0.5 * length]
             for end in ends[~lanes.touching(ends, clearance)]:

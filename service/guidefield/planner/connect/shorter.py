@@ -14,20 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.settings import ROUNDS
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
-
-ROUND = 2000
-"""Motions that a round judges at most."""
-
-SHARE = 0.5
-"""Rounds end when this share of the time that was left is over: the rest is for relaxing, timing, the certificate."""
-
-LEAST = 1e-3
-"""By what share a path has to be shorter to be taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +73,12 @@ def shorter(
     budget, before, done = _part_of(problem.budget), length_of(path), 0
     lanes, clearance, start = problem.lanes, problem.min_clearance, path[:1]
     while done < rounds.number and not budget.spent():
-        bound = (1.0 - LEAST) * length_of(path)
+        bound = (1.0 - ROUNDS.least) * length_of(path)
         within = goals[np.linalg.norm(goals - start, axis=1) < bound]
         if len(within) == 0:
             break
         found = tree_search.grow(
-            lanes, start, within, rounds.resolution, clearance, rng, budget, within=bound, most_motions=ROUND
+            lanes, start, within, rounds.resolution, clearance, rng, budget, within=bound, most_motions=ROUNDS.motions
         )
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
@@ -104,4 +96,4 @@ def shorter(
 
 def _part_of(budget: Budget) -> Budget:
     left = budget.deadline - time.monotonic()
-    return dataclasses.replace(budget, deadline=time.monotonic() + SHARE * max(left, 0.0))
+    return dataclasses.replace(budget, deadline=time.monotonic() + ROUNDS.share * max(left, 0.0))

@@ -19,22 +19,11 @@ from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.sphere_rejection import SIEVE
 from guidefield.planner.connect.escape_test import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.task.conditions import Budget
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
-
-MOST_ITERATIONS, MOST_MOTIONS = 100_000_000, 3_000_000
-"""Samples that a search draws, most of which cost next to nothing, and motions that it judges."""
-
-PIECE = 256
-"""Iterations between two looks at the budget: some milliseconds."""
-
-ENCLOSED = 20_000
-"""After so many extensions of nothing but roots it is asked whether these can be left at all."""
-
-FIRST_CAPACITY = 512
-"""Nodes that each tree has room for at first; doubled when it is full."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +80,7 @@ def grow(
     budget: Budget,
     *,
     within: float = math.inf,
-    most_motions: int = MOST_MOTIONS,
+    most_motions: int = TREE.most_motions,
 ) -> FoundPath:
     """Grow two trees towards each other until they meet.
 
@@ -114,12 +103,12 @@ def grow(
     if within != math.inf:
         sources = sources.between(starts, goals, within)
     most_roots = max(len(starts), len(goals))
-    if 2 * most_roots > FIRST_CAPACITY:
+    if 2 * most_roots > TREE.first_capacity:
         room = _Room.build(nv, 2 * most_roots)
     rng.random(out=room.search.places)
     begins, suspected, counters = True, [0, 1], room.search.counters
     while True:
-        piece = PIECE if budget.spent() is None else 0
+        piece = TREE.piece if budget.spent() is None else 0
         ended = kernel.grow(lanes.words, sources.words, room.words, starts, goals, clearance, resolution, piece, begins)
         if ended == kernel.MET:
             # samples are float32: rounding may take one beyond a limit
@@ -128,7 +117,7 @@ def grow(
         begins = False
         if ended == kernel.FULL:
             room = room.roomier()
-        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= ENCLOSED), None)
+        tried = next((tree for tree in suspected if counters[lane_nodes.TRIED + tree] >= TREE.enclosed), None)
         if tried is not None:
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
@@ -136,7 +125,7 @@ def grow(
                 return FoundPath(None, counters.copy(), room.search, tried)
         if (
             piece == 0
-            or counters[lane_nodes.ITERATION] >= MOST_ITERATIONS
+            or counters[lane_nodes.ITERATION] >= TREE.most_iterations
             or counters[lane_nodes.MOTIONS] >= most_motions
         ):
             return FoundPath(None, counters.copy(), room.search)
@@ -241,8 +230,8 @@ _PLACES = _Places()
 
 def _place(group: PlanningGroup, nv: int) -> _Place:
     """This thread's place for searches of a group with so many coordinates."""
-    place = _PLACES.kept.get((nv, FIRST_CAPACITY))
+    place = _PLACES.kept.get((nv, TREE.first_capacity))
     if place is None or place.group() is not group:
-        room = _Room.build(nv, FIRST_CAPACITY) if place is None else place.room
-        place = _PLACES.kept[nv, FIRST_CAPACITY] = _Place(room, weakref.ref(group), sources_of(group))
+        room = _Room.build(nv, TREE.first_capacity) if place is None else place.room
+        place = _PLACES.kept[nv, TREE.first_capacity] = _Place(room, weakref.ref(group), sources_of(group))
     return place

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
-from guidefield.planner.connect.tree_search import MOST_MOTIONS, FoundPath
+from guidefield.planner.connect.settings import TREE
+from guidefield.planner.connect.tree_search import FoundPath
 from guidefield.robot.model.chart import ANGLE
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
@@ -53,7 +54,7 @@ def why_not(found: FoundPath, goals: int, *, in_time: bool) -> str:
         name, tried = names[found.enclosed], found.tried[found.enclosed]
         return f"the {name} can't be left: none of {tried} motions out of it is free, and no shorter one that was tried"
     start, goal = found.sizes
-    ended = "in time" if in_time else f"in {MOST_MOTIONS} motions, the most that a search takes"
+    ended = "in time" if in_time else f"in {TREE.most_motions} motions, the most that a search takes"
     message = (
         f"no connection was found {ended}: {found.motions} motions were judged, and the trees from the {names[0]} and"
         f" the {names[1]} have {start} and {goal} configurations"

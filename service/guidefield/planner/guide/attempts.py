@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from guidefield.errors import InvalidGroup
 from guidefield.planner.guide.guide import PROJECTED
-from guidefield.planner.guide.rounds import FIRST_STEP, Attempt
+from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.univariate import Univariate
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.link_chain import link_chain
@@ -16,7 +17,7 @@ def projected(group: PlanningGroup) -> tuple[Attempt, ...]:
         chain = link_chain(group)
     except InvalidGroup:
         return PROJECTED
-    return (*PROJECTED, Attempt(Univariate(chain), FIRST_STEP, careful=True))
+    return (*PROJECTED, Attempt(Univariate(chain), APPROACH.first_step, careful=True))
 
 
 def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
@@ -26,7 +27,8 @@ def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
         InvalidGroup: if the group isn't a chain of ball or universal joints.
     """
     minimizer = Univariate(link_chain(group))
-    return Attempt(minimizer, FIRST_STEP, careful=True), Attempt(minimizer, FIRST_STEP / 2, careful=True)
+    step = APPROACH.first_step
+    return Attempt(minimizer, step, careful=True), Attempt(minimizer, step / 2, careful=True)
 
 
 ATTEMPTS = {"projected": projected, "univariate": univariate}

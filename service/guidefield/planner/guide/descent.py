@@ -11,23 +11,10 @@ from guidefield.kernels.guide.descent import ENDED, UNDECIDED, Settings, descend
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.guided_path import GuidedPath
+from guidefield.planner.guide.settings import DESCENT
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.robot.model.spaces import Configuration
-
-REGULARIZATION = 1e-2
-"""Share of the metric's mean diagonal added to it: full steps are mostly accepted, symmetric links don't spin."""
-ON_CONSTRAINT = 1e-5
-"""How near a trial has to come to the constraint [m or rad]."""
-TOLERANCE = 1e-3
-"""A descent ends where a step promises, or brings, less than this share of U."""
-CLOSE = 0.015
-"""Where the robot is nearer to obstacles than this when a descent would end, it goes on [m] ..."""
-FINE = 1e-4
-""".. with this tolerance: there the last thousandth of U is millimetres of clearance."""
-MOST_STEPS = 60
-AT_ONCE = 20
-"""Steps between two looks at the budget."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +39,24 @@ def settings_of(guided: GuidedPath, tolerance: float) -> Settings:
     """How descents go, for the kernels."""
     exact = int(swept_world(guided.problem.world).exact)
     return Settings(
-        REGULARIZATION, ON_CONSTRAINT, tolerance, FINE, CLOSE, guided.margin, SELF_MARGIN, FLOOR, exact
-    )  # fmt: skip
+        regularization=DESCENT.regularization,
+        on_constraint=DESCENT.on_constraint,
+        tolerance=tolerance,
+        fine=DESCENT.fine,
+        close=DESCENT.close,
+        margin=guided.margin,
+        self_margin=SELF_MARGIN,
+        floor=FLOOR,
+        exact=exact,
+    )
 
 
 def descend(
     guided: GuidedPath,
     constraint: TipConstraint,
     guard: TipGuard,
-    tolerance: float = TOLERANCE,
-    most_steps: int = MOST_STEPS,
+    tolerance: float = DESCENT.tolerance,
+    most_steps: int = DESCENT.most_steps,
 ) -> Descent:
     """Reduce U while the tip keeps a constraint, from where a guided path stands; it takes no step itself.
 
@@ -79,7 +74,7 @@ def descend(
     potentials: list[float] = []
     trial, counts = np.empty(2), np.zeros(3, np.int64)
     while True:
-        found = np.empty((min(AT_ONCE, most_steps - len(path)), len(q)))
+        found = np.empty((min(DESCENT.at_once, most_steps - len(path)), len(q)))
         values = np.empty(len(found) + 1)
         answer = descend_kernel(
             mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard,
@@ -97,7 +92,7 @@ def descend(
                 q = found[steps]
                 path.append(q[planned])
                 potentials.append(float(trial[1]))
-                if before - potentials[-1] < tolerance * before and guided.keeps(path[-1], path[-1], CLOSE):
+                if before - potentials[-1] < tolerance * before and guided.keeps(path[-1], path[-1], DESCENT.close):
                     answer = ENDED
             else:
                 longest = 0.5 * float(trial[0])

@@ -17,26 +17,23 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.swept import swept_world
 from guidefield.errors import Status
 from guidefield.planner.guide.aim import Aim
-from guidefield.planner.guide.guided_path import MARGIN, GuidedPath
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Blocks, Projected
-from guidefield.planner.guide.rounds import FIRST_STEP, Attempt, Round, rounds
+from guidefield.planner.guide.rounds import Attempt, Round, rounds
+from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
+from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
 
-CREEPING = 0.1
-"""A round gains little if it brings less than this share of what an advance may bring."""
-CREEPING_ROUNDS = 3
-"""So many such rounds in a row are a standstill."""
-
 PROJECTED = (
-    Attempt(Projected(Blocks.ONE), FIRST_STEP),
-    Attempt(Projected(Blocks.TWO), FIRST_STEP),
-    Attempt(Projected(Blocks.ONE), FIRST_STEP / 2),
+    Attempt(Projected(Blocks.ONE), APPROACH.first_step),
+    Attempt(Projected(Blocks.TWO), APPROACH.first_step),
+    Attempt(Projected(Blocks.ONE), APPROACH.first_step / 2),
 )
 """Tried in this order until one crosses the plane."""
 
@@ -105,9 +102,9 @@ def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, 
                 return _blocked(guided, aim, index)
             if made.ended is Round.ARRIVED:
                 return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(guided.path))
-            little = made.before - made.after < CREEPING * min(attempt.step, made.before)
+            little = made.before - made.after < APPROACH.creeping * min(attempt.step, made.before)
             creeping = creeping + 1 if little else 0
-            if creeping >= CREEPING_ROUNDS:
+            if creeping >= APPROACH.creeping_rounds:
                 return _given_up(
                     Status.STUCK_IN_MINIMUM,
                     f"stuck in a minimum of the potential {1000 * made.before:.0f} mm before guide plane"

@@ -15,23 +15,12 @@ from guidefield.collision.certify.certificate import motion_free
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.position_ik import reach
+from guidefield.planner.guide.settings import WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.robot.model.spaces import ChartPoint, Configuration
-
-MARGIN = 2e-3
-"""Distance from obstacles that steps keep if the start does [m]; more than the certificate's floor."""
-
-COMFORTABLE = 0.02
-"""A straight way that keeps this distance from obstacles is taken without comparing [m]."""
-
-WIDE_MARGINS = (0.06, 0.03, 0.02, 0.01, 0.005)
-"""Distances from obstacles by which ways between the same configurations are compared, the widest first [m]."""
-
-DIPS = (0.06, 0.045, 0.03, 0.015)
-"""A way dips that does not keep the widest of these distances that both its ends keep [m]."""
 
 Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 """Configurations near q whose tip is at a point (3,) [m]: those to be tried, in order."""
@@ -115,10 +104,10 @@ class GuidedPath:
         steps = self.path[since:]
         if len(steps) < 3:
             return
-        if self.keeps(steps[0], steps[-1], max(COMFORTABLE, self.margin)):
+        if self.keeps(steps[0], steps[-1], max(WAYS.comfortable, self.margin)):
             del self.path[since + 1 : -1]
             return
-        for margin in (m for m in WIDE_MARGINS if m > self.margin):
+        for margin in (m for m in WAYS.margins if m > self.margin):
             for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
                 if all(self.keeps(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
                     self.path[since + 1 : -1] = kept
@@ -133,7 +122,7 @@ class GuidedPath:
             since: Index in the path of the earlier configuration.
         """
         swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
-        margin = next((margin for margin in DIPS if all(swept.keeps(q, margin) for q in ends)), None)
+        margin = next((margin for margin in WAYS.dips if all(swept.keeps(q, margin) for q in ends)), None)
         return margin is not None and not all(self.keeps(a, b, margin) for a, b in pairwise(self.path[since:]))
 
     def undo(self, since: int) -> None:

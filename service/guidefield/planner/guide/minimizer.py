@@ -12,11 +12,6 @@ from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import Configuration
 
-MOST_ROUNDS = 6
-"""Rounds of slide and reorient on one plane."""
-NEGLIGIBLE = 2e-3
-"""Rounds end where U falls by less than this share."""
-
 
 class Minimizer(Protocol):
     """Lowers the potential of the robot while its tip stays on a plane: the thesis' slide and reorient."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
-from guidefield.planner.guide.descent import MOST_STEPS, TOLERANCE, descend
+from guidefield.planner.guide.descent import descend
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
-from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
+from guidefield.planner.guide.settings import DESCENT, SETTLING
 from guidefield.planner.guide.tip_constraints import on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
@@ -37,8 +37,8 @@ class Projected:
     """
 
     blocks: Blocks = Blocks.ONE
-    tolerance: float = TOLERANCE
-    most_steps: int = MOST_STEPS
+    tolerance: float = DESCENT.tolerance
+    most_steps: int = DESCENT.most_steps
 
     @property
     def name(self) -> str:
@@ -67,11 +67,11 @@ class Projected:
             self._descend(guided, on_plane(point, normal), guard, StepKind.DESCEND)
             return
         before = problem.robot_field.potential(guided.q)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(SETTLING.most_rounds):
             rotation = problem.kinematics.frame_placement(group.expand(guided.q), group.tip_id).rotation
             self._descend(guided, sliding(point, normal, rotation), guard, StepKind.SLIDE)
             after = self._descend(guided, reorienting(guided.tip), guard, StepKind.REORIENT)
-            if before - after < NEGLIGIBLE * before or problem.budget.spent():
+            if before - after < SETTLING.negligible * before or problem.budget.spent():
                 return
             before = after
 

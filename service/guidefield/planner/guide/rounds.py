@@ -17,26 +17,14 @@ from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.descent import settings_of
-from guidefield.planner.guide.guided_path import COMFORTABLE, WIDE_MARGINS, GuidedPath
+from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.minimizer import Minimizer
 from guidefield.planner.guide.projected import Blocks, Projected
+from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.mover import mover_of, planned_values
 
-FIRST_STEP = 0.1
-"""Length of an advance, delta_0 [m]: a third of a link, a third of a mouth."""
-SMALLEST_STEP = FIRST_STEP / 50
-"""Below this an advance is given up, delta_min [m]."""
-GUARD = 0.5
-"""Share of an advance's gain that slide and reorient have to keep, 1 - beta."""
-ON_PLANE = 1e-4
-"""How near the plane counts as on it [m]."""
-SHORT = FIRST_STEP / 4
-"""An advance of this length is not made again with shorter ones [m]."""
-AT_ONCE = 4
-"""Rounds between two looks at the budget, in one kernel."""
-
-_MARGINS = frozen(np.array(WIDE_MARGINS))
+_MARGINS = frozen(np.array(WAYS.margins))
 
 
 @dataclass(frozen=True)
@@ -86,23 +74,23 @@ def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
 def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
     """One round towards a guide plane: advance, slide and reorient; the guided path takes every step."""
     distance = aim.distance(guided.tip)
-    if distance <= ON_PLANE:
+    if distance <= APPROACH.on_plane:
         return Round.ARRIVED
     direction = (aim.closest_point(guided.tip) - guided.tip) / distance
     since = len(guided.path) - 1
-    step, smallest = min(attempt.step, distance), min(SMALLEST_STEP, 0.5 * distance)
+    step, smallest = min(attempt.step, distance), min(APPROACH.smallest_step, 0.5 * distance)
     moved = guided.advance(direction, step, smallest, attempt.minimizer.reach)
     if moved.q is None:
         return Round.BLOCKED
-    arrived = moved.step >= distance - ON_PLANE
+    arrived = moved.step >= distance - APPROACH.on_plane
     if arrived:  # minimise in the guide plane itself, inside its polygon
         plane = aim.plane
         attempt.minimizer.settle(guided, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
     else:
         gained = distance - aim.distance(guided.tip)
-        attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - GUARD * gained))
+        attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - APPROACH.guard * gained))
     guided.straighten(since)
-    if attempt.careful and step > SHORT and guided.dips(since):
+    if attempt.careful and step > APPROACH.short and guided.dips(since):
         guided.undo(since)
         return approach(guided, aim, replace(attempt, step=0.5 * step))
     return Round.ARRIVED if arrived else Round.NEARER
@@ -112,13 +100,14 @@ _ENDED = {kernel.NEARER: Round.NEARER, kernel.ARRIVED: Round.ARRIVED, kernel.BLO
 
 
 def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
-    """Up to `AT_ONCE` rounds of `approach` in one kernel."""
+    """Up to `APPROACH.at_once` rounds of `approach` in one kernel."""
     problem, group = guided.problem, guided.problem.group
     field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(guided.q)
-    rows = AT_ONCE * (minimizer.most_steps + 1)
+    at_once = APPROACH.at_once
+    rows = at_once * (minimizer.most_steps + 1)
     record = kernel.Record(
         steps=np.empty((rows, len(q))), values=np.empty(rows), kinds=np.empty(rows, np.int64),
-        kept=np.empty(rows, np.int64), rounds=np.empty((AT_ONCE, 2)), ends=np.empty(AT_ONCE, np.int64),
+        kept=np.empty(rows, np.int64), rounds=np.empty((at_once, 2)), ends=np.empty(at_once, np.int64),
         refused=np.empty((2, len(q))), counts=np.zeros(5, np.int64),
     )  # fmt: skip
     ended = kernel.approach(
@@ -158,11 +147,11 @@ def _going(aim: Aim, step: float) -> kernel.Rounds:
     """How rounds go, for the kernel."""
     return kernel.Rounds(
         step=step,
-        smallest=SMALLEST_STEP,
-        guard=GUARD,
-        on_plane=ON_PLANE,
+        smallest=APPROACH.smallest_step,
+        guard=APPROACH.guard,
+        on_plane=APPROACH.on_plane,
         depth=aim.inside(0.5 * aim.inset).depth,
-        comfortable=COMFORTABLE,
+        comfortable=WAYS.comfortable,
         middle=frozen(aim.plane.centroid),
         normal=frozen(aim.plane.normal),
         margins=_MARGINS,

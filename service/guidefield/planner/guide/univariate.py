@@ -20,19 +20,12 @@ from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.kernels.kinematics.chain_angles import chain_configuration
 from guidefield.kernels.kinematics.link_chain import close_chain
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
-from guidefield.planner.guide.minimizer import MOST_ROUNDS, NEGLIGIBLE
+from guidefield.planner.guide.settings import SETTLING, UNIVARIATE
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.link_chain import SerialChain
 from guidefield.robot.group.mover import mover_of
 from guidefield.robot.model.spaces import Configuration, Configurations
-
-FIRST_TURN, LAST_TURN = np.deg2rad(5.0), np.deg2rad(0.5)
-"""A search for an angle begins with the one and ends below the other [rad]."""
-FIRST_SLIDE, LAST_SLIDE = 0.025, 0.1 / 64
-"""The same for a slide [m]: a quarter and a 64th of an advance."""
-MOST_STEPS = 4000
-"""Steps of one round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +39,8 @@ class Univariate:
     """
 
     chain: SerialChain
-    negligible: float = NEGLIGIBLE
-    most_rounds: int = MOST_ROUNDS
+    negligible: float = SETTLING.negligible
+    most_rounds: int = SETTLING.most_rounds
 
     @property
     def name(self) -> str:
@@ -105,8 +98,16 @@ class Univariate:
         """One round: configurations (n, nq) after every step that was taken."""
         problem, chain, mover = guided.problem, self.chain, mover_of(self.chain.group)
         swept = swept_world(problem.world)
-        searching = Searching(FIRST_TURN, LAST_TURN, FIRST_SLIDE, LAST_SLIDE, guided.margin, SELF_MARGIN, FLOOR)
-        path, counts = np.empty((MOST_STEPS, len(guided.q))), np.zeros(2, np.int64)
+        searching = Searching(
+            UNIVARIATE.first_turn,
+            UNIVARIATE.last_turn,
+            UNIVARIATE.first_slide,
+            UNIVARIATE.last_slide,
+            guided.margin,
+            SELF_MARGIN,
+            FLOOR,
+        )
+        path, counts = np.empty((UNIVARIATE.most_steps, len(guided.q))), np.zeros(2, np.int64)
         taken = sweep(
             chain.table, chain.joints, chain.carriers, int(chain.leads), problem.robot_field.charged,
             problem.robot_field.tables, swept.robot, swept.tables, guard, searching, mover.values, mover.lower,

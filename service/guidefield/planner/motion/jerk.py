@@ -16,23 +16,12 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.timing import hermite
+from guidefield.planner.motion.settings import JERK
 from guidefield.planner.motion.spline import CubicSpline
 from guidefield.planner.motion.timing import fastest, parameterize
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.motion.within_limits import leaving, smoothly_within
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
-
-WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6)
-"""Windows that are tried, as shares of the optimal duration."""
-
-ACCELERATIONS = (1.0, 0.5, 0.25)
-"""Shares of the acceleration limits that are tried: what changes slowly doesn't become large."""
-
-SAMPLES, MOST_SAMPLES = 6, 320
-"""Pieces of the motion in a window; most in all."""
-
-_FINE = 8
-"""Samples by which the average over a window is taken, for each piece."""
 
 
 def parameterize_gently(
@@ -60,8 +49,8 @@ def parameterize_gently(
     if spline.is_point:
         return parameterize(spline, velocity_limits, acceleration_limits)
     best = None
-    ways = [fastest(spline, velocity_limits, share * acceleration_limits) for share in ACCELERATIONS]
-    for (s, times, rates), window in product(ways, WINDOWS):
+    ways = [fastest(spline, velocity_limits, share * acceleration_limits) for share in JERK.accelerations]
+    for (s, times, rates), window in product(ways, JERK.windows):
         motion = _averaged(spline, s, times, rates, window * times[-1])
         load = _load(*motion, velocity_limits, acceleration_limits, jerk_limits)
         if best is None or load * motion[0][-1] < best[0]:
@@ -77,11 +66,11 @@ def _averaged(
 ) -> tuple[np.ndarray, ChartPoints, ChartRates]:
     """Knots of the motion whose parameter is the average of s over a window: times, positions, velocities."""
     duration = float(times[-1]) + window
-    count = int(np.clip(math.ceil(SAMPLES * duration / window), 8, MOST_SAMPLES))
-    fine = np.linspace(0.0, duration, _FINE * count + 1)
+    count = int(np.clip(math.ceil(JERK.pieces * duration / window), 8, JERK.most_pieces))
+    fine = np.linspace(0.0, duration, JERK.samples * count + 1)
     before, now = (_integral(s, times, rates, moment) for moment in (fine - window, fine))
-    share = (now - before)[::_FINE] / window
-    knots = fine[::_FINE].copy()
+    share = (now - before)[:: JERK.samples] / window
+    knots = fine[:: JERK.samples].copy()
     positions = spline.evaluate(np.clip(share, 0.0, spline.knots[-1]))[0]
     positions[0], positions[-1] = spline.waypoints[0], spline.waypoints[-1]
     positions, velocities = _smooth(knots, positions)

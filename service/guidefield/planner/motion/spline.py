@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guidefield.kernels.timing import natural_spline
+from guidefield.planner.motion.settings import SPLINE
 from guidefield.planner.motion.within_limits import leaving, smoothly_within
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
-
-# A waypoint at most this far from the one before is the same: a nanometre at a metre's reach [rad or m].
-REPEATED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +83,8 @@ def interpolate(
     one pair of waypoints 10 mrad apart; with knots spaced by the chords themselves 277, 155 and 20, and with powers in
     between, in between. For evenly spaced waypoints there is no difference.
 
-    Waypoints that repeat the one before, within `REPEATED`, are left out, though never the first or the last; a path
-    that never leaves its first waypoint by more is one constant piece over [0, 1].
+    Waypoints that repeat the one before, within `SPLINE.repeated`, are left out, though never the first or the last; a
+    path that never leaves its first waypoint by more is one constant piece over [0, 1].
 
     Args:
         waypoints: Chart coordinates in order, shape (n, nv), n >= 2 [rad or m].
@@ -114,16 +112,16 @@ def interpolate(
 
 def _distinct(waypoints: ChartPoints) -> ChartPoints:
     """The waypoints without repetitions, first and last kept; a single one if they are all the same."""
-    if np.linalg.norm(np.diff(waypoints, axis=0), axis=1).min() > REPEATED:
+    if np.linalg.norm(np.diff(waypoints, axis=0), axis=1).min() > SPLINE.repeated:
         return waypoints.copy()
     kept = [waypoints[0]]
     for waypoint in waypoints[1:-1]:
-        if np.linalg.norm(waypoint - kept[-1]) > REPEATED:
+        if np.linalg.norm(waypoint - kept[-1]) > SPLINE.repeated:
             kept.append(waypoint)
     goal = waypoints[-1]
-    while len(kept) > 1 and np.linalg.norm(goal - kept[-1]) <= REPEATED:
+    while len(kept) > 1 and np.linalg.norm(goal - kept[-1]) <= SPLINE.repeated:
         kept.pop()
-    if np.linalg.norm(goal - kept[-1]) > REPEATED:
+    if np.linalg.norm(goal - kept[-1]) > SPLINE.repeated:
         kept.append(goal)
     return np.array(kept)
 

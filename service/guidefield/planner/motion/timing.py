@@ -15,30 +15,11 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from guidefield.kernels.timing import hermite, path_parameterization
+from guidefield.planner.motion.settings import TIMING
 from guidefield.planner.motion.spline import CubicSpline
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.motion.within_limits import bounded_slopes, leaving
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
-
-# The grid's steps count in r, with (dr/ds)² = 1 + (weight |q'| / its mean)². Two weights are tried on the first grid:
-# the spline's own parameter, and nearly the arc length. Waypoints unevenly spaced on a straight line cost up to twice
-# the time by the former; where a curve turns back on itself, or nearly, the latter's derivatives jump, which costs some
-# percent.
-_ARC_LENGTH_WEIGHTS = (0.0, 300.0)
-# The first grid: this many steps in each piece of the spline, and at least so many in all of it.
-_STEPS_A_PIECE = 3
-_STEPS_AT_LEAST = 64
-# A step of it is divided if some joint's acceleration changes over it by more than this share of its limit: d²r/dt² is
-# constant over a step, so the end that allows less of it decides. Paths as even as relaxed ones hardly need that.
-_ACCELERATION_CHANGE = 0.1
-_PARTS_AT_MOST = 4
-# No controller follows shorter steps, and their accelerations, second differences of positions, would be a matter of
-# rounding [s]; steps of a motion that lasts no longer than a few of them are at least this share of its duration.
-_SHORTEST_STEP = 2e-4
-_SHORTEST_SHARE = 1.0 / 16.0
-# Limits are tightened, where they were exceeded, until the excess is this small, or for so many rounds.
-_SMALL_EXCESS = 1.002
-_ROUNDS_AT_MOST = 4
 
 
 class _Curve(NamedTuple):
@@ -142,7 +123,7 @@ def _fastest(spline: CubicSpline, limits: _Limits) -> tuple[np.ndarray, _Motion]
     """The optimal motion, and its grid."""
     grid = _first_grid(spline)
     curve = _sampled(spline, grid)
-    drafts = [(weight, _timed(_path(curve, weight), limits, limits)) for weight in _ARC_LENGTH_WEIGHTS]
+    drafts = [(weight, _timed(_path(curve, weight), limits, limits)) for weight in TIMING.arc_length_weights]
     weight, draft = min(drafts, key=lambda d: d[1].stretched_duration)
     finer = _divided(grid, draft, limits)
     return finer, _optimal(_path(_sampled(spline, finer), weight), limits)
@@ -180,7 +161,7 @@ def _path(curve: _Curve, arc_length_weight: float) -> _Path:
 def _first_grid(spline: CubicSpline) -> np.ndarray:
     """Equal steps in every piece of the spline."""
     pieces = len(spline.knots) - 1
-    parts = max(_STEPS_A_PIECE, math.ceil(_STEPS_AT_LEAST / pieces))
+    parts = max(TIMING.steps_a_piece, math.ceil(TIMING.least_steps / pieces))
     return _subdivided(spline.knots, np.full(pieces, parts))
 
 
@@ -196,8 +177,9 @@ def _divided(grid: np.ndarray, draft: _Motion, limits: _Limits) -> np.ndarray:
     at_start, at_end = piece_accelerations(draft.times, draft.positions, draft.velocities)
     change = (np.abs(at_end - at_start) / limits.acceleration).max(axis=1)
     dt = np.diff(draft.times)
-    shortest = min(_SHORTEST_STEP, _SHORTEST_SHARE * draft.times[-1])
-    parts = np.clip(np.ceil(change / _ACCELERATION_CHANGE), 1, np.clip(dt // shortest, 1, _PARTS_AT_MOST)).astype(int)
+    shortest = min(TIMING.shortest_step, TIMING.shortest_share * draft.times[-1])
+    most = np.clip(dt // shortest, 1, TIMING.most_parts)
+    parts = np.clip(np.ceil(change / TIMING.acceleration_change), 1, most).astype(int)
     if dt.min() >= shortest:
         return _subdivided(grid, parts)
     kept = _apart(draft.times, shortest)
@@ -237,8 +219,8 @@ def _optimal(path: _Path, limits: _Limits) -> _Motion:
     """The motion that will be the shortest once stretched, of those under limits tightened a little each round."""
     best = motion = _timed(path, limits, limits)
     tightened = limits
-    for _ in range(_ROUNDS_AT_MOST):
-        if motion.load <= _SMALL_EXCESS:
+    for _ in range(TIMING.most_rounds):
+        if motion.load <= TIMING.small_excess:
             break
         tightened = _Limits(
             tightened.velocity / np.maximum(motion.speed_loads, 1.0),

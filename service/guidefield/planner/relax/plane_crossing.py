@@ -7,18 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.relax.settings import CROSSING
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.guide_plane import GuidePlane
-
-ON_PLANE = 1e-7
-"""How near the inset polygon the tip is brought back [m]."""
-
-AT_EDGE = 1e-6
-"""A tip this near the inset polygon's edge is at it [m]."""
-
-CORRECTIONS = 10
-"""Newton steps by which the tip is brought back; two or three do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +53,7 @@ class PlaneCrossing:
         plane = self.plane
         tip, J = self._tip(z)
         depths = plane.inward @ _foot(plane, tip) - plane.offsets - self.inset
-        edges = (plane.inward[depths <= AT_EDGE] @ plane.flat.axes) @ J
+        edges = (plane.inward[depths <= CROSSING.at_edge] @ plane.flat.axes) @ J
         return _orthonormal(np.vstack([plane.normal @ J, edges[edges @ descent < 0.0]]))
 
     def brought_back(self, z: ChartPoint) -> ChartPoint | None:
@@ -71,10 +63,10 @@ class PlaneCrossing:
             z: Chart coordinates, shape (nv,).
         """
         group = self.problem.group
-        for _ in range(CORRECTIONS):
+        for _ in range(CROSSING.corrections):
             tip, J = self._tip(z)
             error = self.plane.closest_point(tip, self.inset) - tip
-            if np.linalg.norm(error) <= ON_PLANE:
+            if np.linalg.norm(error) <= CROSSING.on_plane:
                 return z
             move = np.linalg.pinv(J, rcond=1e-6) @ error
             stuck = ((z <= group.lower) & (move < 0.0)) | ((z >= group.upper) & (move > 0.0))

@@ -26,42 +26,13 @@ from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.waypoints import cut, length_of
 from guidefield.planner.relax.kept_waypoints import KeptWaypoints
 from guidefield.planner.relax.sampled_robot import sampled_robot
+from guidefield.planner.relax.settings import RELAXATION
 from guidefield.planner.relax.waypoint_chain import Shape, WaypointChain, WaypointKeeper
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 from guidefield.scene.distance_tables import distance_tables
-
-SEGMENT = 0.14
-"""Length of a segment [rad or m]."""
-
-LEAST_SEGMENTS, MOST_SEGMENTS = 16, 96
-
-MOST_ITERATIONS = 60
-"""Most steps that are tried, unless the problem says how many."""
-
-SETTLED = 1e-2
-"""A step that lowers J by less than this share brings little; two in a row end the relaxation."""
-
-SHRUNK = 0.75
-"""When its length has fallen to this share, the path is spread anew, over fewer waypoints and with the new L."""
-
-END_SEGMENT = 0.1
-"""Segments next to waypoints that stay are cut to this length in the end [rad or m].
-
-The barrier drives their other waypoints away, and through a long segment the spline would swing where the clearance is
-least: on Fetch it took up to 6 mm of 15.
-"""
-
-EAGERNESS = 2.0
-"""A step is taken 1 + this times the share by which the last one lowered J.
-
-Next to a pole Newton's steps are too short: for 1/d^3 each brings a quarter of the distance only.
-"""
-
-FIRST_DAMPING, LEAST_DAMPING, HOPELESS_DAMPING = 1.0, 1e-6, 1e8
-"""Of a step, in units of the stretch energy's stiffness."""
 
 
 class Outcome(enum.Enum):
@@ -104,7 +75,7 @@ def relax(
     crossings: Mapping[int, int],
     *,
     fixed: np.ndarray | None = None,
-    segment: float = SEGMENT,
+    segment: float = RELAXATION.segment,
 ) -> Relaxed:
     """Relax a path that was found, within the problem's budget and its number of steps.
 
@@ -123,7 +94,9 @@ def relax(
     kept = KeptWaypoints.of(problem, path, crossings, fixed)
     robot = sampled_robot(problem, distance_tables(problem.scene), path[kept.held])
     chain, shape, kept = _spread(problem, robot, path, kept, segment)
-    iterations = MOST_ITERATIONS if problem.optimization_iterations is None else problem.optimization_iterations
+    iterations = (
+        RELAXATION.most_iterations if problem.optimization_iterations is None else problem.optimization_iterations
+    )
     length, before, tried = chain.length, shape, 0
     while True:
         shape, steps, outcome = _descend(problem, chain, shape, iterations - tried)
@@ -144,8 +117,8 @@ def _spread(
     problem: Problem, robot: SampledRobot, path: ChartPoints, kept: KeptWaypoints, segment: float
 ) -> tuple[WaypointChain, Shape, KeptWaypoints]:
     """The chain of a path's waypoints, spread evenly."""
-    most = int(MOST_SEGMENTS * SEGMENT / segment)
-    segments = int(np.clip(np.ceil(length_of(path) / segment), LEAST_SEGMENTS, most))
+    most = int(RELAXATION.most_segments * RELAXATION.segment / segment)
+    segments = int(np.clip(np.ceil(length_of(path) / segment), RELAXATION.least_segments, most))
     points, kept = kept.spread(path, segments)
     keepers: dict[int, WaypointKeeper] = dict(kept.on_planes)
     if problem.path_constraints:
@@ -161,7 +134,7 @@ def _with_short_ends(problem: Problem, path: ChartPoints, kept: KeptWaypoints) -
     """A relaxed path with the segments next to waypoints that stay cut, and where the guide planes' crossings are."""
     stays = np.zeros(len(path), bool)
     stays[kept.held] = True
-    points, indices = cut(path, stays[:-1] | stays[1:], END_SEGMENT)
+    points, indices = cut(path, stays[:-1] | stays[1:], RELAXATION.end_segment)
     if problem.path_constraints:
         new = sorted(set(range(len(points))) - set(indices.tolist()))
         _bring_back(Keeper(problem, problem.constrained_frames), points, new)
@@ -183,25 +156,25 @@ def _descend(
     Returns:
         The last shape, how many steps were tried, and how it ended; None: the path has shrunk.
     """
-    damping, fall, settled = FIRST_DAMPING, 0.0, 0
+    damping, fall, settled = RELAXATION.first_damping, 0.0, 0
     for tried in range(iterations):
         if (spent := problem.budget.spent()) is not None:
             return shape, tried, _ENDINGS[spent]
         step = chain.step(shape, damping)
-        moved = None if step is None else chain.moved(shape.path, step, 1.0 + EAGERNESS * fall)
+        moved = None if step is None else chain.moved(shape.path, step, 1.0 + RELAXATION.eagerness * fall)
         trial = None if moved is None else chain.at(moved)
         if trial is None or not trial.value < shape.value:
             damping, fall = 6.0 * damping, 0.0
-            if damping > HOPELESS_DAMPING:
+            if damping > RELAXATION.hopeless_damping:
                 return shape, tried + 1, Outcome.CONVERGED
             continue
-        damping, fall = max(damping / 4.0, LEAST_DAMPING), 1.0 - trial.value / shape.value
+        damping, fall = max(damping / 4.0, RELAXATION.least_damping), 1.0 - trial.value / shape.value
         shape = trial
         problem.tell(PathRelaxed(shape.path, shape.value))
-        settled = settled + 1 if fall < SETTLED else 0
+        settled = settled + 1 if fall < RELAXATION.settled else 0
         if settled == 2:
             return shape, tried + 1, Outcome.CONVERGED
-        if length_of(shape.path) < SHRUNK * chain.length:
+        if length_of(shape.path) < RELAXATION.shrunk * chain.length:
             return shape, tried + 1, None
     return shape, iterations, Outcome.OUT_OF_ITERATIONS
 

@@ -7,6 +7,7 @@ import numpy as np
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.self_barrier import pair_distances
+from guidefield.planner.relax.settings import BARRIER
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.link_bodies import link_bodies
@@ -15,18 +16,6 @@ from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import ChartPoints
-
-WEIGHT = 100.0
-"""Sum of the weights of all points."""
-
-SELF_RANGE = 0.03
-"""Range of the barrier between links [m]."""
-
-LEAST_SELF_RANGE = 0.004
-"""The same between links that are that close at an end of the path."""
-
-COARSER = 3
-"""One in so many of a link's points stands for all against other links: the first ones, which are spread as evenly."""
 
 
 def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -> SampledRobot:
@@ -45,7 +34,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         origin=problem.group.expand(problem.group.q_origin),
         ignored=_ignored(problem, moving),
         pairs=pairs,
-        pair_ranges=np.full(len(pairs), SELF_RANGE),
+        pair_ranges=np.full(len(pairs), BARRIER.self_range),
     )
     read_only(*robot)
     closest = np.full(len(pairs), np.inf)
@@ -53,7 +42,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
-    robot = robot._replace(pair_ranges=np.clip(closest, LEAST_SELF_RANGE, SELF_RANGE))
+    robot = robot._replace(pair_ranges=np.clip(closest, BARRIER.least_self_range, BARRIER.self_range))
     read_only(*robot)
     return robot
 
@@ -74,9 +63,9 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
         offsets=group.expand_offset,
         origin=np.empty(0),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
-        weights=np.full(int(counts.sum()), WEIGHT / max(int(counts.sum()), 1)),
+        weights=np.full(int(counts.sum()), BARRIER.weight / max(int(counts.sum()), 1)),
         groups=np.column_stack(
-            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // COARSER)]
+            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // BARRIER.coarser)]
         ),
         balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
         ignored=np.empty((len(moving), 0), bool),

@@ -16,23 +16,13 @@ from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.relax.path_samples import path_samples
+from guidefield.planner.relax.settings import BARRIER, RELAXATION
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.chart import TRANSLATION
+from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables
-
-STRETCH = 0.5
-"""Stretch energy of evenly spaced waypoints: it weighs length against the barrier alike in short and long paths."""
-
-FLOOR_SHARE = 1.1
-"""What is nearer to obstacles than this share of what the waypoints that stay keep costs more: it is the bottleneck."""
-
-LEAST_FLOOR, FARTHEST_FLOOR = 0.002, 0.25
-"""The same is at least and at most [m]."""
-
-LARGEST_STEP = 0.3
-"""Most that a joint of a waypoint moves in one step [rad, or `SLIDING_UNIT`]."""
 
 SLIDING_UNIT = 0.5
 """How far a joint slides for what counts as one radian [m]: a turning joint's lever on the middle of an arm."""
@@ -132,17 +122,17 @@ class WaypointChain(ReadOnly):
         for joint in group.joints:
             units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
         segments, length, tables = len(path) - 1, length_of(path), distance_tables(problem.scene)
-        kept = min(obstacle_distance(robot, tables, z, FARTHEST_FLOOR) for z in path[held])
+        kept = min(obstacle_distance(robot, tables, z, BARRIER.farthest_floor) for z in path[held])
         samples = path_samples(segments, held)
         return cls(
             length=length,
             robot=robot,
             tables=tables,
             samples=samples,
-            stiffness=2.0 * STRETCH * segments / length**2 / units**2,
+            stiffness=2.0 * RELAXATION.stretch * segments / length**2 / units**2,
             units=units,
             clearance=problem.min_clearance,
-            floor=float(np.clip(FLOOR_SHARE * kept, LEAST_FLOOR, FARTHEST_FLOOR)),
+            floor=float(np.clip(BARRIER.floor_share * kept, MARGIN, BARRIER.farthest_floor)),
             lower=group.lower,
             upper=group.upper,
             near=nothing_remembered(len(samples.segments), len(robot.groups)),
@@ -199,7 +189,7 @@ class WaypointChain(ReadOnly):
             Shape (n, nv): within limits, on guide planes, what stays bit for bit; None if one can't be brought back.
         """
         longest = max(float(np.abs(step / self.units).max()), 1e-300)
-        moved: ChartPoints = path + step * min(stride, LARGEST_STEP / longest)
+        moved: ChartPoints = path + step * min(stride, RELAXATION.largest_step / longest)
         moved = np.minimum(np.maximum(moved, self.lower), self.upper)
         moved[self.held] = path[self.held]
         for k, crossing in self.crossings.items():

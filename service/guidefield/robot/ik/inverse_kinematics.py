@@ -14,21 +14,9 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.ik.unreachable import Cause, Unreached, out_of_reach, why_unreached
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-
-ROUND = 64
-"""Random starts of a round; of the first rounds, where one solution is asked for, `FIRST_ROUND`."""
-FIRST_ROUND = 16
-CHOICE = 2
-"""Accepted solutions for each that is asked for, from which those farthest apart are chosen."""
-MOST_UNREACHED, MOST_REJECTED, MOST_PER_SOLUTION = 256, 1024, 64
-"""Random starts after which a pose counts as unreachable; as reachable only by what isn't accepted; and, for each
-solution asked for, where there are some."""
-LARGE_ROUND = 512
-"""Random starts of a round where nothing was accepted for so many."""
-MOST_KEPT = 256
-"""Distinct solutions that are kept of those not accepted: they tell what stands in the way."""
 
 Accept = Callable[[ChartPoints], np.ndarray]
 """Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
@@ -68,7 +56,7 @@ def solve(
     rng: np.random.Generator,
     accept: Accept | None = None,
     fault: str = "in collision",
-    most: int = MOST_REJECTED,
+    most: int = SEARCH.most_rejected,
     stopped: Callable[[], bool] = lambda: False,
 ) -> IkResult:
     """Distinct configurations of a group that bring its tip to a pose.
@@ -102,7 +90,13 @@ def solve(
     from_starts = len(found.accepted)
     drawn = 0
     while not (_enough(found, count, drawn, most) or stopped()):
-        size = FIRST_ROUND if count == 1 and drawn < ROUND else LARGE_ROUND if drawn >= LARGE_ROUND else ROUND
+        size = (
+            SEARCH.first_round
+            if count == 1 and drawn < SEARCH.round
+            else SEARCH.large_round
+            if drawn >= SEARCH.large_round
+            else SEARCH.round
+        )
         found.add(search.near_base(search.descend(search.drawn(size, rng))))
         drawn += size
     tried = f"{len(starts) + drawn} starts"
@@ -111,7 +105,7 @@ def solve(
         return IkResult.unreached(why_unreached(group, target, search, tried, rng))
     if not len(found.accepted):
         details = {"cause": fault, "solutions": len(rejected)}
-        more = "at least " if len(rejected) == MOST_KEPT else ""
+        more = "at least " if len(rejected) == SEARCH.most_kept else ""
         return IkResult((), f"{more}{_solutions(len(rejected))} from {tried}, all {fault}", details, rejected)
     chosen = _chosen(search, found.accepted, from_starts, len(starts) > 0, count)
     solutions = tuple(chosen)
@@ -126,7 +120,7 @@ class _Found:
 
     Attributes:
         accepted: Chart points of those that may be solutions, in order, shape (n, nv).
-        rejected: Of those that may not, shape (m, nv), m at most `MOST_KEPT`.
+        rejected: Of those that may not, shape (m, nv), m at most `SEARCH.most_kept`.
         fresh: How many the last descents added.
     """
 
@@ -142,8 +136,8 @@ class _Found:
         if self._accept is not None and len(ends):
             free = self._accept(ends)
         self.accepted = self._with(self.accepted, ends[free])
-        if len(self.rejected) < MOST_KEPT:
-            self.rejected = self._with(self.rejected, ends[~free])[:MOST_KEPT]
+        if len(self.rejected) < SEARCH.most_kept:
+            self.rejected = self._with(self.rejected, ends[~free])[: SEARCH.most_kept]
         self.fresh = len(self.accepted) + len(self.rejected) - before
 
     def _with(self, known: ChartPoints, others: ChartPoints) -> ChartPoints:
@@ -154,16 +148,23 @@ class _Found:
         return distinct_ones
 
 
+def _round(count: int, drawn: int) -> int:
+    """How many starts are drawn next, where so many were."""
+    if count == 1 and drawn < SEARCH.round:
+        return SEARCH.first_round
+    return SEARCH.large_round if drawn >= SEARCH.large_round else SEARCH.round
+
+
 def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
     """Whether to stop drawing starts."""
     accepted, rejected = len(found.accepted), len(found.rejected)
     if not accepted and not rejected:
-        return drawn >= MOST_UNREACHED
+        return drawn >= SEARCH.most_unreached
     if not accepted:
-        return drawn >= most or (drawn >= MOST_UNREACHED and not found.fresh and rejected < MOST_KEPT)
-    if count == 1 or accepted >= CHOICE * count or drawn >= MOST_PER_SOLUTION * count:
+        return drawn >= most or (drawn >= SEARCH.most_unreached and not found.fresh and rejected < SEARCH.most_kept)
+    if count == 1 or accepted >= SEARCH.choice * count or drawn >= SEARCH.most_per_solution * count:
         return True
-    return drawn >= ROUND and not found.fresh
+    return drawn >= SEARCH.round and not found.fresh
 
 
 def _chosen(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:

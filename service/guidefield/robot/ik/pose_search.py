@@ -11,11 +11,9 @@ from guidefield.kernels.kinematics.inverse_kinematics import Tolerances
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-
-AIM = 0.9
-"""The middle part of a tolerance that is aimed at, so that an approach from outside ends inside."""
 
 
 class PoseSearch:
@@ -37,7 +35,9 @@ class PoseSearch:
         self._table = self.chain.from_target(target.placement)
         tolerances = np.concatenate([target.position_tolerance, target.orientation_tolerance])
         allowed = np.where(tolerances > EXACT, tolerances, 0.5 * EXACT)  # half: others may check in another way
-        self._tolerances = Tolerances(_frozen(allowed), _frozen(np.where(tolerances > EXACT, AIM * tolerances, 0.0)))
+        self._tolerances = Tolerances(
+            _frozen(allowed), _frozen(np.where(tolerances > EXACT, SEARCH.aim * tolerances, 0.0))
+        )
         self._closest = np.full(7, np.inf)
 
     @property

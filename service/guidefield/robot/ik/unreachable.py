@@ -14,12 +14,8 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, unlimited
 from guidefield.robot.ik.pose_search import PoseSearch
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.model.spaces import ChartPoint
-
-STARTS = 64
-"""Random starts for each question that is asked after a failure."""
-HALVINGS = 8
-"""How often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees."""
 
 
 class Cause(enum.Enum):
@@ -86,7 +82,7 @@ def why_unreached(
     place = dataclasses.replace(target, orientation_tolerance=np.full(3, np.inf))
     descent = PoseSearch(group, place, search.base)
     values: dict[str, Any]
-    if not len(descent.descend(descent.drawn(STARTS, rng))):
+    if not len(descent.descend(descent.drawn(SEARCH.why_starts, rng))):
         off = float(np.linalg.norm(descent.closest[:3]))
         sentence = f"the tip gets no nearer to the place than {1000.0 * off:.3g} mm, in any orientation"
         cause, values = Cause.POSITION, {"position_off": off}
@@ -111,11 +107,11 @@ def why_unreached(
 def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator) -> float:
     """How much more the tip has to be allowed to turn about each axis until descents reach the place [rad]."""
     low, high = 0.0, np.pi
-    for _ in range(HALVINGS):
+    for _ in range(SEARCH.why_halvings):
         middle = 0.5 * (low + high)
         allowed = dataclasses.replace(target, orientation_tolerance=target.orientation_tolerance + middle)
         descent = PoseSearch(group, allowed, base)
-        if len(descent.descend(descent.drawn(STARTS, rng))):
+        if len(descent.descend(descent.drawn(SEARCH.why_starts, rng))):
             high = middle
         else:
             low = middle
@@ -131,7 +127,7 @@ def _limit_in_the_way(
     """
     bounded = PoseSearch(group, target, base)
     free = PoseSearch(group, target, base, unlimited(bounded.chain))
-    points = bounded.near_base(free.descend(bounded.drawn(STARTS, rng)))
+    points = bounded.near_base(free.descend(bounded.drawn(SEARCH.why_starts, rng)))
     if not len(points):
         return None
     excess = np.maximum(np.maximum(group.lower - points, points - group.upper), 0.0)

@@ -14,6 +14,7 @@ from guidefield.messages.requests import Positions
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.configuration import LENGTHS, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
+from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.model import Joint, JointKind
 from guidefield.robot.model.scratch_space import scratch_space
 from guidefield.robot.model.spaces import RobotConfiguration
@@ -26,8 +27,6 @@ SHARES = np.linspace(0.05, 1.0, 20)
 """How much of the way to random values is tried, nearest first."""
 DRAWS = 25
 """Random directions for each of them."""
-MARGIN = 0.002
-"""How far apart links that touched are to be, if they can [m]."""
 MOST = np.pi
 """Joints without limits are drawn within this of their zero [rad or m]."""
 

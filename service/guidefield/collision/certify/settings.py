@@ -1,0 +1,68 @@
+"""The numbers of the certificate, each with what chose it.
+
+None of them decides what is certified, but for the accuracy of Coal and the tolerances: the others are about time, and
+about how close to contact a motion can still be told to be free. Where it says *unrecorded* nobody wrote down how a
+number was chosen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Of the certificate of motions.
+
+    Attributes:
+        coal_accuracy: Added to every margin: how far off Coal's answers may be [m]. The tolerance of
+            Coal's search for distances.
+        floor: A pair whose possible motion is down to this, and which still can't be told apart, is undecided [m]. The
+            page about the certificate promises it.
+        mesh_from: A mesh is asked, where its hull does not tell, once its pair's possible motion is down to this [m].
+            Unrecorded; a mesh takes 1.5 to 3 times as long as its hull.
+        least_share: What can't be told is divided into at most as many parts at once as this goes into one. Unrecorded.
+        most_pairs: The pairs of so many segments are compared at once that they are not more than this, or of a single
+            one: some megabytes.
+        batch: At most so many segments have their bounds computed together. Unrecorded.
+        widest: Curves that span more in any coordinate are halved before they are tested [rad or m]: a test there
+            rarely decides. Unrecorded.
+        together: Consecutive pieces are tested together as long as they span about this in some coordinate, not more
+            [rad or m]. Unrecorded.
+        timed_floor: The same as `floor` among obstacles that move: robot and obstacle together can't move farther [m].
+            The page about the certificate promises it.
+        constraint_floor: Curves that span no more than this in every coordinate, and about whose path constraints it
+            still can't be told, are refused [rad or m]. Unrecorded.
+    """
+
+    coal_accuracy: float = 1e-6
+    floor: float = 1e-5
+    mesh_from: float = 0.01
+    least_share: float = 1.0 / 8.0
+    most_pairs: int = 30_000
+    batch: int = 64
+    widest: float = 0.3
+    together: float = 0.07
+    timed_floor: float = 1e-3
+    constraint_floor: float = 1e-5
+
+
+CERTIFICATE = CertificateSettings()
+
+
+@dataclass(frozen=True)
+class LimitSettings:
+    """Of the judgement of position limits.
+
+    Attributes:
+        tolerance: What a coordinate may be beyond its limit, for rounding [rad or m].
+        exact: Curves are halved until the largest excess is known to this [rad or m].
+        most_halvings: Parts shorter than this leaves can't be told from a point: 2^-60.
+    """
+
+    tolerance: float = 1e-9
+    exact: float = 1e-13
+    most_halvings: int = 60
+
+
+LIMITS = LimitSettings()

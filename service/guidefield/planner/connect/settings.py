@@ -1,0 +1,99 @@
+"""The numbers of connections, each with what chose it.
+
+Where it says *unrecorded* nobody wrote down how a number was chosen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TreeSettings:
+    """Of a search by two trees on the lane kernels, and of the certificate's say about what it finds.
+
+    Attributes:
+        resolution: Samples of a motion per length in the chart [1/rad or 1/m]: VAMP's resolution, with which its
+            times are compared. A prototype's search at it left 14 of 420 paths of a Panda in contact between samples,
+            which a certificate finds.
+        attempts: How often the certificate may refuse what was found. Unrecorded.
+        finer: How much finer motions are judged after each refusal. Unrecorded.
+        most_iterations: Samples that a search draws, most of which cost next to nothing: no limit but for safety.
+        most_motions: Motions that it judges at most. Unrecorded.
+        piece: Iterations between two looks at the budget: some milliseconds.
+        enclosed: After so many extensions of nothing but roots it is asked whether these can be left. Unrecorded.
+        first_capacity: Nodes that each tree has room for at first; doubled when it is full. Unrecorded.
+    """
+
+    resolution: float = 32.0
+    attempts: int = 6
+    finer: float = 2.0
+    most_iterations: int = 100_000_000
+    most_motions: int = 3_000_000
+    piece: int = 256
+    enclosed: int = 20_000
+    first_capacity: int = 512
+
+
+TREE = TreeSettings()
+
+
+@dataclass(frozen=True)
+class RoundSettings:
+    """Of the rounds in which a connection is made shorter; `tools/bench shorter` measures them.
+
+    Attributes:
+        motions: That a round judges at most. Unrecorded.
+        share: Rounds end when this share of the time that was left is over: the rest is for relaxing, timing, the
+            certificate. A choice, not a measurement.
+        least: By what share a path has to be shorter to be taken. A choice: less is not worth a round.
+    """
+
+    motions: int = 2000
+    share: float = 0.5
+    least: float = 1e-3
+
+
+ROUNDS = RoundSettings()
+
+
+@dataclass(frozen=True)
+class EscapeSettings:
+    """Of the question whether a configuration can be left at all.
+
+    Attributes:
+        lengths: How far the motions go that are tried [rad or m]. Unrecorded.
+        directions: How many of each length, beside those along one coordinate. Unrecorded.
+    """
+
+    lengths: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)
+    directions: int = 1024
+
+
+ESCAPE = EscapeSettings()
+
+
+@dataclass(frozen=True)
+class ConstrainedSettings:
+    """Of trees within path constraints.
+
+    Attributes:
+        room: Configurations are brought to within this share of each limit: what lies between them has the rest.
+            Unrecorded.
+        corrections: Newton steps by which a configuration is brought back. Unrecorded.
+        stride: Length of a step of a tree [rad or m]. Unrecorded.
+        least_gain: A step that comes nearer to where it was to go by less than this share of its length ends an
+            extension. Unrecorded.
+        most_iterations: Samples at most. Unrecorded.
+        shortcuts: Detours that are looked at. Unrecorded.
+    """
+
+    room: float = 0.6
+    corrections: int = 15
+    stride: float = 0.1
+    least_gain: float = 0.2
+    most_iterations: int = 20_000
+    shortcuts: int = 60
+
+
+CONSTRAINED = ConstrainedSettings()
