@@ -51,7 +51,7 @@ def test_all_about_one_robot() -> None:
         "-3.072 … -0.0698",
         "2.175 (urdf)",
         "12.5 (card)",
-        "prismatic: 1 panda_finger_joint1",
+        "prismatic, = panda_finger_joint1",
         "SRDF: Adjacent",
         "20 pairs of links are tested",
         "the SRDF disables panda_hand and panda_link5",
@@ -67,6 +67,6 @@ def test_covers_and_parts_are_told_where_they_are_known() -> None:
     reply = replace(reply, geometry=shapes)
     text = _text(robot_table(reply))
     assert f"covered by {3 * 17} spheres that stand out by at most 12.5 mm; {2 * 17} balls inside" in text
-    assert "1 meshes are contained in 4 convex parts that stand off by at most 7.0 mm" in text
+    assert "1 mesh is contained in 4 convex parts that stand off by at most 7.0 mm" in text
     unknown = replace(reply, geometry=[*shapes[1:], replace(shapes[0], cover=None)])
     assert "covered by" not in _text(robot_table(unknown))

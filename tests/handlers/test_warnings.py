@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from guidefield.engine import Engine
+from guidefield.handlers import robots
 from guidefield.messages.replies import Done, PlanReply
 from guidefield.messages.scene import Mesh
 from guidefield.stores.scenes import SceneStore
-from tests.robots import robot
+from tests.robots import box_arm, robot
 from tests.scene.solids import box_mesh, mesh_message
 
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
@@ -58,9 +59,17 @@ def test_warnings_of_robot_scene_and_start_are_the_plans(engine: Engine) -> None
     open_box = in_single_triangles("bin", 0.2, 0.01, **FAR)
     reply = plan(engine, scene(open_box), start={**READY, "panda_joint4": -0.0698 + 3e-6})
     assert any("'bin'" in warning and "open" in warning for warning in reply.warnings)
-    assert robot("panda").warnings
-    assert set(robot("panda").warnings) <= set(reply.warnings)
     assert any("clamped" in warning for warning in reply.warnings)
+
+
+def test_what_is_odd_about_a_robot_is_told_in_replies_if_the_robot_is_the_users_own(engine: Engine) -> None:
+    assert robot("panda").remarks
+    assert not plan(engine, scene()).warnings
+    assert robots.robot(robot("panda")).warnings == list(robot("panda").remarks)
+    srdf = '<robot name="arm"><disable_collisions link1="l0" link2="ghost" reason="Never"/></robot>'
+    own = {"type": "urdf", "text": box_arm("y", 3).text, "srdf": srdf}
+    request = {"robot": own, "scene": scene(), "goal": {"type": "joints", "positions": {}}}
+    assert any("'ghost'" in warning for warning in engine.answer(request).warnings)  # type: ignore[attr-defined]
 
 
 def test_warnings_of_a_stored_scene_are_told_when_it_is_stored_and_planned_in(engine: Engine) -> None:
@@ -100,4 +109,3 @@ def test_warnings_of_robot_and_scene_are_those_of_kinematics(engine: Engine, req
     reply = engine.answer({name: value for name, value in asked.items() if value is not None})
     warnings = reply.warnings  # type: ignore[attr-defined]
     assert any("'bin'" in warning for warning in warnings)
-    assert set(robot("panda").warnings if asked["robot"] else ()) <= set(warnings)

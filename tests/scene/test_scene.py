@@ -88,6 +88,29 @@ def test_obstacles_are_found_by_name():
     assert scene.obstacle("nobody") is None
 
 
+HUGE = box_mesh(200.0)
+
+
+@pytest.mark.parametrize(
+    ("message", "large"),
+    [
+        (messages.Box(name="b", size=(1.0, 100.5, 1.0)), "100.5 m"),
+        (messages.Sphere(name="b", radius=60.0), "120 m"),
+        (messages.Cylinder(name="b", radius=1.0, length=600.0), "600 m"),
+        (messages.Capsule(name="b", radius=80.0, length=1.0), "160 m"),
+        (mesh_message(*HUGE, name="b"), "200 m"),
+        (messages.PointCloud(name="b", points=[(0.0, 0.0, 0.0), (0.0, -350.0, 0.0)], radius=1.0), "350 m"),
+        (messages.Polygon(name="b", vertices=[(0.0, 0.0, 0.0), (150.0, 0.0, 0.0), (0.0, 1.0, 0.0)]), "150 m"),
+        (messages.Box(name="b", size=(100.0, 100.0, 100.0), position=(300.0, 0.0, 0.0)), None),
+        (messages.HalfSpace(name="b", normal=(0.0, 0.0, 1.0), offset=-500.0), None),
+    ],
+)
+def test_an_obstacle_in_millimetres_is_told(message: messages.Obstacle, large: str | None) -> None:
+    told = [warning for warning in build(messages.Scene(name="s", obstacles=[message])).warnings if "large" in warning]
+    wanted = [f"obstacle 'b' is {large} large: are its numbers millimetres? Lengths are in metres"] if large else []
+    assert told == wanted
+
+
 def test_warnings_of_obstacles_are_the_scenes():
     vertices, triangles = box_mesh()
     open_box = mesh_message(vertices, triangles[1:], name="crate")

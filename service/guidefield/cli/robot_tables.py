@@ -70,8 +70,9 @@ def _measured(geometry: list[GeometryInfo]) -> list[str]:
         )
     parts = [shape.parts for shape in geometry if shape.parts is not None]
     if parts:
+        meshes = "1 mesh is" if len(parts) == 1 else f"{len(parts)} meshes are"
         lines.append(
-            f"{len(parts)} meshes are contained in {sum(part.count for part in parts)} convex parts that stand off by "
+            f"{meshes} contained in {sum(part.count for part in parts)} convex parts that stand off by "
             f"at most {1e3 * max(part.stand_off for part in parts):.1f} mm"
         )
     return lines
@@ -97,8 +98,10 @@ def _groups(groups: list[str]) -> str:
 
 
 def _followed(joint: JointInfo) -> str:
-    offset = f" {joint.offset:+g}" if joint.offset else ""
-    return f"{joint.kind}: {joint.multiplier:g} {joint.mimics}{offset}"
+    times = "" if joint.multiplier == 1.0 else f"{joint.multiplier:g} * "
+    sign = "-" if joint.offset < 0.0 else "+"
+    offset = f" {sign} {abs(joint.offset):g}" if joint.offset else ""
+    return f"{joint.kind}, = {times}{joint.mimics}{offset}"
 
 
 def _range(joint: JointInfo) -> str:

@@ -68,7 +68,7 @@ def robot(model: RobotModel) -> RobotReply:
         geometry=_geometry(model),
         collision_pairs=_linked(model),
         pairs_left_out=[PairLeftOut(links=list(pair.links), reason=pair.reason) for pair in model.pairs_left_out],
-        warnings=list(model.warnings),
+        warnings=[*model.remarks, *model.warnings],
     )
 
 

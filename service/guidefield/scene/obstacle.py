@@ -27,6 +27,7 @@ from guidefield.scene.mesh import MOST_FACES, MeshSurface, bvh, crossing_warning
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
+from guidefield.scene.size import size_warnings
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +148,9 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
             obstacle=message.name,
             path=f"$.obstacles[{index}]{error.field}",
         ) from None
-    if motion is not None:
-        obstacle = dataclasses.replace(obstacle, motion=motion)
+    large = size_warnings(still, _declared_points(obstacle))
+    if motion is not None or large:
+        obstacle = dataclasses.replace(obstacle, motion=motion, warnings=(*obstacle.warnings, *large))
     many = 0 if obstacle.placed else faces(obstacle.shape)
     while len(_KNOWN) >= _MOST_KNOWN or (many and _KNOWN and many + _faces_known() > MOST_FACES):
         _KNOWN.pop(next(iter(_KNOWN)), None)
@@ -247,6 +249,15 @@ def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -
     )
     warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings)
     return Obstacle(message, recipe, warnings=warnings)
+
+
+def _declared_points(obstacle: Obstacle) -> np.ndarray | None:
+    """The points (n, 3) [m] by which an obstacle is declared; None for one that isn't declared by points."""
+    if obstacle.cloud is not None:
+        return obstacle.cloud.points
+    if isinstance(obstacle.message, messages.Mesh | messages.Polygon):
+        return obstacle.recipe.surface(obstacle.message)[0]
+    return None
 
 
 def _points(points: messages.Points) -> np.ndarray:

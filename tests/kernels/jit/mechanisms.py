@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.jit.fields import Row, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
@@ -42,11 +41,11 @@ FLOATS_IN_OUT = types.Array(types.float32, 1, "C")
 class Weighted(NamedTuple):
     """Values and their weights, shape (n,) each."""
 
-    values: Row
-    weights: Row
+    values: Floats
+    weights: Floats
 
 
-WEIGHTED = numba_type(Weighted)
+WEIGHTED = types.NamedUniTuple(VECTOR, 2, Weighted)
 
 
 @inlined

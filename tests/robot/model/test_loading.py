@@ -183,7 +183,7 @@ def test_every_summary_says_what_can_be_planned_or_what_is_wrong() -> None:
 
 def test_an_srdf_that_hides_contacts_is_told_on() -> None:
     """Panda's SRDF disables its hand against its fifth link; they do touch."""
-    warned = [warning for warning in robot("panda").warnings if "SRDF disables" in warning]
+    warned = [warning for warning in robot("panda").remarks if "SRDF disables" in warning]
     assert any("panda_hand and panda_link5" in warning for warning in warned)
     model = robot("panda").model
     bare, geometry = model.copy(), robot("panda").geometry.copy()

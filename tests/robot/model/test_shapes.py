@@ -108,6 +108,12 @@ def test_a_hollow_behind_a_narrow_opening_that_a_hull_fills_is_told(tmp_path: Pa
     assert 4.0 < float(told.split("fills ")[1].split()[0]) < 1e3 * np.pi * 0.095**2 * 0.19
 
 
+def test_a_mesh_in_millimetres_is_told(tmp_path: Path) -> None:
+    told = "link 'arm': mesh 'shell.stl' is 200 m large: are its numbers millimetres?"
+    assert any(told in warning for warning in _arm_of(solids.box((200.0, 20.0, 30.0)), tmp_path).warnings)
+    assert not any("large" in warning for warning in _arm_of(solids.box((2.0, 0.2, 0.3)), tmp_path).warnings)
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_tight_hulls_fill_nothing(name: str) -> None:
-    assert not any("fills" in warning for warning in robot(name).warnings)
+    assert not any("fills" in warning for warning in robot(name).remarks)

@@ -134,13 +134,7 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         primitives=np.concatenate([obstacles.primitives, primitives.ravel()]),
         boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
-    ), Parts(
-        balls=np.concatenate([parts.balls, balls]),
-        links=np.concatenate([parts.links, links.ravel()]),
-        shapes=np.concatenate([parts.shapes, shapes.ravel()]),
-        numbers=np.concatenate([parts.numbers, numbers]),
-        vertices=np.concatenate([parts.vertices, vertices]),
-    )
+    ), Parts(*map(np.concatenate, zip(parts, (balls, links.ravel(), shapes.ravel(), numbers, vertices), strict=True)))
 
 
 @kept_with

@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
 from llvmlite import ir
 from numba import float64, int64, types
 from numba.extending import intrinsic
 
-from guidefield.kernels.jit.fields import Indices, Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
+    FLOATS,
+    FLOATS_OUT,
+    INDICES,
     INTEGER_POINTER,
     Floats32,
     lane_part,
@@ -67,14 +70,14 @@ class LaneCloud(NamedTuple):
     columns: int
     rows: int
     layers: int
-    firsts: Indices
-    points: Singles
-    boxes: Singles
-    numbers: Singles
-    cells: SinglesOut
+    firsts: np.ndarray
+    points: np.ndarray
+    boxes: np.ndarray
+    numbers: np.ndarray
+    cells: np.ndarray
 
 
-LANE_CLOUD = numba_type(LaneCloud)
+LANE_CLOUD = types.NamedTuple([*[types.int64] * 4, INDICES, *[FLOATS] * 3, FLOATS_OUT], LaneCloud)
 CLOUD_TABLES = pointed(LANE_CLOUD)
 
 cloud_of = unpacked(LANE_CLOUD)

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import Rows, numba_type
-from guidefield.kernels.jit.signatures import SCALAR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, Vector3, compiled, inlined
 
 FOUR_SCALARS = types.UniTuple(types.float64, 4)
 
@@ -45,12 +44,12 @@ class SurfaceTables(NamedTuple):
         normals: Unit pseudonormals in the order of the parts, shape (t, 21).
     """
 
-    nodes: Rows
-    corners: Rows
-    normals: Rows
+    nodes: Floats
+    corners: Floats
+    normals: Floats
 
 
-SURFACES = numba_type(SurfaceTables)
+SURFACES = types.NamedUniTuple(MATRIX, 3, SurfaceTables)
 SPAN = types.UniTuple(types.int64, 4)
 """Where a tree stands: its first node, its number of leaves, its first triangle, its number of triangles."""
 

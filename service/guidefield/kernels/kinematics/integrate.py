@@ -11,11 +11,13 @@ from typing import NamedTuple
 
 from numba import types, void
 
-from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
+    INDICES,
+    MATRIX,
     VECTOR,
     VECTOR_OUT,
     Floats,
+    Integers,
     Vector3,
     compiled,
     inlined,
@@ -23,6 +25,7 @@ from guidefield.kernels.jit.signatures import (
 from guidefield.kernels.kinematics.chart import turned
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
+    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
@@ -52,20 +55,36 @@ class Mover(NamedTuple):
     """
 
     joints: JointTable
-    leaders: Indices
-    factors: Row
-    norms: Row
-    largest: Row
-    values: Indices
-    lower: Row
-    upper: Row
-    stops: Indices
-    supports: Indices
+    leaders: Integers
+    factors: Floats
+    norms: Floats
+    largest: Floats
+    values: Integers
+    lower: Floats
+    upper: Floats
+    stops: Integers
+    supports: Integers
     tip_joint: int
-    tip: Rows
+    tip: Floats
 
 
-MOVER = numba_type(Mover)
+MOVER = types.NamedTuple(
+    (
+        JOINTS,
+        INDICES,
+        VECTOR,
+        VECTOR,
+        VECTOR,
+        INDICES,
+        VECTOR,
+        VECTOR,
+        INDICES,
+        INDICES,
+        types.int64,
+        MATRIX,
+    ),
+    Mover,
+)
 
 
 @inlined

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import Floats, inlined
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.signatures import INDICES, MATRIX, VECTOR, Floats, inlined
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,
@@ -35,16 +37,16 @@ class TipChain(NamedTuple):
         upper: Shape (nv,).
     """
 
-    kinds: Indices
-    drivers: Indices
-    scales: Rows
-    placements: Rows
-    first: Row
-    lower: Row
-    upper: Row
+    kinds: np.ndarray
+    drivers: np.ndarray
+    scales: np.ndarray
+    placements: np.ndarray
+    first: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
 
 
-CHAIN = numba_type(TipChain)
+CHAIN = types.NamedTuple([INDICES, INDICES, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR], TipChain)
 
 
 @inlined

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from guidefield.kernels.jit.fields import IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import Floats, Integers, inlined
+from numba import types
+
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, MATRIX, VECTOR, Floats, Integers, inlined
 from guidefield.kernels.kinematics.chart import subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
     FLOATING,
+    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
@@ -36,14 +38,14 @@ class SweptRobot(NamedTuple):
     """
 
     joints: JointTable
-    origin: Row
-    capsules: Rows
-    carriers: Indices
-    moved: IndexRows
-    own: IndexRows
+    origin: Floats
+    capsules: Floats
+    carriers: Integers
+    moved: Integers
+    own: Integers
 
 
-SWEPT = numba_type(SweptRobot)
+SWEPT = types.NamedTuple((JOINTS, VECTOR, MATRIX, INDICES, INDEX_MATRIX, INDEX_MATRIX), SweptRobot)
 
 
 @inlined

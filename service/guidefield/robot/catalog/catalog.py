@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 from collections.abc import Iterable
@@ -119,7 +120,8 @@ class Catalog:
         path = entry.folder / entry.card.urdf
         srdf = (entry.folder / entry.card.srdf).read_text() if entry.card.srdf else None
         source = RobotSource(path.read_text(), path, entry.card.root_joint)
-        return load(name, source, srdf, entry.card, MeshResolver.for_file(path))
+        robot = load(name, source, srdf, entry.card, MeshResolver.for_file(path))
+        return dataclasses.replace(robot, warnings=(), remarks=robot.warnings)
 
 
 def _from_file(reference: UrdfFile) -> RobotModel:

@@ -131,8 +131,10 @@ class RobotModel:
         rest: Configuration, shape (model.nq,), of joints that a request leaves out.
         geometry_choices: As what each shape is judged, in the geometry's order.
         pairs_left_out: Pairs of links that are not tested, with reasons.
-        warnings: What was odd but harmless.
+        warnings: What was odd but harmless, for every reply about it.
         source: Where it came from.
+        remarks: The same about a robot that comes with guidefield: told where it is described, for its users can't mend
+            it.
     """
 
     name: str
@@ -147,6 +149,7 @@ class RobotModel:
     pairs_left_out: tuple[PairLeftOut, ...]
     warnings: tuple[str, ...]
     source: RobotSource
+    remarks: tuple[str, ...] = ()
 
     def joint(self, name: str) -> Joint | None:
         """The movable joint of that name, or None."""

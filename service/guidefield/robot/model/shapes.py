@@ -32,6 +32,9 @@ of hull and mesh coincide it takes the square of what is saved."""
 LEAST_FILLED = 0.01
 """An opening's hollow is worth telling if the hull gains more than this share of its volume by it."""
 
+HARDLY_METRES = 10.0
+"""A link's mesh that is longer was probably drawn in millimetres [m]."""
+
 WIDEST_GAP = 0.02
 """Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
 
@@ -43,7 +46,8 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
         model: Pinocchio model that the geometry belongs to.
         geometry: Pinocchio geometry model; its meshes are replaced in place.
         uris: What the URDF calls a mesh, by the path of its file.
-        warnings: Gets a sentence for each link whose hull fills more than a tight one does.
+        warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh is so large
+            that its numbers are hardly metres.
     """
     choices = []
     settled: dict[tuple[str, bytes], _Settled] = {}
@@ -56,6 +60,11 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
         if key not in settled:
             settled[key] = _settled(shape.geometry)
         one = settled[key]
+        if (extent := _extent(shape.geometry)) > HARDLY_METRES:
+            warnings.append(
+                f"link {link!r}: mesh {uris.get(shape.meshPath, shape.name)!r} is {extent:.4g} m large: are its numbers"
+                ' millimetres? Then its <mesh> needs scale="0.001 0.001 0.001"'
+            )
         shape.geometry = one.shape
         choices.append(GeometryChoice(shape.name, link, "mesh", one.judged_as, one.stand_off))
         if one.filled > 0.0:
@@ -64,6 +73,11 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
                 f"link {link!r}: mesh {mesh!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
             )
     return tuple(choices)
+
+
+def _extent(mesh: Any) -> float:
+    """How long a Coal mesh is along the longest of its frame's axes [m]."""
+    return float(np.ptp(np.array(mesh.vertices()), axis=0).max())
 
 
 class _Settled(NamedTuple):
