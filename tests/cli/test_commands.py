@@ -118,7 +118,7 @@ def test_a_service_is_queried(request_file: Path, tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
         assert done.stdout == guidefield("plan", str(request_file)).stdout
         assert guidefield(*asked).stdout == done.stdout
-        assert "no service named 'local'" in guidefield(*asked, "--name", "local").stderr
+        assert "no service named 'local' is there; there is 'cell'" in guidefield(*asked, "--name", "local").stderr
 
 
 def test_robots_are_listed_for_people_and_for_machines() -> None:

@@ -103,7 +103,9 @@ def query(
     connect: Annotated[
         list[str] | None, typer.Option(help=f"Where it listens, may be repeated; else {DEFAULT_LISTEN}.")
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Name of the service; else the freest is asked.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the service; else the one with the least to do is asked.")
+    ] = None,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")] = None,
     output: ReplyFile = None,
     record: Annotated[
@@ -138,7 +140,7 @@ def serve(
     memory: Annotated[int, typer.Option(min=256, help="Memory that a worker may take [MiB].")] = DEFAULT_MEMORY >> 20,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
     data: Annotated[
-        Path | None, typer.Option(help="Folder of runs, scenes and robots; else in the user's own.")
+        Path | None, typer.Option(help="Folder of runs, scenes and robots; else ~/.local/share/guidefield/NAME.")
     ] = None,
     packages: Annotated[
         list[Path] | None,

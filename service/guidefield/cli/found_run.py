@@ -18,7 +18,7 @@ from guidefield.run import whole_recording
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import RunStore
 
-Data = Annotated[Path | None, typer.Option(help="The service's data folder; else that of the user.")]
+Data = Annotated[Path | None, typer.Option(help="The service's data folder; else ~/.local/share/guidefield/NAME.")]
 Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
 RunName = Annotated[str, typer.Argument(help="Id of a kept run, or a recording's file, which ends with .rrd.")]
 

@@ -77,7 +77,8 @@ class Exchange:
                 for name, doing in self._instances.starting().items():
                     if self.named in (None, name):
                         raise NoService(f"service {name!r} is starting: {doing}; wait for it longer", instance=name)
-                raise NoService(f"{what} is there", instance=self.named)
+                others = f"; there is {', '.join(map(repr, sorted(living)))}" if living else ""
+                raise NoService(f"{what} is there{others}", instance=self.named, available=sorted(living))
             time.sleep(0.01)
 
     @property

@@ -54,7 +54,7 @@ def unreachable(settings: zenoh.Config, reason: str) -> NoService:
     if any(map(_listened_at, endpoints)):
         words = f"{where} listens, but doesn't let this client in: look at user, password, certificates and protocol"
     else:
-        words = f"nobody listens at {where}"
+        words = f"nobody listens at {where}; `guidefield serve` starts a service"
     return NoService(f"{words}: {reason}", endpoints=endpoints)
 
 
