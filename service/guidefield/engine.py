@@ -273,8 +273,8 @@ class Engine:
     def _robot(self, reference: requests.RobotReference) -> RobotModel:
         if isinstance(reference, requests.UrdfFile) and self._local_files is LocalFiles.REFUSED:
             raise RobotInvalid(
-                "a robot in a local file can be named in Python and on the command line only; "
-                "send its text as a `urdf`, or a name of the catalog",
+                "a robot in a local file can be named in Python and on the command line only: "
+                "store it with its meshes (`Client.store_robot`), or send its text as a `urdf`",
                 path=reference.path,
             )
         sent = self._robots.find(reference) if isinstance(reference, str) else None

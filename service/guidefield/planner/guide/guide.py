@@ -124,9 +124,10 @@ def _blocked(guided: GuidedPath, aim: Aim, index: int) -> Crossing:
             guided, aim, index,
         )  # fmt: skip
     pair = " and ".join(refusal.pair) if refusal.pair else "two bodies"
+    why = f"{pair} would {'come too close' if guided.problem.min_clearance > 0.0 else 'touch'}"
     return _given_up(
         Status.STUCK_IN_MINIMUM,
-        f"stuck in a minimum of the potential {left:.0f} mm before guide plane {plane.name!r}: {pair} would touch",
+        f"stuck in a minimum of the potential {left:.0f} mm before guide plane {plane.name!r}: {why}",
         guided, aim, index,
     )  # fmt: skip
 
