@@ -22,9 +22,13 @@ class _Watcher:
     def __init__(self, end_at: str | None = None) -> None:
         self.heard: list[Progress] = []
         self._end_at = end_at
+        self.prepared = False
 
     def tell(self, what: bytes) -> None:
         self.heard.append(msgspec.json.decode(what, type=Progress))
+
+    def be_prepared(self) -> None:
+        self.prepared = True
 
     def cancelled(self) -> bool:
         return any(progress.stage == self._end_at for progress in self.heard)
@@ -44,6 +48,7 @@ def _planned(engine: Engine, watcher: _Watcher | None) -> PlanReply:
 def test_every_stage_is_told_and_nothing_changes_for_it(engine: Engine) -> None:
     watcher = _Watcher()
     watched, unwatched = _planned(engine, watcher), _planned(engine, None)
+    assert watcher.prepared
     assert watched.path == unwatched.path
     assert watched.trajectory == unwatched.trajectory
     told = list(dict.fromkeys(progress.stage for progress in watcher.heard))

@@ -104,13 +104,30 @@ def _until_there(path: str) -> tuple[bool, bytes]:
     return True, b"came"
 
 
+def _prepare(files: str, call: Call) -> tuple[bool, bytes]:
+    """Prepare until a file is there, say so, and work until another one is."""
+    begun, prepared, done = map(Path, files.split())
+    begun.write_text(str(os.getpid()))
+    _await_file(prepared)
+    call.be_prepared()
+    begun.with_suffix(".prepared").write_text(str(os.getpid()))
+    _await_file(done)
+    return True, b"done"
+
+
+def _await_file(path: Path) -> None:
+    deadline = time.monotonic() + LONG
+    while not path.exists() and time.monotonic() < deadline:
+        time.sleep(0.001)
+
+
 def _tell(words: str, call: Call) -> tuple[bool, bytes]:
     for word in words.split():
         call.tell(word.encode())
     return True, b"told"
 
 
-_TALKATIVE = {"until_cancelled": _until_cancelled, "tell": _tell}
+_TALKATIVE = {"until_cancelled": _until_cancelled, "tell": _tell, "prepare": _prepare}
 _VERBS = {
     "exit": _exit,
     "grow": _grow,

@@ -89,10 +89,6 @@ class Engine:
         self._began = time.monotonic()
         self._counters = Counter(answered=0, refused=0)
         self._handlers: dict[type, Callable[[Any], Reply]] = {
-            requests.ForwardKinematics: self._kinematics,
-            requests.InverseKinematics: self._kinematics,
-            requests.Clearance: self._kinematics,
-            requests.Potential: self._kinematics,
             requests.ReadRobots: self._read_robots,
             requests.ReadRobot: self._read_robot,
             requests.StoreRobot: self._store_robot,
@@ -170,6 +166,8 @@ class Engine:
             return self._plan(request, record_to, received, watcher)
         if isinstance(request, requests.CertifyRequest):
             return self._certify(request, received)
+        if isinstance(request, requests.KinematicsRequest) and record_to is None:
+            return self._kinematics(request, received, watcher)
         kind = type(request)
         if record_to is not None:
             raise MalformedRequest(f"only a plan can be recorded, not {kind.__name__}")
@@ -216,13 +214,18 @@ class Engine:
         robot, scene = self._robot(request.robot), self._scene(request.scene)
         return answer_certify(request, robot, scene, run_id=run_id, received=received, began=began)
 
-    def _kinematics(self, request: requests.KinematicsRequest) -> Reply:
+    def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
+        from guidefield.handlers.allowance import Allowance
         from guidefield.handlers.kinematics import answer_kinematics
 
         robot = None if request.robot is None else self._robot(request.robot)
         reference = None if isinstance(request, requests.ForwardKinematics) else request.scene
         scene = None if reference is None else self._scene(reference)
-        return answer_kinematics(request, robot, scene)
+        if watcher is not None:
+            watcher.be_prepared()
+        cancelled = _never if watcher is None else watcher.cancelled
+        until = received + request.allowed_time
+        return answer_kinematics(request, robot, scene, Allowance(request.allowed_time, until, cancelled))
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots
@@ -289,6 +292,10 @@ class Engine:
     def _scene(self, reference: requests.SceneReference) -> Scene:
         """The scene that a request means, built."""
         return self._built.of(self._scenes.read(reference) if isinstance(reference, str) else reference)
+
+
+def _never() -> bool:
+    return False
 
 
 _default = functools.cache(Engine)

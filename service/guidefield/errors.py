@@ -139,6 +139,18 @@ class NoService(GuidefieldError):
     code = Status.COMMUNICATION_FAILURE
 
 
+class TimedOut(GuidefieldError):
+    """The time that a request allows was up before it was answered; of a plan that is a reply."""
+
+    code = Status.TIMED_OUT
+
+
+class Preempted(GuidefieldError):
+    """The request was cancelled, or who asked is gone; of a plan that is a reply."""
+
+    code = Status.PREEMPTED
+
+
 class DiskRefused(GuidefieldError):
     """The service's disk can't be written or read."""
 
@@ -173,6 +185,8 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
         ServerBusy,
         WorkerCrashed,
         NoService,
+        TimedOut,
+        Preempted,
         DiskRefused,
         InternalFailure,
     )

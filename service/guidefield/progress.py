@@ -29,6 +29,9 @@ class Watcher(Protocol):
     def tell(self, what: bytes) -> None:
         """Hear how far it is: a Progress message as JSON."""
 
+    def be_prepared(self) -> None:
+        """Hear that robot and scene are loaded, and that the request minds its time by itself from now on."""
+
 
 class ProgressTold:
     """Tells a watcher how far a run is.
@@ -69,6 +72,10 @@ class ProgressTold:
             case trace.Step(q=q, plane=plane):
                 self._q, self._plane = q, plane
                 self._tell_if_due()
+
+    def be_prepared(self) -> None:
+        """Be told that all is prepared."""
+        self._watcher.be_prepared()
 
     def prepare(self, what: str) -> None:
         """Be told what of the robot is prepared."""

@@ -91,6 +91,8 @@ class Run:
             place = Place(kept_at, shared or cache_folder(), whole=shared is None)
             recorder = Recorder(place, group, scene, self._request, self.run_id)
             self._recording = _Recording(recorder, kept_at, self._place, self._warnings)
+        if self._progress is not None:
+            self._progress.be_prepared()
         return _Observers(self._progress, self._recording)
 
     def end(self, reply: PlanReply) -> PlanReply:

@@ -26,8 +26,11 @@ def test_scenes_and_kinematics_requests_may_be_plain_data() -> None:
     scene = {"name": "mine", "obstacles": [{"type": "sphere", "name": "ball", "radius": 0.1}]}
     ball = Sphere(name="ball", radius=0.1)
     assert questions.store_scene(scene).payload == questions.store_scene(Scene("mine", obstacles=[ball])).payload
-    asked = questions.kinematics({"type": "potential", "scene": "table", "points": [[0.1, 0, 0.9]]})
-    assert asked.payload == questions.kinematics(Potential(scene="table", points=[(0.1, 0.0, 0.9)])).payload
+    asked = questions.kinematics({"type": "potential", "scene": "table", "points": [[0.1, 0, 0.9]], "request_id": "r"})
+    assert (
+        asked.payload
+        == questions.kinematics(Potential(scene="table", points=[(0.1, 0.0, 0.9)], request_id="r")).payload
+    )
     with pytest.raises(MalformedRequest, match=r"did you mean `radius`\?.*obstacles\[0\]"):
         questions.store_scene({"name": "mine", "obstacles": [{"type": "sphere", "name": "ball", "radus": 0.1}]})
 

@@ -29,6 +29,9 @@ class Heard:
     def __init__(self) -> None:
         self.told: list[dict[str, object]] = []
 
+    def be_prepared(self) -> None:
+        """Nothing hangs on it."""
+
     def cancelled(self) -> bool:
         return False
 

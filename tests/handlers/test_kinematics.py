@@ -7,12 +7,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.errors import InvalidConfiguration, InvalidGroup, UnknownFrame
-from guidefield.handlers.kinematics import clearance, forward_kinematics, inverse_kinematics, potential
+from guidefield.errors import InvalidConfiguration, InvalidGroup, Preempted, TimedOut, UnknownFrame
+from guidefield.handlers.allowance import Allowance
+from guidefield.handlers.kinematics import (
+    POINTS_AT_ONCE,
+    answer_kinematics,
+    clearance,
+    forward_kinematics,
+    inverse_kinematics,
+    potential,
+)
+from guidefield.kernels.field.field import field_at_points
+from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import requests
 from guidefield.messages.requests import TargetPose, UrdfText
 from guidefield.messages.scene import Scene as SceneMessage, Sphere
-from guidefield.messages.values import Placement
+from guidefield.messages.values import Placement, Reply
 from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.scene import scene as scenes
 from tests.robots import box_arm, load, robot
@@ -291,3 +301,48 @@ class TestPotential:
         reply = potential(request, load(floating), built(*self.SCENE))
         assert reply.velocity_names == ["j1", *(f"j2.{c}" for c in ("vx", "vy", "vz", "wx", "wy", "wz"))]
         assert len(reply.generalized_force[0]) == 7
+
+
+class TestAllowance:
+    """However it ends, it ends between two of what was asked, and says how many were answered."""
+
+    FRAMES = requests.ForwardKinematics(robot=ARM, frames=["l3"], configurations=[{}] * 9)
+    REACHES = requests.InverseKinematics(robot=ARM, poses=[TargetPose(elbow(0.4, 0.3, 0.2), about_y(0.9))] * 9)
+    NEAR = requests.Clearance(robot=ARM, scene="test", configurations=[{}] * 9)
+    FIELD = requests.Potential(scene="test", robot=ARM, configurations=[{}] * 9)
+
+    @staticmethod
+    def answered(request: requests.KinematicsRequest, allowance: Allowance) -> Reply:
+        robot_ = None if request.robot is None else load(request.robot)
+        return answer_kinematics(request, robot_, built(ball(0.5, 0.5)), allowance)
+
+    @pytest.mark.parametrize("request_", [FRAMES, REACHES, NEAR, FIELD], ids=lambda request: type(request).__name__)
+    def test_a_cancel_is_heard_before_the_next(self, request_: requests.KinematicsRequest):
+        asked = 0
+
+        def cancelled() -> bool:
+            nonlocal asked
+            asked += 1
+            return asked > 4
+
+        with pytest.raises(Preempted, match=r"cancelled after [0-4] of 9") as ended:
+            self.answered(request_, Allowance(1.0, math.inf, cancelled))
+        assert ended.value.details["of"] == 9
+
+    @pytest.mark.parametrize("request_", [FRAMES, REACHES, NEAR, FIELD], ids=lambda request: type(request).__name__)
+    def test_time_that_is_up_is_told(self, request_: requests.KinematicsRequest):
+        with pytest.raises(TimedOut, match=r"the 2.5 s that `allowed_time` allows were up after 0 of 9"):
+            self.answered(request_, Allowance(2.5, 0.0, lambda: False))
+
+    def test_the_field_at_many_points_is_that_at_each_and_ends_between_some(self):
+        points = np.random.default_rng(0).uniform(-1.0, 1.0, (2 * POINTS_AT_ONCE + 37, 3))
+        request = requests.Potential(scene="test", points=[tuple(point) for point in points.tolist()])
+        reply = self.answered(request, Allowance(1.0, math.inf, lambda: False))
+        scene = built(ball(0.5, 0.5))
+        at_once = field_at_points(exact(scene.tables), points)
+        assert reply.potential == at_once.potential.tolist()
+        assert np.array_equal(reply.gradient, at_once.gradient)
+        assert reply.winding == at_once.winding.tolist()
+        some = iter([False, False])
+        with pytest.raises(Preempted, match=f"after {2 * POINTS_AT_ONCE} of {len(points)}"):
+            self.answered(request, Allowance(1.0, math.inf, lambda: next(some, True)))

@@ -18,7 +18,7 @@ import pytest
 
 from guidefield.errors import WorkerCrashed
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import Task
+from guidefield.pool.waiting import Deadline, Task
 from tests import worker_setups
 from tests.journeys.service import await_death
 from tests.pool.test_pool import PATIENCE, await_begun, closing_ends
@@ -54,6 +54,35 @@ def test_a_job_that_is_worked_on_is_told_to_end_and_the_next_is_not(pool: Pool, 
     pool.cancel(following, lambda: (False, b"never asked for"))
     assert following.result(PATIENCE) == (True, b"cancelled")
     assert pool.crashes == crashes
+
+
+def test_a_job_that_is_prepared_too_long_is_answered_and_the_worker_goes_on(pool: Pool, tmp_path: Path) -> None:
+    crashes = pool.crashes
+    begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
+    late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
+    task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late))
+    await_begun(begun)
+    assert task.result(PATIENCE) == (True, b"too late")
+    assert time.monotonic() >= late.at
+    assert pool.busy == 1, "what it prepares is kept"
+    for file in (prepared, done):
+        file.touch()
+    assert pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE) == (True, begun.read_bytes())
+    assert pool.crashes == crashes
+
+
+def test_a_job_that_is_prepared_in_time_has_its_own_answer(pool: Pool, tmp_path: Path) -> None:
+    begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
+    prepared.touch()
+    late = Deadline(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
+    task = Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late)
+    pool.submit(task)
+    await_begun(begun.with_suffix(".prepared"))
+    task.late = Deadline(0.0, late.answer)  # as if its time were up long since
+    time.sleep(0.2)
+    assert not task.done()
+    done.touch()
+    assert task.result(PATIENCE) == (True, b"done")
 
 
 def test_a_job_that_waits_is_withdrawn(pool: Pool, tmp_path: Path) -> None:

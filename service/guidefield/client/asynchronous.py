@@ -99,7 +99,19 @@ class AsyncClient:
 
     async def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
-        return await self._ask(questions.kinematics(request))
+        question = questions.kinematics(request)
+        assert question.request_id is not None, "kinematics is asked for with a name"
+        try:
+            return await self._ask(question)
+        except asyncio.CancelledError:
+            with contextlib.suppress(TimeoutError, GuidefieldError):
+                async with asyncio.timeout(GIVE_UP_WITHIN):
+                    await self.cancel_request(question.request_id)
+            raise
+
+    async def cancel_request(self, request_id: str) -> str:
+        """End a kinematics request early, by its `request_id`: whoever waits for it gets `Preempted`."""
+        return (await self._ask(questions.cancel_request(request_id))).done
 
     async def robots(self) -> RobotsReply:
         """The robots that can be named."""

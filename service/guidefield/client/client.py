@@ -155,6 +155,8 @@ class Client:
     def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials.
 
+        A name is made where the request has no `request_id`. Whoever interrupts the wait, as Ctrl-C does, ends it.
+
         Args:
             request: One of the four kinematics requests, or the same as a dict.
 
@@ -164,8 +166,29 @@ class Client:
         Raises:
             InvalidConfiguration, InvalidGroup, UnknownFrame, RobotInvalid, SceneInvalid: if the request is ill-posed.
             MalformedRequest: if a dict is no kinematics request.
+            TimedOut: if its `allowed_time` was up before all was answered.
+            Preempted: if it was cancelled.
         """
-        return self._ask(questions.kinematics(request))
+        question = questions.kinematics(request)
+        answer = self._exchange.ask(question)
+        try:
+            return question.read(awaited(answer))
+        except (KeyboardInterrupt, SystemExit):
+            assert question.request_id is not None, "kinematics is asked for with a name"
+            with contextlib.suppress(TimeoutError, GuidefieldError):
+                self._exchange.ask(questions.cancel_request(question.request_id)).result(GIVE_UP_WITHIN)
+            raise
+
+    def cancel_request(self, request_id: str) -> str:
+        """End a kinematics request early, by its `request_id`: whoever waits for it gets `Preempted`.
+
+        Args:
+            request_id: Its name.
+
+        Returns:
+            A sentence that says what that means, also where no such request is under way.
+        """
+        return self._ask(questions.cancel_request(request_id)).done
 
     def robots(self) -> RobotsReply:
         """The robots that can be named."""

@@ -51,6 +51,7 @@ class Exchange:
         self._instances = Instances(session)
         self._current = instance
         self._runs: OrderedDict[str, str] = OrderedDict()
+        self._present: dict[str, zenoh.LivelinessToken] = {}
         self._lock = threading.Lock()
 
     def close(self) -> None:
@@ -127,6 +128,13 @@ class Exchange:
                 self._current = found
             return found
 
+    def be_present(self, instance: str) -> None:
+        """Let an instance know that this client is there, from its first question on until it is closed."""
+        with self._lock:
+            if instance not in self._present:
+                key = f"guidefield/{instance}/clients/{self.client}"
+                self._present[instance] = self.session.liveliness().declare_token(key)
+
     def remember(self, run_id: str, instance: str) -> None:
         """Ask this instance about a run from now on."""
         with self._lock:
@@ -163,6 +171,7 @@ class _Asking:
             selector = zenoh.Selector(f"guidefield/{instance}/{question.key}")
         except zenoh.ZError as error:
             raise MalformedRequest(f"{question.key!r} can't be asked for: {error}", key=question.key) from None
+        self._exchange.be_present(instance)
         self._exchange.session.get(
             selector,
             zenoh.handlers.Callback(self._brought.append, self._end, indirect=False),  # without a thread of its own

@@ -61,6 +61,7 @@ class Question(Generic[_R]):
         payload: What is sent along.
         timeout: How long the answer is waited for [s].
         run_id: The run that it is about, if any.
+        request_id: Its own name, if it can be cancelled by one.
         repeatable: Whether it may be asked again after its answer was lost: the answer is the same then.
     """
 
@@ -69,6 +70,7 @@ class Question(Generic[_R]):
     payload: bytes | None = None
     timeout: float = ANSWER_TIMEOUT
     run_id: str | None = None
+    request_id: str | None = None
     repeatable: bool = True
 
 
@@ -101,7 +103,10 @@ def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[Kinemati
         MalformedRequest: if the dict isn't a kinematics request.
     """
     given = codec.convert(request, KinematicsRequest) if isinstance(request, dict) else request
-    return Question("kinematics", _reader("kinematics", _kinematics_reply(given)), _sent(given))
+    request_id = given.request_id or uuid.uuid4().hex
+    named = msgspec.structs.replace(given, request_id=request_id)
+    read, timeout = _reader("kinematics", _kinematics_reply(given)), given.allowed_time + PLAN_MARGIN
+    return Question("kinematics", read, _sent(named), timeout, request_id=request_id)
 
 
 def robots() -> Question[RobotsReply]:
@@ -174,6 +179,11 @@ def delete_run(run_id: str) -> Question[Done]:
 def cancel(run_id: str) -> Question[Done]:
     """One run is to end early."""
     return _reading(f"{_key('runs', run_id)}/cancel", Done, run_id)
+
+
+def cancel_request(request_id: str) -> Question[Done]:
+    """One kinematics request is to end early."""
+    return _reading(f"{_key('requests', request_id)}/cancel", Done)
 
 
 def recording(run_id: str) -> Question[bytes]:

@@ -27,12 +27,20 @@ from guidefield.endpoint.under_way import UnderWay
 from guidefield.engine import Engine
 from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.handlers.info import Figures, brief_info, disk_of, info
-from guidefield.handlers.unbegun import cancelled_waiting, timed_out_waiting
+from guidefield.handlers.unbegun import (
+    cancelled_before,
+    cancelled_waiting,
+    error_answer,
+    time_up_loading,
+    time_up_waiting,
+    timed_out_loading,
+    timed_out_waiting,
+)
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import Done, Health, error_reply
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Answer, Deadline, Task
+from guidefield.pool.waiting import BACKSTOP, Answer, Deadline, Task
 from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import Runs
@@ -44,6 +52,8 @@ HEAVY_KEYS = ("plan", "kinematics", "robots")
 """What needs a worker; and so does any other query with a payload."""
 KINDS = ("plan", "kinematics", "robots", "scenes", "runs", "info")
 """What queries are timed under, by the first chunk of their key."""
+LATE, LATE_SHARE = 0.02, 0.03
+"""How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
 MOST_READS = 64
 """How many queries for files may wait."""
 
@@ -108,6 +118,13 @@ class Endpoint:
             else:
                 self._look_up(asked, read)
 
+    def forget(self, client: str) -> None:
+        """End whatever a client asked for that is gone."""
+        ended = self._under_way.cancel_all_of(client)
+        if ended:
+            self._meter.count("forgotten")
+            _log.info("client %s is gone: %d requests of it end", client, ended)
+
     def close(self) -> None:
         """Answer what is being read, and refuse what waits to be."""
         self._closed = True
@@ -133,7 +150,8 @@ class Endpoint:
 
     def _cancel(self, read: keys.Query) -> str:
         self._meter.count("cancels")
-        return self._under_way.cancel(checked_name(read.key[1], "run_id"))
+        kind, own = read.key[:2]
+        return self._under_way.cancel((kind, checked_name(own, f"{kind[:-1]}_id")))
 
     def _look_up(self, asked: Asked, read: keys.Query) -> None:
         if self._closed:
@@ -160,21 +178,39 @@ class Endpoint:
         head = keys.plan_head(read)
         size = len(read.payload)
         if head is None:
-            task = Task(Job(read, received), LONGEST_WORK, client=read.client, size=size)
-            self._pool.submit(task).add_done_callback(asked.settle)
+            self._hand_work_over(asked, read, received)
             return
         run_id = head.run_id or uuid.uuid4().hex
         task = Task(
             Job(read, received, run_id),
             head.allowed + BACKSTOP,
             deadline=Deadline(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
+            late=Deadline(_late(received, head.allowed), partial(_timed_out_loading, run_id, head, read.encoding)),
             client=read.client,
             size=size,
             hear=partial(self._publish, f"guidefield/{self._instance}/runs/{run_id}/progress"),
         )
         cancelled = partial(_cancelled, run_id, head, read.encoding, received)
-        task = self._under_way.submit(run_id, task, cancelled, (read.encoding, read.payload))
+        task = self._under_way.submit(("runs", run_id), task, cancelled, (read.encoding, read.payload))
         task.add_done_callback(partial(self._end_run, run_id))
+        task.add_done_callback(asked.settle)
+
+    def _hand_work_over(self, asked: Asked, read: keys.Query, received: float) -> None:
+        """Have something done that makes no run."""
+        head = keys.work_head(read)
+        told = partial(error_answer, read.encoding)
+        late = Deadline(_late(received, head.allowed), partial(told, time_up_loading(head.allowed)))
+        task = Task(
+            Job(read, received),
+            head.allowed + BACKSTOP,
+            deadline=Deadline(received + head.allowed, partial(told, time_up_waiting(head.allowed))),
+            late=None if keys.changes_store(read) else late,
+            client=read.client,
+            size=len(read.payload),
+        )
+        name = None if head.request_id is None else ("requests", checked_name(head.request_id, "request_id"))
+        words = (read.key, read.encoding, read.payload)
+        task = self._under_way.submit(name, task, partial(told, cancelled_before()), words)
         task.add_done_callback(asked.settle)
 
     def _end_run(self, run_id: str, future: Future[Answer]) -> None:
@@ -194,6 +230,15 @@ def _kind(key: str) -> str:
 
 def _cancelled(run_id: str, head: keys.PlanHead, encoding: Encoding, received: float) -> Answer:
     return True, codec.encode(cancelled_waiting(run_id, head, time.monotonic() - received), encoding)
+
+
+def _late(received: float, allowed: float) -> float:
+    """When a request is answered that a worker still loads things for, by `time.monotonic()` [s]."""
+    return received + allowed + LATE + LATE_SHARE * allowed
+
+
+def _timed_out_loading(run_id: str, head: keys.PlanHead, encoding: Encoding) -> Answer:
+    return True, codec.encode(timed_out_loading(run_id, head), encoding)
 
 
 def _timed_out(run_id: str, head: keys.PlanHead, encoding: Encoding) -> Answer:

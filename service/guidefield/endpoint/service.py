@@ -14,6 +14,7 @@ from pathlib import Path
 
 import zenoh
 
+from guidefield.endpoint.clients import Clients
 from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.endpoint import Endpoint
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
@@ -124,6 +125,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, publish, trace, condition, settings.data)
         opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
         opened.callback(endpoint.close)
+        opened.callback(Clients(session, settings.instance, endpoint.forget).close)
         opened.callback(pool.close, settings.grace)
         opened.callback(condition.end, f"what is being worked on is finished, within {settings.grace:g} s")
         announce(f"starting (workers: {settings.workers})")

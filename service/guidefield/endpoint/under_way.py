@@ -1,4 +1,4 @@
-"""The runs under way, by name: which of them wait or are worked on, and which are to end before they arrive."""
+"""What is under way, by name and by client: what waits or is worked on, and what is to end before it arrives."""
 
 from __future__ import annotations
 
@@ -15,73 +15,89 @@ REMEMBERED = 10.0
 """How long a cancel that arrives before its run is remembered [s]."""
 MOST_REMEMBERED = 1_000
 
+Name = tuple[str, str]
+"""The key below which something is cancelled, ``runs`` or ``requests``, and its id there."""
+
 
 @dataclass(frozen=True)
-class _Run:
+class _Work:
     task: Task
     cancelled: Callable[[], Answer]
     words: object
 
 
 class UnderWay:
-    """The runs under way.
+    """What is under way.
 
     Args:
-        pool: Where they are worked on.
+        pool: Where it is worked on.
     """
 
     def __init__(self, pool: Pool) -> None:
         self._pool = pool
-        self._runs: dict[str, _Run] = {}
-        self._early: OrderedDict[str, float] = OrderedDict()
+        self._named: dict[Name, _Work] = {}
+        self._all: dict[Task, _Work] = {}
+        self._early: OrderedDict[Name, float] = OrderedDict()
         self._lock = threading.Lock()
 
-    def submit(self, run_id: str, task: Task, cancelled: Callable[[], Answer], words: object) -> Task:
-        """Have a run made, unless it was cancelled already, or is asked for again in the same words.
+    def submit(self, name: Name | None, task: Task, cancelled: Callable[[], Answer], words: object) -> Task:
+        """Have something done, unless it was cancelled already, or is asked for again in the same words.
 
         Args:
-            run_id: Its name; a second run of a name is left to the store to refuse.
+            name: Its name, if it has one; a second run of a name is left to the store to refuse.
             task: Its task.
             cancelled: What is answered if it is cancelled before it begins.
-            words: What it was asked with: whose link broke may ask again, and waits for the same run.
+            words: What it was asked with: whose link broke may ask again, and waits for the same work.
 
         Returns:
-            The task to wait for: this one, or that of the run under way.
+            The task to wait for: this one, or that of the work under way.
 
         Raises:
             ServerBusy: if too much waits already, or the pool is closed.
         """
+        work = _Work(task, cancelled, words)
         with self._lock:
             self._forget_old()
-            if self._early.pop(run_id, None) is not None:
-                task.set_result(cancelled())
-                return task
-            run = self._runs.setdefault(run_id, _Run(task, cancelled, words))
-            if run.task is not task and run.words == words:
-                return run.task
-        task.add_done_callback(lambda _: self._end(run_id, task))
+            if name is not None:
+                if self._early.pop(name, None) is not None:
+                    task.set_result(cancelled())
+                    return task
+                known = self._named.setdefault(name, work)
+                if known is not work and known.words == words:
+                    return known.task
+            self._all[task] = work
+        task.add_done_callback(lambda _: self._end(name, work))
         try:
             return self._pool.submit(task)
         except Exception:
-            self._end(run_id, task)
+            self._end(name, work)
             raise
 
-    def cancel(self, run_id: str) -> str:
-        """End a run early; says in a sentence what that means."""
+    def cancel(self, name: Name) -> str:
+        """End something early; says in a sentence what that means."""
+        kind, own = name[0].removesuffix("s"), name[1]
         with self._lock:
-            run = self._runs.get(run_id)
-            if run is None:
+            work = self._named.get(name)
+            if work is None:
                 self._forget_old()
-                self._early[run_id] = time.monotonic()
-                return f"no run {run_id!r} is under way; if it arrives within {REMEMBERED:g} s, it ends at once"
-        self._pool.cancel(run.task, run.cancelled)
-        return f"run {run_id!r} ends"
+                self._early[name] = time.monotonic()
+                return f"no {kind} {own!r} is under way; if it arrives within {REMEMBERED:g} s, it ends at once"
+        self._pool.cancel(work.task, work.cancelled)
+        return f"{kind} {own!r} ends"
 
-    def _end(self, run_id: str, task: Task) -> None:
+    def cancel_all_of(self, client: str) -> int:
+        """End early whatever a client asked for; how much that was."""
         with self._lock:
-            run = self._runs.get(run_id)
-            if run is not None and run.task is task:
-                del self._runs[run_id]
+            found = [work for work in self._all.values() if work.task.client == client]
+        for work in found:
+            self._pool.cancel(work.task, work.cancelled)
+        return len(found)
+
+    def _end(self, name: Name | None, work: _Work) -> None:
+        with self._lock:
+            self._all.pop(work.task, None)
+            if name is not None and self._named.get(name) is work:
+                del self._named[name]
 
     def _forget_old(self) -> None:
         now = time.monotonic()

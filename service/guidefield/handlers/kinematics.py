@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -16,6 +16,7 @@ from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
+from guidefield.handlers.allowance import UNLIMITED, Allowance
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import requests, scene as scene_messages
@@ -39,16 +40,34 @@ from guidefield.robot.model.spaces import ChartPoints, RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
+POINTS_AT_ONCE = 4096
+"""At so many points the field is found before it is asked whether to go on."""
 
-def answer_kinematics(request: requests.KinematicsRequest, robot: RobotModel | None, scene: Scene | None) -> Reply:
-    """The reply to a request of any kind, with what is odd about robot and scene; raises as its own function."""
-    reply = _ANSWERS[type(request)](request, robot, scene)
+_Asked = TypeVar("_Asked")
+
+
+def answer_kinematics(
+    request: requests.KinematicsRequest,
+    robot: RobotModel | None,
+    scene: Scene | None,
+    allowance: Allowance = UNLIMITED,
+) -> Reply:
+    """The reply to a request of any kind, with what is odd about robot and scene.
+
+    Raises:
+        TimedOut, Preempted: if time is up, or somebody asked to stop, before all is answered.
+        GuidefieldError: as its own function.
+    """
+    reply = _ANSWERS[type(request)](request, robot, scene, allowance)
     warnings = [warning for one in (robot, scene) if one is not None for warning in one.warnings]
     return msgspec.structs.replace(reply, warnings=warnings)
 
 
 def forward_kinematics(
-    request: requests.ForwardKinematics, robot: RobotModel, _scene: Scene | None = None
+    request: requests.ForwardKinematics,
+    robot: RobotModel,
+    _scene: Scene | None = None,
+    allowance: Allowance = UNLIMITED,
 ) -> ForwardKinematicsReply:
     """Placements of frames in the world.
 
@@ -62,7 +81,7 @@ def forward_kinematics(
         robot.model.createData(),
     )
     placements = []
-    for positions in request.configurations:
+    for positions in _within(allowance, request.configurations):
         pin.forwardKinematics(robot.model, data, configuration_from_wire(robot, positions))
         local = [pin.updateFramePlacement(robot.model, data, frame) for frame in frames]
         placements.append([_placement(T_world_root * T_root_frame) for T_root_frame in local])
@@ -70,7 +89,10 @@ def forward_kinematics(
 
 
 def inverse_kinematics(
-    request: requests.InverseKinematics, robot: RobotModel, scene: Scene | None = None
+    request: requests.InverseKinematics,
+    robot: RobotModel,
+    scene: Scene | None = None,
+    allowance: Allowance = UNLIMITED,
 ) -> InverseKinematicsReply:
     """Distinct configurations of the planned joints that bring the tip to each pose.
 
@@ -95,7 +117,7 @@ def inverse_kinematics(
         _require_same_outside(group, start, f"start_configurations[{index}]")
     world = World.build(group, scene or _empty_scene()) if request.collision_free else None
     configurations, reasons = [], []
-    for index, pose in enumerate(request.poses):
+    for index, pose in enumerate(_within(allowance, request.poses)):
         result = solve(
             group,
             PoseTarget.from_wire(pose),
@@ -103,7 +125,9 @@ def inverse_kinematics(
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
             accept=None if world is None else partial(_are_free, world),
+            stopped=allowance.spent,
         )
+        allowance.require_more(index, len(request.poses))
         configurations.append([configuration_to_wire(group.joints, group.from_chart(z)) for z in result.solutions])
         reasons.append(result.reason)
         if world is not None and not result.solutions:
@@ -112,7 +136,9 @@ def inverse_kinematics(
     return InverseKinematicsReply(configurations=configurations, reasons=reasons)
 
 
-def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> ClearanceReply:
+def clearance(
+    request: requests.Clearance, robot: RobotModel, scene: Scene, allowance: Allowance = UNLIMITED
+) -> ClearanceReply:
     """Exact distances of the moving links to the obstacles, and of the robot to itself.
 
     Raises:
@@ -122,7 +148,7 @@ def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> C
     world = World.build(group, scene)
     found = [
         clearance_at(world, group.expand(group.part_of(configuration_from_wire(robot, positions))))
-        for positions in request.configurations
+        for positions in _within(allowance, request.configurations)
     ]
     return ClearanceReply(
         minimum=[_finite(one.obstacle_distance) for one in found],
@@ -133,7 +159,7 @@ def clearance(request: requests.Clearance, robot: RobotModel, scene: Scene) -> C
 
 
 def potential(
-    request: requests.Potential, robot: RobotModel | None, scene: Scene
+    request: requests.Potential, robot: RobotModel | None, scene: Scene, allowance: Allowance = UNLIMITED
 ) -> PointPotentialReply | RobotPotentialReply:
     """The scene's field on unit charges at points, or on the robot at configurations.
 
@@ -141,19 +167,13 @@ def potential(
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
     if robot is None:
-        points = np.array(request.points, float).reshape(-1, 3)
-        field = field_at_points(exact(scene.tables), points)
-        return PointPotentialReply(
-            potential=field.potential.tolist(),
-            gradient=[_vector(gradient) for gradient in field.gradient],
-            winding=field.winding.tolist(),
-        )
+        return _at_points(np.array(request.points, float).reshape(-1, 3), scene, allowance)
     group = _whole_group(robot, request.robot_placement)
     robot_field = RobotField(group, scene)
     energies: list[float] = []
     forces: list[list[float]] = []
     links: dict[str, LinkWrench] = {}
-    for positions in request.configurations or ():
+    for positions in _within(allowance, request.configurations or []):
         q = group.part_of(configuration_from_wire(robot, positions))
         energy = robot_field.evaluate(q)
         energies.append(energy.potential)
@@ -167,12 +187,34 @@ def potential(
     )
 
 
-_ANSWERS: dict[type, Callable[[Any, Any, Any], Reply]] = {
+_ANSWERS: dict[type, Callable[[Any, Any, Any, Allowance], Reply]] = {
     requests.ForwardKinematics: forward_kinematics,
     requests.InverseKinematics: inverse_kinematics,
     requests.Clearance: clearance,
     requests.Potential: potential,
 }
+
+
+def _at_points(points: np.ndarray, scene: Scene, allowance: Allowance) -> PointPotentialReply:
+    """The field at points (n, 3), some of them at a time."""
+    tables = exact(scene.tables)
+    potentials: list[float] = []
+    gradients: list[Vector3] = []
+    windings: list[float] = []
+    for begin in range(0, len(points), POINTS_AT_ONCE):
+        allowance.require_more(begin, len(points))
+        field = field_at_points(tables, points[begin : begin + POINTS_AT_ONCE])
+        potentials += field.potential.tolist()
+        gradients += [_vector(gradient) for gradient in field.gradient]
+        windings += field.winding.tolist()
+    return PointPotentialReply(potential=potentials, gradient=gradients, winding=windings)
+
+
+def _within(allowance: Allowance, asked: Sequence[_Asked]) -> Iterator[_Asked]:
+    """What was asked, one after the other, as long as there is time."""
+    for done, one in enumerate(asked):
+        allowance.require_more(done, len(asked))
+        yield one
 
 
 def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from guidefield.errors import Status
+from guidefield.errors import GuidefieldError, Preempted, Status, TimedOut
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
 from guidefield.messages.keys import PlanHead
-from guidefield.messages.replies import CertificateFigures, Counters, Outcome, PlanReply, Timing
+from guidefield.messages.replies import CertificateFigures, Counters, Outcome, PlanReply, Timing, error_reply
 
 
 def timed_out_waiting(run_id: str, head: PlanHead) -> PlanReply:
@@ -19,6 +21,43 @@ def timed_out_waiting(run_id: str, head: PlanHead) -> PlanReply:
     message = f"all workers were busy for the {head.allowed:g} s that were allowed; ask again, or allow more"
     details = {"allowed_planning_time": head.allowed}
     return _unbegun(run_id, head, Status.TIMED_OUT, message, details, head.allowed)
+
+
+def timed_out_loading(run_id: str, head: PlanHead) -> PlanReply:
+    """TIMED_OUT while a worker still loads and prepares what the run needs.
+
+    Args:
+        run_id: Name of the run.
+        head: What the request says about it.
+    """
+    message = (
+        f"the {head.allowed:g} s that were allowed were up while the robot or the scene was loaded and prepared for "
+        "its first use; what is prepared is kept: ask again, or allow more time for the first plan"
+    )
+    details = {"allowed_planning_time": head.allowed, "stage": "load"}
+    return _unbegun(run_id, head, Status.TIMED_OUT, message, details, head.allowed)
+
+
+def time_up_waiting(allowed: float) -> TimedOut:
+    """What is told of a request that makes no run, whose time [s] was up before anybody began with it."""
+    message = f"all workers were busy for the {allowed:g} s that were allowed; ask again, or allow more"
+    return TimedOut(message, allowed_time=allowed, stage="queue")
+
+
+def time_up_loading(allowed: float) -> TimedOut:
+    """The same where a worker still loads and prepares what it needs."""
+    message = f"the {allowed:g} s that were allowed were up while things were loaded; they are kept: ask again"
+    return TimedOut(message, allowed_time=allowed, stage="load")
+
+
+def cancelled_before() -> Preempted:
+    """The same where it was cancelled before anybody began with it."""
+    return Preempted("the request was cancelled before it began", stage="queue")
+
+
+def error_answer(encoding: Encoding, error: GuidefieldError) -> tuple[bool, bytes]:
+    """An error as it is sent."""
+    return False, codec.encode(error_reply(error), encoding)
 
 
 def cancelled_waiting(run_id: str, head: PlanHead, waited: float) -> PlanReply:

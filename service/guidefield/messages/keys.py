@@ -11,8 +11,12 @@ import msgspec
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
+from guidefield.messages.kinematics_requests import DEFAULT_TIME, LONGEST_TIME
 from guidefield.messages.scene import Scene
 from guidefield.messages.served import SERVED
+
+LONGEST_STORING = 120.0
+"""How long a robot or scene may take that is stored or described, and how long the list of robots [s]."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,18 @@ class PlanHead(msgspec.Struct, frozen=True):
     def allowed(self) -> float:
         """The allowed planning time, brought within what a valid request can ask for [s]."""
         return min(self.allowed_planning_time, 3600.0) if self.allowed_planning_time > 0.0 else 0.0
+
+
+class WorkHead(msgspec.Struct, frozen=True):
+    """What a request that makes no run says about how long it may take, read without looking at the rest."""
+
+    request_id: str | None = None
+    allowed_time: float = DEFAULT_TIME
+
+    @property
+    def allowed(self) -> float:
+        """The allowed time, brought within what a valid request can ask for [s]."""
+        return min(self.allowed_time, LONGEST_TIME) if self.allowed_time > 0.0 else 0.0
 
 
 def check(query: Query) -> None:
@@ -82,14 +98,31 @@ def plan_head(query: Query) -> PlanHead | None:
     return head
 
 
+def work_head(query: Query) -> WorkHead:
+    """The head of a kinematics request; of anything else that takes work, how long that may take.
+
+    Raises:
+        MalformedRequest, RequestTooLarge: as `request_of`, for what was looked at.
+    """
+    if query.key != ("kinematics",):
+        return WorkHead(allowed_time=LONGEST_STORING)
+    head: WorkHead = codec.decode(query.payload, WorkHead, query.encoding)
+    return head
+
+
+def changes_store(query: Query) -> bool:
+    """Whether the query stores or deletes something: once begun it comes to its end, whoever waits for it."""
+    return query.key[0] in ("robots", "scenes", "runs") and (bool(query.payload) or "delete" in query.parameters)
+
+
 def is_recording(query: Query) -> bool:
     """Whether the query asks for a recording: the one answer that is not a message."""
     return len(query.key) == 3 and query.key[0] == "runs" and query.key[2] == "recording"
 
 
 def is_cancel(query: Query) -> bool:
-    """Whether the query asks for the early end of a run."""
-    return len(query.key) == 3 and query.key[0] == "runs" and query.key[2] == "cancel"
+    """Whether the query asks for the early end of a run or request."""
+    return len(query.key) == 3 and query.key[0] in ("runs", "requests") and query.key[2] == "cancel"
 
 
 def is_brief(query: Query) -> bool:

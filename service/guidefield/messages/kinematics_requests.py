@@ -13,10 +13,16 @@ from guidefield.messages.values import (
     Name,
     Placement,
     QuaternionXYZW,
+    RunId,
     Vector3,
     require_finite,
     require_unit_quaternion,
 )
+
+DEFAULT_TIME = 60.0
+"""How long a request may take that doesn't say it [s]."""
+LONGEST_TIME = 3600.0
+AllowedTime = Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_TIME)]
 
 
 class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
@@ -28,6 +34,8 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
         configurations: Joints left out are at rest as the robot has it.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
+        request_id: A name by which it can be cancelled; null: none.
+        allowed_time: From the request's arrival, queue and loading included [s].
     """
 
     robot: RobotReference
@@ -35,6 +43,8 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
     configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
+    request_id: RunId | None = None
+    allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
         _check_configurations(self.configurations)
@@ -68,6 +78,8 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
         start_configurations: Where to start from, before random ones; joints outside the group are as in the first.
         solutions: How many to look for at each pose.
         seed: Of the random starts.
+        request_id: A name by which it can be cancelled; null: none.
+        allowed_time: From the request's arrival, queue and loading included [s].
     """
 
     robot: RobotReference
@@ -81,6 +93,8 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
     start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=10_000)] = []
     solutions: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 8
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
+    request_id: RunId | None = None
+    allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
         _check_configurations(self.start_configurations)
@@ -95,6 +109,8 @@ class Clearance(Message, tag_field="type", tag="clearance"):
         configurations: Joints left out are at rest as the robot has it.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
+        request_id: A name by which it can be cancelled; null: none.
+        allowed_time: From the request's arrival, queue and loading included [s].
     """
 
     robot: RobotReference
@@ -102,6 +118,8 @@ class Clearance(Message, tag_field="type", tag="clearance"):
     configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
+    request_id: RunId | None = None
+    allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
         _check_configurations(self.configurations)
@@ -117,6 +135,8 @@ class Potential(Message, tag_field="type", tag="potential"):
         robot: The robot, where no points are given.
         robot_placement: Of its root in the world.
         configurations: Joints left out are at rest as the robot has it.
+        request_id: A name by which it can be cancelled; null: none.
+        allowed_time: From the request's arrival, queue and loading included [s].
     """
 
     scene: SceneReference
@@ -125,6 +145,8 @@ class Potential(Message, tag_field="type", tag="potential"):
     robot: RobotReference | None = None
     robot_placement: Placement = Placement()
     configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)] | None = None
+    request_id: RunId | None = None
+    allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
         by_points = self.points is not None

@@ -40,6 +40,7 @@ KEYS = (
             *("PointPotentialReply", "RobotPotentialReply"),
         ],
     ),
+    KeyInfo("requests/<id>/cancel", "ends one kinematics request early, by its request_id", gives=["Done"]),
     KeyInfo("robots", "lists the robots that can be named", gives=["RobotsReply"]),
     KeyInfo(
         "robots/<name>",
@@ -82,6 +83,7 @@ KEYS = (
         gives=["InfoReply"],
     ),
     KeyInfo("alive", "is there as long as requests are taken", how="token"),
+    KeyInfo("clients/<client>", "declared by a client; when it is gone, what it asked for ends", how="token"),
     KeyInfo("starting", "is there while it starts", how="token"),
 )
 """Every key."""

@@ -34,11 +34,13 @@ class Line:
     Attributes:
         begun: Number of the job that was begun last, in shared memory.
         cancelled: Number of the job that is to be ended early, in shared memory.
+        prepared: Number of the job that a worker is done preparing for, in shared memory.
         told: Where a worker sends what it tells, one packet each: a process that is killed leaves no half of one.
     """
 
     begun: Any
     cancelled: Any
+    prepared: Any
     told: socket.socket
 
 
@@ -52,6 +54,10 @@ class Call:
     def cancelled(self) -> bool:
         """Whether the job is to be ended early."""
         return bool(self.line.cancelled.value == self.number)
+
+    def be_prepared(self) -> None:
+        """Say that what the job needs is loaded: from now on it minds its time by itself."""
+        self.line.prepared.value = self.number
 
     def tell(self, what: bytes) -> None:
         """Tell something; it is lost if nobody listens, and never waits."""

@@ -25,6 +25,8 @@ IDLE_CHECK = 0.5
 """How often an idle slot looks whether its worker lives [s]."""
 BUSY_CHECK = 0.05
 """How often a worker that works is looked after, and what it tells is passed on [s]."""
+SHORTEST_PAUSE = 0.001
+"""How soon a worker may be looked after again [s]."""
 RESTART_PAUSE = 1.0
 """How long a slot waits before it tries again to start a worker that could not start [s]."""
 STARTS_TRIED = 3
@@ -51,7 +53,8 @@ class Slot:
         self._memory = memory
         self._heard, told = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._heard.setblocking(False)
-        self._line = Line(_spawn.Value("Q", 0, lock=False), _spawn.Value("Q", 0, lock=False), told)
+        begun, cancelled, prepared = (_spawn.Value("Q", 0, lock=False) for _ in range(3))
+        self._line = Line(begun, cancelled, prepared, told)
         self._numbers = itertools.count(1)
         self._pool: ProcessPool | None = None
         self._watch: Watch | None = None
@@ -132,12 +135,16 @@ class Slot:
 
     def _settle(self, task: Task) -> None:
         try:
-            task.set_result(self._answer(task))
+            answer = self._answer(task)
+            if not task.done():  # else it was answered while the worker still prepared for it
+                task.set_result(answer)
         except GuidefieldError as error:
-            task.set_exception(error)
+            if not task.done():
+                task.set_exception(error)
         except Exception as error:  # the slot must outlive its own bugs, and the caller must hear of them
             _log.exception("a slot failed")
-            task.set_exception(WorkerCrashed(f"the pool failed: {error}"))
+            if not task.done():
+                task.set_exception(WorkerCrashed(f"the pool failed: {error}"))
 
     def _answer(self, task: Task) -> Answer:
         failed = 0
@@ -172,8 +179,9 @@ class Slot:
     def _attend(self, task: Task, future: Any, watch: Watch) -> Answer:
         """The worker's answer; what it tells meanwhile is passed on, and it is stopped if it takes too much."""
         stop_at = time.monotonic() + task.seconds
-        while not wait([future], BUSY_CHECK).done:
+        while not wait([future], self._pause(task)).done:
             self._pass_on(task)
+            self._answer_late(task)
             if watch.memory() > self._memory:
                 watch.kill()
                 limit = self._memory // 2**20
@@ -190,6 +198,20 @@ class Slot:
         self._pass_on(task)
         answer: Answer = future.result()
         return answer
+
+    def _pause(self, task: Task) -> float:
+        """How long to wait before the worker is looked after again [s]."""
+        if task.late is None or task.done():
+            return BUSY_CHECK
+        return min(BUSY_CHECK, max(SHORTEST_PAUSE, task.late.at - time.monotonic()))
+
+    def _answer_late(self, task: Task) -> None:
+        """Answer a task in the worker's place if its time is up and the worker still prepares for it."""
+        late, current = task.late, self._current
+        assert current is not None, "a worker is attended while it works"
+        if late is None or task.done() or time.monotonic() < late.at or self._line.prepared.value == current[1]:
+            return
+        task.set_result(late.answer())
 
     def _pass_on(self, task: Task) -> None:
         with contextlib.suppress(BlockingIOError):

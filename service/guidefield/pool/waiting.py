@@ -22,7 +22,7 @@ LONGEST_WORK = 600.0
 
 @dataclass(frozen=True)
 class Deadline:
-    """When a job that still waits need not be begun any more, by `time.monotonic()`; and what is answered then."""
+    """A time, by `time.monotonic()` [s], and what is answered then in a worker's place."""
 
     at: float
     answer: Callable[[], Answer]
@@ -39,6 +39,7 @@ class Task(Future[Answer]):
         job: What the worker is given.
         seconds: A worker that works longer on it is stopped [s].
         deadline: When it need not be begun any more, if ever.
+        late: When it is answered if it is begun and the worker still prepares for it; the worker goes on meanwhile.
         client: Who asks; the queue is fair between them.
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
@@ -50,6 +51,7 @@ class Task(Future[Answer]):
         seconds: float,
         *,
         deadline: Deadline | None = None,
+        late: Deadline | None = None,
         client: str = "",
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
@@ -58,6 +60,7 @@ class Task(Future[Answer]):
         self.job = job
         self.seconds = seconds
         self.deadline = deadline
+        self.late = late
         self.client = client
         self.size = size
         self.hear = hear

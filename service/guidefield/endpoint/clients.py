@@ -1,0 +1,63 @@
+"""The clients that say that they are there, and what happens when one is gone."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+import zenoh
+
+GRACE = 6.0
+"""A client that isn't back in so long is gone [s]: a cut link is noticed after two, and asked again within three."""
+
+
+class Clients:
+    """Follows the liveliness tokens of clients.
+
+    Args:
+        session: An open session.
+        instance: Name of the service.
+        gone: Is told the name of a client that has been gone for `GRACE`.
+    """
+
+    def __init__(self, session: zenoh.Session, instance: str, gone: Callable[[str], object]) -> None:
+        self._gone = gone
+        self._left: OrderedDict[str, float] = OrderedDict()
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._tell_gone, name="guidefield-clients", daemon=True)
+        self._thread.start()
+        self._tokens = session.liveliness().declare_subscriber(f"guidefield/{instance}/clients/*", self._heard)
+
+    def close(self) -> None:
+        """Follow no more."""
+        self._tokens.undeclare()
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _heard(self, token: zenoh.Sample) -> None:
+        client = str(token.key_expr).rpartition("/")[2]
+        with self._changed:
+            self._left.pop(client, None)
+            if token.kind == zenoh.SampleKind.DELETE:
+                self._left[client] = time.monotonic()
+                self._changed.notify()
+
+    def _tell_gone(self) -> None:
+        while (client := self._next_gone()) is not None:
+            self._gone(client)
+
+    def _next_gone(self) -> str | None:
+        """The next client that is gone, once one is; None at the end."""
+        with self._changed:
+            while not self._closed:
+                now = time.monotonic()
+                if self._left and now - next(iter(self._left.values())) >= GRACE:
+                    return self._left.popitem(last=False)[0]
+                rest = GRACE - (now - next(iter(self._left.values()))) if self._left else None
+                self._changed.wait(rest)
+            return None

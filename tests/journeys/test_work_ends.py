@@ -1,0 +1,108 @@
+"""Work that nobody needs any more ends: it is cancelled, its time is up, or whoever asked is gone."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import json
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from guidefield import AsyncClient, Clearance, Client, Preempted, TimedOut
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, PlainClient, Service, await_that
+
+MANY: dict[str, Any] = {
+    "type": "clearance",
+    "robot": "panda",
+    "scene": "bookshelf",
+    "configurations": [{"panda_joint1": 0.1}] * 60_000,
+    "allowed_time": 600.0,
+}
+"""Most of a minute of work."""
+
+
+def _busy(wire: PlainClient) -> int:
+    return int(wire.ask("guidefield/local/info?brief")["busy"])
+
+
+def test_a_request_is_ended_by_its_name_while_it_is_worked_on_and_while_it_waits(wire: PlainClient) -> None:
+    with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        asked = [
+            threads.submit(
+                wire.refusal, "guidefield/local/kinematics", json.dumps({**MANY, "request_id": name}).encode()
+            )
+            for name in ("first", "second")
+        ]
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["queue"] == 1)
+        for name in ("first", "second"):
+            assert wire.ask(f"guidefield/local/requests/{name}/cancel")["done"] == f"request {name!r} ends"
+        told = {one.result(ANSWERED_WITHIN)["message"].rpartition("cancelled")[2][:6] for one in asked}
+    assert told == {" befor", " after"}
+    await_that(lambda: not _busy(wire))
+    early = wire.ask("guidefield/local/requests/early/cancel")["done"]
+    assert early.startswith("no request 'early' is under way; if it arrives")
+    refused = wire.refusal("guidefield/local/kinematics", json.dumps({**MANY, "request_id": "early"}).encode())
+    assert (refused["name"], refused["code"]) == ("PREEMPTED", -7)
+
+
+def test_time_that_is_up_ends_a_request_and_what_waits_for_it(client: Client, wire: PlainClient) -> None:
+    with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        running = threads.submit(client.kinematics, {**MANY, "allowed_time": 4.0})
+        await_that(lambda: _busy(wire))
+        with pytest.raises(TimedOut, match=r"all workers were busy for the 0\.5 s"):
+            client.kinematics({**MANY, "configurations": [{}], "allowed_time": 0.5})
+        with pytest.raises(TimedOut, match=r"the 4 s that `allowed_time` allows were up after \d+ of 60000") as ended:
+            running.result(ANSWERED_WITHIN)
+    assert 0 < ended.value.details["done"] < 60_000
+    await_that(lambda: not _busy(wire))
+
+
+ASKER = """
+import sys
+from guidefield import Clearance, Client
+with Client.connect(sys.argv[1], wait=60.0) as client:
+    client.kinematics(Clearance(robot="panda", scene="bookshelf", configurations=[{}] * 60_000, allowed_time=600.0))
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_client_that_is_gone_ends_its_work(how: signal.Signals, service: Service, wire: PlainClient) -> None:
+    before = wire.ask("guidefield/local/info?brief")["counters"]
+    with subprocess.Popen([sys.executable, "-c", ASKER, service.endpoint], stderr=subprocess.DEVNULL) as asker:
+        await_that(lambda: _busy(wire))
+        asker.send_signal(how)
+        asker.wait()
+    await_that(lambda: not _busy(wire))
+    counters = wire.ask("guidefield/local/info?brief")["counters"]
+    assert counters["crashes"] == before["crashes"]
+    forgotten = counters.get("forgotten", 0) - before.get("forgotten", 0)
+    assert forgotten == (how == signal.SIGKILL), "whoever is interrupted cancels by itself"
+
+
+def test_a_task_that_is_cancelled_ends_its_request(service: Service, wire: PlainClient) -> None:
+    async def journey() -> None:
+        async with await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
+            asked = asyncio.create_task(client.kinematics(MANY))
+            await asyncio.to_thread(await_that, lambda: _busy(wire))
+            asked.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await asked
+            await asyncio.to_thread(await_that, lambda: not _busy(wire))
+
+    asyncio.run(journey())
+
+
+def test_a_client_ends_a_request_by_its_name(client: Client, wire: PlainClient) -> None:
+    request = Clearance(
+        robot="panda", scene="bookshelf", configurations=[{}] * 60_000, allowed_time=600.0, request_id="mine"
+    )
+    with concurrent.futures.ThreadPoolExecutor(1) as thread:
+        asked = thread.submit(client.kinematics, request)
+        await_that(lambda: _busy(wire))
+        assert client.cancel_request("mine") == "request 'mine' ends"
+        with pytest.raises(Preempted, match="cancelled after"):
+            asked.result(ANSWERED_WITHIN)
