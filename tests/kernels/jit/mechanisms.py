@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types, void
 
+from guidefield.kernels.jit.fields import Row, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
@@ -41,11 +42,11 @@ FLOATS_IN_OUT = types.Array(types.float32, 1, "C")
 class Weighted(NamedTuple):
     """Values and their weights, shape (n,) each."""
 
-    values: Floats
-    weights: Floats
+    values: Row
+    weights: Row
 
 
-WEIGHTED = types.NamedUniTuple(VECTOR, 2, Weighted)
+WEIGHTED = numba_type(Weighted)
 
 
 @inlined

@@ -12,7 +12,9 @@ from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.gjk import PART, WORK, Parts
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, BALL, GRID_SIDES, HITS, LaneObstacles, Scratch
+from guidefield.kernels.collide.motion_validation import LaneWorld
 from guidefield.kernels.collide.primitive import PRIMITIVE
+from guidefield.kernels.jit.fields import array_types
 from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words
@@ -55,26 +57,26 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         own_pairs: How many pairs of its bodies must not touch.
         obstacles: How many there are.
     """
-    n_poses, met = robot.joints.size * POSE, robot.bodies.size * obstacles
-    wanted = {
-        "poses": (np.float32, n_poses),
-        "block": (np.float32, nv * LANES),
-        "centres": (np.float32, robot.bodies.carriers * BALL),
-        "places": (np.float32, (GRID_SIDES + 1) * LANES),
-        "hits": (np.int64, 3 * HITS),
-        "tested": (np.int64, met),
-        "found": (np.int64, 3 * (met + own_pairs + 1)),
-        "pose_a": (np.float64, 12),
-        "pose_b": (np.float64, 12),
-        "work": (np.float64, WORK),
-        "middle": (np.float32, nv * LANES),
-        "middle_poses": (np.float32, n_poses),
-        "obstacle_axes": (np.float64, AXIS_AND_REACH * met),
-        "pair_axes": (np.float64, AXIS_AND_REACH * robot.pieces_paired),
-        "obstacle_places": (np.int64, 1 + met),
-        "pair_places": (np.int64, 1 + robot.pieces_paired),
+    poses, met = robot.joints.size * POSE, robot.bodies.size * obstacles
+    lengths = {
+        "poses": poses,
+        "block": nv * LANES,
+        "centres": robot.bodies.carriers * BALL,
+        "places": (GRID_SIDES + 1) * LANES,
+        "hits": 3 * HITS,
+        "tested": met,
+        "found": 3 * (met + own_pairs + 1),
+        "pose_a": 12,
+        "pose_b": 12,
+        "work": WORK,
+        "middle": nv * LANES,
+        "middle_poses": poses,
+        "obstacle_axes": AXIS_AND_REACH * met,
+        "pair_axes": AXIS_AND_REACH * robot.pieces_paired,
+        "obstacle_places": 1 + met,
+        "pair_places": 1 + robot.pieces_paired,
     }
-    arrays, size = _one_after_another(wanted)
+    arrays, size = _one_after_another(lengths, LaneObstacles, Scratch, LaneWorld)
     offsets = [arrays[name][0] for name in ("tested", *Scratch._fields, "block")]
     return LaneMemory(size, np.array(offsets, np.int64), arrays)
 
@@ -82,22 +84,21 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
 @functools.lru_cache(maxsize=256)
 def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
     """Lay out the memory for the tables of so many primitives, with boxes for so many obstacles."""
-    arrays, size = _one_after_another(
-        {
-            "kinds": (np.int64, primitives),
-            "whole": (np.int64, primitives),
-            "roots": (np.int64, primitives),
-            "tested": (np.int64, 0),
-            "primitives": (np.float32, PRIMITIVE * primitives),
-            "boxes": (np.float32, -(-obstacles // LANES) * AROUND),
-            "clouds": (np.int64, primitives),
-            "balls": (np.float64, 4 * primitives),
-            "links": (np.int64, 3 * primitives),
-            "shapes": (np.int64, 3 * primitives),
-            "numbers": (np.float64, PART * primitives),
-            "vertices": (np.float32, BLOCK * primitives),
-        }
-    )
+    lengths = {
+        "kinds": primitives,
+        "whole": primitives,
+        "roots": primitives,
+        "tested": 0,
+        "primitives": PRIMITIVE * primitives,
+        "boxes": -(-obstacles // LANES) * AROUND,
+        "clouds": primitives,
+        "balls": 4 * primitives,
+        "links": 3 * primitives,
+        "shapes": 3 * primitives,
+        "numbers": PART * primitives,
+        "vertices": BLOCK * primitives,
+    }
+    arrays, size = _one_after_another(lengths, LaneObstacles, Parts)
     offsets = [arrays[name][0] for name in (*LaneObstacles._fields[1:], *Parts._fields)]
     return LaneMemory(size, np.array([obstacles, *offsets], np.int64), arrays)
 
@@ -105,10 +106,11 @@ def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
 Arrays = dict[str, tuple[int, Any, int]]
 
 
-def _one_after_another(wanted: dict[str, tuple[Any, int]]) -> tuple[Arrays, int]:
-    """Offsets [bytes] of arrays of types and lengths, and how many numbers of 64 bits they take."""
+def _one_after_another(lengths: dict[str, int], *layouts: type) -> tuple[Arrays, int]:
+    """Offsets [bytes], types and lengths of arrays that are fields of some layouts, and their numbers of 64 bits."""
+    kinds = {name: kind for layout in layouts for name, kind in array_types(layout).items()}
     arrays, end = {}, 0
-    for name, (kind, length) in wanted.items():
-        arrays[name] = (end, kind, length)
-        end += -(-np.dtype(kind).itemsize * length // LINE) * LINE
+    for name, length in lengths.items():
+        arrays[name] = (end, kinds[name], length)
+        end += -(-kinds[name].itemsize * length // LINE) * LINE
     return arrays, (end + LINE) // 8

@@ -31,12 +31,9 @@ def without_never_touching(robot: LaneRobot, nv: int) -> LaneRobot:
     alone = LaneAlone(robot.joints, bodies, robot.parts, Scratch(**{name: views[name] for name in Scratch._fields}))
     never = np.zeros(bodies.n_meetings, np.bool_)
     never_touching(packed(alone), MOST, np.zeros(STACK, np.int64), never)
-    rows = (
-        bodies.meetings.reshape(-1, 4),
-        bodies.grids.reshape(-1, GRID_PLACES),
-        bodies.grid_numbers.reshape(-1, GRID_NUMBERS),
-    )
-    meetings, grids, numbers = (row[~never].ravel() for row in rows)
+    meetings = bodies.meetings.reshape(-1, 4)[~never].ravel()
+    grids = bodies.grids.reshape(-1, GRID_PLACES)[~never].ravel()
+    numbers = bodies.grid_numbers.reshape(-1, GRID_NUMBERS)[~never].ravel()
     for array in (meetings, grids, numbers):
         array.setflags(write=False)
     left = bodies._replace(n_meetings=len(meetings) // 4, meetings=meetings, grids=grids, grid_numbers=numbers)

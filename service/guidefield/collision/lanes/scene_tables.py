@@ -134,7 +134,13 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         primitives=np.concatenate([obstacles.primitives, primitives.ravel()]),
         boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
-    ), Parts(*map(np.concatenate, zip(parts, (balls, links.ravel(), shapes.ravel(), numbers, vertices), strict=True)))
+    ), Parts(
+        balls=np.concatenate([parts.balls, balls]),
+        links=np.concatenate([parts.links, links.ravel()]),
+        shapes=np.concatenate([parts.shapes, shapes.ravel()]),
+        numbers=np.concatenate([parts.numbers, numbers]),
+        vertices=np.concatenate([parts.vertices, vertices]),
+    )
 
 
 @kept_with

@@ -15,11 +15,9 @@ from numba import boolean, types
 
 from guidefield.kernels.collide.gjk_simplex import NEAREST, reduced
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
+from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
 from guidefield.kernels.jit.signatures import (
     DOUBLE_POINTER,
-    FLOATS,
-    INDICES,
-    VECTOR,
     Floats,
     Floats32,
     Integers,
@@ -64,14 +62,14 @@ class Parts(NamedTuple):
         vertices: (BLOCK * blocks,) float32; unused places repeat a vertex.
     """
 
-    balls: np.ndarray
-    links: np.ndarray
-    shapes: np.ndarray
-    numbers: np.ndarray
-    vertices: np.ndarray
+    balls: Row
+    links: Indices
+    shapes: Indices
+    numbers: Row
+    vertices: Singles
 
 
-PARTS = types.NamedTuple([VECTOR, INDICES, INDICES, VECTOR, FLOATS], Parts)
+PARTS = numba_type(Parts)
 POINTED_PARTS = pointed(PARTS)
 
 _PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)

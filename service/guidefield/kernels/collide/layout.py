@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, VECTOR_OUT
+from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, RowOut, Singles, SinglesOut, numba_type
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.vector_model import LANES
 
@@ -88,28 +87,28 @@ class LaneBodies(NamedTuple):
     moving: int
     n_meetings: int
     n_cells: int
-    joints: np.ndarray
-    carrying: np.ndarray
-    members: np.ndarray
-    order: np.ndarray
-    groups: np.ndarray
-    covers: np.ndarray
-    inners: np.ndarray
-    roots: np.ndarray
-    pieces: np.ndarray
-    piece_roots: np.ndarray
-    meetings: np.ndarray
-    grids: np.ndarray
-    pairs: np.ndarray
-    around: np.ndarray
-    bounds: np.ndarray
-    piece_bounds: np.ndarray
-    grouped: np.ndarray
-    cover: np.ndarray
-    inner: np.ndarray
-    grid_numbers: np.ndarray
-    cells: np.ndarray
-    apart: np.ndarray
+    joints: Indices
+    carrying: Indices
+    members: Indices
+    order: Indices
+    groups: Indices
+    covers: Indices
+    inners: Indices
+    roots: Indices
+    pieces: Indices
+    piece_roots: Indices
+    meetings: Indices
+    grids: Indices
+    pairs: Indices
+    around: Singles
+    bounds: Singles
+    piece_bounds: Singles
+    grouped: Singles
+    cover: Singles
+    inner: Singles
+    grid_numbers: Singles
+    cells: Cells
+    apart: Bits
 
 
 class LaneObstacles(NamedTuple):
@@ -127,13 +126,13 @@ class LaneObstacles(NamedTuple):
     """
 
     size: int
-    kinds: np.ndarray
-    whole: np.ndarray
-    roots: np.ndarray
-    tested: np.ndarray
-    primitives: np.ndarray
-    boxes: np.ndarray
-    clouds: np.ndarray
+    kinds: Indices
+    whole: Indices
+    roots: Indices
+    tested: Indices
+    primitives: Singles
+    boxes: Singles
+    clouds: Indices
 
 
 class Scratch(NamedTuple):
@@ -156,37 +155,26 @@ class Scratch(NamedTuple):
         hits: (3 * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
     """
 
-    poses: np.ndarray
-    centres: np.ndarray
-    found: np.ndarray
-    obstacle_axes: np.ndarray
-    pair_axes: np.ndarray
-    obstacle_places: np.ndarray
-    pair_places: np.ndarray
-    pose_a: np.ndarray
-    pose_b: np.ndarray
-    work: np.ndarray
-    middle: np.ndarray
-    middle_poses: np.ndarray
-    places: np.ndarray
-    hits: np.ndarray
+    poses: SinglesOut
+    centres: SinglesOut
+    found: IndicesOut
+    obstacle_axes: RowOut
+    pair_axes: RowOut
+    obstacle_places: IndicesOut
+    pair_places: IndicesOut
+    pose_a: RowOut
+    pose_b: RowOut
+    work: RowOut
+    middle: SinglesOut
+    middle_poses: SinglesOut
+    places: SinglesOut
+    hits: IndicesOut
 
 
 _CELLS, _BITS = (types.Array(kind, 1, "C") for kind in (types.int32, types.uint32))
 
-LANE_BODIES = types.NamedTuple([*[types.int64] * 5, *[INDICES] * 13, *[FLOATS] * 7, _CELLS, _BITS], LaneBodies)
-LANE_OBSTACLES = types.NamedTuple([types.int64, *[INDICES] * 4, *[FLOATS] * 2, INDICES], LaneObstacles)
-SCRATCH = types.NamedTuple(
-    [
-        *[FLOATS_OUT] * 2,
-        INDICES_OUT,
-        *[VECTOR_OUT] * 2,
-        *[INDICES_OUT] * 2,
-        *[VECTOR_OUT] * 3,
-        *[FLOATS_OUT] * 3,
-        INDICES_OUT,
-    ],
-    Scratch,
-)
+LANE_BODIES = numba_type(LaneBodies)
+LANE_OBSTACLES = numba_type(LaneObstacles)
+SCRATCH = numba_type(Scratch)
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)

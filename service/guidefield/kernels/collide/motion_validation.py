@@ -9,28 +9,24 @@ import numpy as np
 from numba import boolean, int64, types, void
 
 from guidefield.kernels.collide.batch_collision import block_touches
-from guidefield.kernels.collide.gjk import PARTS, Parts
+from guidefield.kernels.collide.gjk import Parts
 from guidefield.kernels.collide.layout import (
     HITS,
-    LANE_BODIES,
-    LANE_OBSTACLES,
-    SCRATCH,
     LaneBodies,
     LaneObstacles,
     Scratch,
 )
 from guidefield.kernels.collide.separating_axes import forget_axes
+from guidefield.kernels.jit.fields import Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
-    FLOATS,
-    FLOATS_OUT,
     INDICES,
     Floats32,
     lane_kernel,
     lane_part,
     lane_step,
 )
-from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
+from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import Words, pointed, pointers, unpacked
 from guidefield.kernels.simd.vector import LANES, load, splat, store
 
@@ -50,28 +46,15 @@ class LaneWorld(NamedTuple):
     joints: LaneJoints
     bodies: LaneBodies
     parts: Parts
-    fractions: np.ndarray
+    fractions: Singles
     nv: int
     obstacles: LaneObstacles
     scene: Parts
     scratch: Scratch
-    block: np.ndarray
+    block: SinglesOut
 
 
-LANE_WORLD = types.NamedTuple(
-    [
-        LANE_JOINTS,
-        LANE_BODIES,
-        PARTS,
-        FLOATS,
-        types.int64,
-        LANE_OBSTACLES,
-        PARTS,
-        SCRATCH,
-        FLOATS_OUT,
-    ],
-    LaneWorld,
-)
+LANE_WORLD = numba_type(LaneWorld)
 WORLD = pointed(LANE_WORLD)
 
 world_of = unpacked(LANE_WORLD)

@@ -8,10 +8,11 @@ import numpy as np
 from numba import boolean, int64, types, void
 
 from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, TOUCHING, judged
-from guidefield.kernels.collide.gjk import PARTS, Parts
-from guidefield.kernels.collide.layout import GRID_PLACES, GRID_SIDES, LANE_BODIES, SCRATCH, LaneBodies, Scratch
+from guidefield.kernels.collide.gjk import Parts
+from guidefield.kernels.collide.layout import GRID_PLACES, GRID_SIDES, LaneBodies, Scratch
+from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, INTEGER_POINTER, Integers, lane_kernel, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints
+from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import Words, pointed, pointers, unpacked
 
 BEYOND = 1e-3
@@ -35,7 +36,7 @@ class LaneAlone(NamedTuple):
     scratch: Scratch
 
 
-_ALONE = types.NamedTuple([LANE_JOINTS, LANE_BODIES, PARTS, SCRATCH], LaneAlone)
+_ALONE = numba_type(LaneAlone)
 
 _alone_of = unpacked(_ALONE)
 

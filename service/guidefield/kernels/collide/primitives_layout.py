@@ -7,12 +7,13 @@ import struct
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64, types
+from numba import int64
 
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
-from guidefield.kernels.collide.gjk import PART, PARTS, POLYTOPE, Parts
-from guidefield.kernels.collide.layout import LANE_OBSTACLES, LaneObstacles
+from guidefield.kernels.collide.gjk import PART, POLYTOPE, Parts
+from guidefield.kernels.collide.layout import LaneObstacles
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
+from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR, Floats, Floats32, compiled, inlined
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, pointers, unpacked
@@ -35,7 +36,7 @@ class _Scene(NamedTuple):
     parts: Parts
 
 
-_scene_of = unpacked(types.NamedTuple([LANE_OBSTACLES, PARTS], _Scene))
+_scene_of = unpacked(numba_type(_Scene))
 
 
 @inlined

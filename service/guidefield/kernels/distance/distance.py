@@ -12,22 +12,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import void
 
 from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
 from guidefield.kernels.distance.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.distance.triangle_distance import (
     LEAF,
-    SURFACES,
     SurfaceTables,
     box_gap_squared,
     surface_distance,
 )
+from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    INDEX_MATRIX,
-    INDICES,
     INDICES_OUT,
     MATRIX,
     MATRIX_OUT,
@@ -64,21 +61,19 @@ class DistanceTables(NamedTuple):
         clouds: Where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,).
     """
 
-    kinds: np.ndarray
-    obstacles: np.ndarray
-    placements: Floats
-    sizes: Floats
-    bounds: Floats
-    boxes: Floats
-    spans: np.ndarray
-    nodes: Floats
+    kinds: Indices
+    obstacles: Indices
+    placements: Blocks
+    sizes: Rows
+    bounds: Rows
+    boxes: Rows
+    spans: IndexRows
+    nodes: Rows
     surfaces: SurfaceTables
-    clouds: np.ndarray
+    clouds: Indices
 
 
-TABLES = types.NamedTuple(
-    (INDICES, INDICES, BLOCKS, MATRIX, MATRIX, MATRIX, INDEX_MATRIX, MATRIX, SURFACES, INDICES), DistanceTables
-)
+TABLES = numba_type(DistanceTables)
 
 
 def distance_at_points(

@@ -9,15 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from llvmlite import ir
 from numba import float64, int64, types
 from numba.extending import intrinsic
 
+from guidefield.kernels.jit.fields import Indices, Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
-    FLOATS,
-    FLOATS_OUT,
-    INDICES,
     INTEGER_POINTER,
     Floats32,
     lane_part,
@@ -70,14 +67,14 @@ class LaneCloud(NamedTuple):
     columns: int
     rows: int
     layers: int
-    firsts: np.ndarray
-    points: np.ndarray
-    boxes: np.ndarray
-    numbers: np.ndarray
-    cells: np.ndarray
+    firsts: Indices
+    points: Singles
+    boxes: Singles
+    numbers: Singles
+    cells: SinglesOut
 
 
-LANE_CLOUD = types.NamedTuple([*[types.int64] * 4, INDICES, *[FLOATS] * 3, FLOATS_OUT], LaneCloud)
+LANE_CLOUD = numba_type(LaneCloud)
 CLOUD_TABLES = pointed(LANE_CLOUD)
 
 cloud_of = unpacked(LANE_CLOUD)

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.fields import Rows, numba_type
+from guidefield.kernels.jit.signatures import SCALAR, Floats, Vector3, compiled, inlined
 
 FOUR_SCALARS = types.UniTuple(types.float64, 4)
 
@@ -44,12 +45,12 @@ class SurfaceTables(NamedTuple):
         normals: Unit pseudonormals in the order of the parts, shape (t, 21).
     """
 
-    nodes: Floats
-    corners: Floats
-    normals: Floats
+    nodes: Rows
+    corners: Rows
+    normals: Rows
 
 
-SURFACES = types.NamedUniTuple(MATRIX, 3, SurfaceTables)
+SURFACES = numba_type(SurfaceTables)
 SPAN = types.UniTuple(types.int64, 4)
 """Where a tree stands: its first node, its number of leaves, its first triangle, its number of triangles."""
 

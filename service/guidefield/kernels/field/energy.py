@@ -12,16 +12,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import void
 
 from guidefield.kernels.field.field import LANES, add_field, add_potential
 from guidefield.kernels.field.field_tables import TABLES, TABLES_32
 from guidefield.kernels.field.primitives import capsule_at
 from guidefield.kernels.field.wrenches import gathered, give, nothing, project
+from guidefield.kernels.jit.fields import IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
     BLOCKS_OUT,
-    INDEX_MATRIX,
-    INDICES,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
@@ -48,15 +47,15 @@ class ChargedRobot(NamedTuple):
         pairs: First point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3).
     """
 
-    points: np.ndarray
-    weights: np.ndarray
-    point_joints: np.ndarray
-    capsules: np.ndarray
-    capsule_joints: np.ndarray
-    pairs: np.ndarray
+    points: Rows
+    weights: Row
+    point_joints: Indices
+    capsules: Rows
+    capsule_joints: Indices
+    pairs: IndexRows
 
 
-ROBOT = types.NamedTuple((MATRIX, VECTOR, INDICES, MATRIX, INDICES, INDEX_MATRIX), ChargedRobot)
+ROBOT = numba_type(ChargedRobot)
 
 
 @inlined

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.field.faces import HALF_ROWS, PLANE_ROWS
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, VECTOR
+from guidefield.kernels.jit.fields import IndexRows, Row, Rows, numba_type
 
 BOX_COLUMNS, NODE_COLUMNS, LINK_COLUMNS = 17, 14, 9
 TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS
@@ -43,33 +43,33 @@ class FieldTables(NamedTuple):
         cloud: Points of clouds: position (3), charge [1], square of their softening length; shape (n, 5).
     """
 
-    origin: np.ndarray
-    boxes: np.ndarray
-    vertices: np.ndarray
-    triangle_corners: np.ndarray
-    triangles: np.ndarray
-    quad_corners: np.ndarray
-    quads: np.ndarray
-    nodes: np.ndarray
-    links: np.ndarray
-    reach: np.ndarray
-    spheres: np.ndarray
-    capsules: np.ndarray
-    planes: np.ndarray
-    cloud: np.ndarray
+    origin: Row
+    boxes: Rows
+    vertices: Rows
+    triangle_corners: IndexRows
+    triangles: Rows
+    quad_corners: IndexRows
+    quads: Rows
+    nodes: Rows
+    links: IndexRows
+    reach: Row
+    spheres: Rows
+    capsules: Rows
+    planes: Rows
+    cloud: Rows
 
 
 MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)
 VECTOR_32 = types.Array(types.float32, 1, "C", readonly=True)
 
 
-def _tables(matrix: types.Array, vector: types.Array) -> types.NamedTuple:
-    i, m = INDEX_MATRIX, matrix
-    return types.NamedTuple((VECTOR, m, m, i, m, i, m, m, i, vector, m, m, m, m), FieldTables)
+def _single(kind: types.Array) -> types.Array:
+    """The same array in single precision; one of whole numbers as it is."""
+    return types.Array(types.float32, kind.ndim, "C", readonly=True) if kind.dtype == types.float64 else kind
 
 
-TABLES = _tables(MATRIX, VECTOR)
-TABLES_32 = _tables(MATRIX_32, VECTOR_32)
+TABLES = numba_type(FieldTables)
+TABLES_32 = types.NamedTuple([TABLES.types[0], *map(_single, TABLES.types[1:])], FieldTables)
 
 
 def exact(tables: FieldTables) -> FieldTables:

@@ -31,7 +31,8 @@ from guidefield.kernels.guide.univariate_search import (
     put_at,
     strung,
 )
-from guidefield.kernels.jit.signatures import INDICES, MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.fields import numba_type
+from guidefield.kernels.jit.signatures import INDICES, MATRIX_OUT, VECTOR, Floats, Vector3, compiled, inlined
 from guidefield.kernels.kinematics.chain_angles import chain_configuration
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS
 from guidefield.kernels.kinematics.link_chain import CHAIN
@@ -63,7 +64,7 @@ class Searching(NamedTuple):
     floor: float
 
 
-SEARCHING = types.NamedUniTuple(SCALAR, 7, Searching)
+SEARCHING = numba_type(Searching)
 COUNTS_OUT = types.Array(types.int64, 1, "C")
 
 

@@ -18,6 +18,7 @@ from guidefield.kernels.field.field_tables import TABLES_32
 from guidefield.kernels.guide.projected_step import direction, state_room, step_room
 from guidefield.kernels.guide.tip_constraint import CONSTRAINT, constraint_error
 from guidefield.kernels.guide.tip_guard import GUARD, allows
+from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
 from guidefield.kernels.kinematics.articulated_body import empty_factors
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
@@ -62,7 +63,7 @@ class Settings(NamedTuple):
     exact: int
 
 
-SETTINGS = types.NamedTuple((*(SCALAR,) * 8, types.int64), Settings)
+SETTINGS = numba_type(Settings)
 COUNTS_OUT = types.Array(types.int64, 1, "C")
 
 

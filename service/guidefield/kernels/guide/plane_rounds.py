@@ -19,7 +19,8 @@ from guidefield.kernels.field.field_tables import TABLES_32
 from guidefield.kernels.guide.descent import COUNTS_OUT, SETTINGS, descend
 from guidefield.kernels.guide.tip_constraint import ON_PLANE, TipConstraint
 from guidefield.kernels.guide.tip_guard import GUARD, TipGuard, closest
-from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.fields import IndicesOut, Row, RowOut, RowsOut, numba_type
+from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.kernels.kinematics.integrate import MOVER, tip_position
 from guidefield.kernels.kinematics.local_coordinates import chart_values
@@ -58,9 +59,9 @@ class Rounds(NamedTuple):
     on_plane: float
     depth: float
     comfortable: float
-    middle: Floats
-    normal: Floats
-    margins: Floats
+    middle: Row
+    normal: Row
+    margins: Row
 
 
 class Record(NamedTuple):
@@ -77,20 +78,18 @@ class Record(NamedTuple):
         counts: Rounds; evaluations of U; motions judged; steps of descents; 2 ends if a motion was refused.
     """
 
-    steps: Floats
-    values: Floats
-    kinds: Any
-    kept: Any
-    rounds: Floats
-    ends: Any
-    refused: Floats
-    counts: Any
+    steps: RowsOut
+    values: RowOut
+    kinds: IndicesOut
+    kept: IndicesOut
+    rounds: RowsOut
+    ends: IndicesOut
+    refused: RowsOut
+    counts: IndicesOut
 
 
-ROUNDS = types.NamedTuple((*(SCALAR,) * 6, VECTOR, VECTOR, VECTOR), Rounds)
-RECORD_OUT = types.NamedTuple(
-    (MATRIX_OUT, VECTOR_OUT, COUNTS_OUT, COUNTS_OUT, MATRIX_OUT, COUNTS_OUT, MATRIX_OUT, COUNTS_OUT), Record
-)
+ROUNDS = numba_type(Rounds)
+RECORD_OUT = numba_type(Record)
 
 
 @inlined

@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import void
 
+from guidefield.kernels.jit.fields import RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.signatures import MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled, inlined
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.integrate import MOVER, Mover, tip_jacobian, tip_position
@@ -27,12 +28,12 @@ class TipConstraint(NamedTuple):
     """
 
     kind: int
-    point: Floats
-    normal: Floats
-    rotation: Floats
+    point: RowOut
+    normal: RowOut
+    rotation: RowsOut
 
 
-CONSTRAINT = types.NamedTuple((types.int64, VECTOR_OUT, VECTOR_OUT, MATRIX_OUT), TipConstraint)
+CONSTRAINT = numba_type(TipConstraint)
 """Its arrays may be written to: a kernel moves it from round to round."""
 
 

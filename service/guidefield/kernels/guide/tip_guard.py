@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
+from guidefield.kernels.jit.fields import Row, Rows, numba_type
+from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
 
 
 class TipGuard(NamedTuple):
@@ -24,17 +25,17 @@ class TipGuard(NamedTuple):
         depth: The smallest height over the edges that is allowed [m]; minus infinity for any.
     """
 
-    origin: Floats
-    axes: Floats
-    inward: Floats
-    offsets: Floats
-    corners: Floats
+    origin: Row
+    axes: Rows
+    inward: Rows
+    offsets: Row
+    corners: Rows
     inset: float
     farthest: float
     depth: float
 
 
-GUARD = types.NamedTuple((VECTOR, MATRIX, MATRIX, VECTOR, MATRIX, SCALAR, SCALAR, SCALAR), TipGuard)
+GUARD = numba_type(TipGuard)
 
 
 @inlined

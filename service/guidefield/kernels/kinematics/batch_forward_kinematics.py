@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numba import int64, types, void
+from numba import int64, void
 
-from guidefield.kernels.jit.signatures import FLOAT_POINTER, FLOATS, INDICES, Floats32, lane_part, lane_step
+from guidefield.kernels.jit.fields import Indices, Singles, numba_type
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
 from guidefield.kernels.simd.vector import LANES, Vector, load, splat, store
@@ -42,14 +42,14 @@ class LaneJoints(NamedTuple):
     """
 
     size: int
-    parents: np.ndarray
-    kinds: np.ndarray
-    forms: np.ndarray
-    drivers: np.ndarray
-    numbers: np.ndarray
+    parents: Indices
+    kinds: Indices
+    forms: Indices
+    drivers: Indices
+    numbers: Singles
 
 
-LANE_JOINTS = types.NamedTuple([types.int64, *[INDICES] * 4, FLOATS], LaneJoints)
+LANE_JOINTS = numba_type(LaneJoints)
 JOINTS = pointed(LANE_JOINTS)
 
 

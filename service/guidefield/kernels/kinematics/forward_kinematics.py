@@ -11,8 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import void
 
+from guidefield.kernels.jit.fields import Blocks, Indices, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
     BLOCKS,
     BLOCKS_OUT,
@@ -41,16 +42,16 @@ class JointTable(NamedTuple):
         idx_q, idx_v, nv: Where its values stand, and how many tangent values it has, each of shape (n,).
     """
 
-    parents: np.ndarray
-    kinds: np.ndarray
-    axes: np.ndarray
-    placements: np.ndarray
-    idx_q: np.ndarray
-    idx_v: np.ndarray
-    nv: np.ndarray
+    parents: Indices
+    kinds: Indices
+    axes: Rows
+    placements: Blocks
+    idx_q: Indices
+    idx_v: Indices
+    nv: Indices
 
 
-JOINTS = types.NamedTuple((INDICES, INDICES, MATRIX, BLOCKS, INDICES, INDICES, INDICES), JointTable)
+JOINTS = numba_type(JointTable)
 
 
 @inlined

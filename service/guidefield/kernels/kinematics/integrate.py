@@ -11,13 +11,11 @@ from typing import NamedTuple
 
 from numba import types, void
 
+from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
-    INDICES,
-    MATRIX,
     VECTOR,
     VECTOR_OUT,
     Floats,
-    Integers,
     Vector3,
     compiled,
     inlined,
@@ -25,7 +23,6 @@ from guidefield.kernels.jit.signatures import (
 from guidefield.kernels.kinematics.chart import turned
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
-    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
@@ -55,36 +52,20 @@ class Mover(NamedTuple):
     """
 
     joints: JointTable
-    leaders: Integers
-    factors: Floats
-    norms: Floats
-    largest: Floats
-    values: Integers
-    lower: Floats
-    upper: Floats
-    stops: Integers
-    supports: Integers
+    leaders: Indices
+    factors: Row
+    norms: Row
+    largest: Row
+    values: Indices
+    lower: Row
+    upper: Row
+    stops: Indices
+    supports: Indices
     tip_joint: int
-    tip: Floats
+    tip: Rows
 
 
-MOVER = types.NamedTuple(
-    (
-        JOINTS,
-        INDICES,
-        VECTOR,
-        VECTOR,
-        VECTOR,
-        INDICES,
-        VECTOR,
-        VECTOR,
-        INDICES,
-        INDICES,
-        types.int64,
-        MATRIX,
-    ),
-    Mover,
-)
+MOVER = numba_type(Mover)
 
 
 @inlined

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.fields import Row, numba_type
+from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR_OUT, Floats, compiled, inlined
 from guidefield.kernels.kinematics.tip_chain import (
     BALL,
     CHAIN,
@@ -51,11 +52,11 @@ class Tolerances(NamedTuple):
         aimed: What of it is aimed at, no more than that, shape (6,) [m, rad].
     """
 
-    allowed: np.ndarray
-    aimed: np.ndarray
+    allowed: Row
+    aimed: Row
 
 
-TOLERANCES = types.NamedUniTuple(VECTOR, 2, Tolerances)
+TOLERANCES = numba_type(Tolerances)
 
 
 @inlined

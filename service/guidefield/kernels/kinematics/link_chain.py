@@ -12,16 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
+from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    INDICES,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
     VECTOR,
     VECTOR_OUT,
     Floats,
-    Integers,
     compiled,
     inlined,
 )
@@ -52,31 +50,18 @@ class LinkChain(NamedTuple):
         circling: (n, 2) 1 where such a revolute joint is continuous: cosine and sine stand for its angle.
     """
 
-    kinds: Integers
-    at: Integers
-    frames: Floats
-    origin: Floats
-    links: Floats
-    first_axes: Floats
-    second_axes: Floats
-    between: Floats
-    circling: Integers
+    kinds: Indices
+    at: IndexRows
+    frames: Blocks
+    origin: Row
+    links: Rows
+    first_axes: Rows
+    second_axes: Rows
+    between: Blocks
+    circling: IndexRows
 
 
-CHAIN = types.NamedTuple(
-    (
-        INDICES,
-        types.Array(types.int64, 2, "C", readonly=True),
-        BLOCKS,
-        VECTOR,
-        MATRIX,
-        MATRIX,
-        MATRIX,
-        BLOCKS,
-        types.Array(types.int64, 2, "C", readonly=True),
-    ),
-    LinkChain,
-)
+CHAIN = numba_type(LinkChain)
 
 
 @inlined

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.jit.signatures import INDICES, MATRIX, VECTOR, Floats, Integers, compiled, inlined
+from guidefield.kernels.jit.fields import Indices, Row, numba_type
+from guidefield.kernels.jit.signatures import MATRIX, Floats, Integers, compiled, inlined
 
 _INDICES_OUT = types.Array(types.int64, 1, "C")
 
@@ -22,12 +23,12 @@ class Measure(NamedTuple):
         rotations: Where rotation vectors begin, of which the angle between the two counts, shape (b,).
     """
 
-    periods: np.ndarray
-    units: np.ndarray
-    rotations: np.ndarray
+    periods: Row
+    units: Row
+    rotations: Indices
 
 
-MEASURE = types.NamedTuple([VECTOR, VECTOR, INDICES], Measure)
+MEASURE = numba_type(Measure)
 
 
 @inlined

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-from numba import types
-
-from guidefield.kernels.jit.signatures import INDICES, MATRIX, VECTOR, Floats, inlined
+from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.signatures import Floats, inlined
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,
@@ -37,16 +35,16 @@ class TipChain(NamedTuple):
         upper: Shape (nv,).
     """
 
-    kinds: np.ndarray
-    drivers: np.ndarray
-    scales: np.ndarray
-    placements: np.ndarray
-    first: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    kinds: Indices
+    drivers: Indices
+    scales: Rows
+    placements: Rows
+    first: Row
+    lower: Row
+    upper: Row
 
 
-CHAIN = types.NamedTuple([INDICES, INDICES, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR], TipChain)
+CHAIN = numba_type(TipChain)
 
 
 @inlined

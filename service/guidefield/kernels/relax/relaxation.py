@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, INDICES, MATRIX, MATRIX_OUT, SCALAR, VECTOR, Floats, compiled
+from guidefield.kernels.jit.fields import Indices, Row, numba_type
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR, Floats, compiled
 from guidefield.kernels.relax.robot_barrier import robot_barrier
 from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.relax.verlet_list import NEAR_BODIES, NearBodies
@@ -31,14 +31,14 @@ class PathSamples(NamedTuple):
         shares: (s,) factor of the barrier between links there; where it is 0 that isn't looked at.
     """
 
-    segments: np.ndarray
-    fractions: Floats
-    weights: Floats
-    ranges: Floats
-    shares: Floats
+    segments: Indices
+    fractions: Row
+    weights: Row
+    ranges: Row
+    shares: Row
 
 
-SAMPLES = types.NamedTuple((INDICES, VECTOR, VECTOR, VECTOR, VECTOR), PathSamples)
+SAMPLES = numba_type(PathSamples)
 
 
 @compiled(SCALAR(MATRIX, VECTOR, MATRIX_OUT, BLOCKS_OUT, BLOCKS_OUT))

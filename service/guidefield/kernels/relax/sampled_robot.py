@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.distance.distance import TABLES, DistanceTables
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, MATRIX, VECTOR, Floats, Vector3
+from guidefield.kernels.jit.signatures import Floats, Vector3
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import JOINTS, JointTable, joint_placements, motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements, motion_subspaces
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 
@@ -37,29 +38,23 @@ class SampledRobot(NamedTuple):
     """
 
     joints: JointTable
-    drivers: np.ndarray
-    multipliers: Floats
-    offsets: Floats
-    origin: Floats
-    points: Floats
-    weights: Floats
-    groups: np.ndarray
-    balls: Floats
-    ignored: np.ndarray
+    drivers: Indices
+    multipliers: Row
+    offsets: Row
+    origin: Row
+    points: Rows
+    weights: Row
+    groups: IndexRows
+    balls: Rows
+    ignored: Flags
     links: DistanceTables
-    link_joints: np.ndarray
-    link_balls: Floats
-    pairs: np.ndarray
-    pair_ranges: Floats
+    link_joints: Indices
+    link_balls: Rows
+    pairs: IndexRows
+    pair_ranges: Row
 
 
-ROBOT = types.NamedTuple(
-    (
-        *(JOINTS, INDICES, VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, INDEX_MATRIX, MATRIX, FLAGS),
-        *(TABLES, INDICES, MATRIX, INDEX_MATRIX, VECTOR),
-    ),
-    SampledRobot,
-)
+ROBOT = numba_type(SampledRobot)
 
 
 class Workspace(NamedTuple):

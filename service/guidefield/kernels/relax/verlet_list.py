@@ -10,12 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
 from guidefield.kernels.distance.distance import DistanceTables, bodies_near
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
+from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, IndexRowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, Floats
 from guidefield.kernels.relax.sampled_robot import SampledRobot, Workspace
 
 MARGIN = 0.04
@@ -34,14 +33,12 @@ class NearBodies(NamedTuple):
         bodies: Their indices, shape (s, g, `MOST`).
     """
 
-    centres: Floats
-    counts: np.ndarray
-    bodies: np.ndarray
+    centres: BlocksOut
+    counts: IndexRowsOut
+    bodies: IndexBlocksOut
 
 
-NEAR_BODIES = types.NamedTuple(
-    (BLOCKS_OUT, types.Array(types.int64, 2, "C"), types.Array(types.int64, 3, "C")), NearBodies
-)
+NEAR_BODIES = numba_type(NearBodies)
 
 
 def nothing_remembered(configurations: int, groups: int) -> NearBodies:

@@ -26,8 +26,8 @@ def pointed(kind: Any) -> Any:
     """The type of what `pointers` makes of a value: pointers instead of arrays, in named tuples too."""
     if isinstance(kind, types.Array):
         return types.CPointer(kind.dtype)
-    if isinstance(kind, types.NamedTuple):
-        return types.NamedTuple([pointed(field) for field in kind.types], kind.instance_class)
+    if isinstance(kind, types.BaseNamedTuple):
+        return types.BaseTuple.from_types(tuple(pointed(field) for field in kind.types), kind.instance_class)
     return kind
 
 
@@ -42,7 +42,7 @@ def pointers(typing: Any, value: Any) -> Any:
     def stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         if isinstance(kind, types.Array):
             return context.make_array(kind)(context, builder, value).data
-        if isinstance(kind, types.NamedTuple):
+        if isinstance(kind, types.BaseNamedTuple):
             fields = cgutils.unpack_tuple(builder, value, len(kind))
             made = [stripped(context, builder, *pair) for pair in zip(kind.types, fields, strict=True)]
             return context.make_tuple(builder, pointed(kind), made)
@@ -84,7 +84,7 @@ def unpacked(kind: Any) -> Callable[[Any], Any]:
     made = pointed(kind)
 
     def read(context: Any, builder: Any, target: Any, words: Any, position: Iterator[int]) -> Any:
-        if isinstance(target, types.NamedTuple):
+        if isinstance(target, types.BaseNamedTuple):
             fields = [read(context, builder, field, words, position) for field in target.types]
             return context.make_tuple(builder, target, fields)
         word = builder.load(builder.gep(words, [ir.Constant(ir.IntType(64), next(position))]))

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import types
-
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, MATRIX, VECTOR, Floats, Integers, inlined
+from guidefield.kernels.jit.fields import IndexRows, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.signatures import Floats, Integers, inlined
 from guidefield.kernels.kinematics.chart import subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
     FLOATING,
-    JOINTS,
     PLANAR,
     PRISMATIC,
     REVOLUTE,
@@ -38,14 +36,14 @@ class SweptRobot(NamedTuple):
     """
 
     joints: JointTable
-    origin: Floats
-    capsules: Floats
-    carriers: Integers
-    moved: Integers
-    own: Integers
+    origin: Row
+    capsules: Rows
+    carriers: Indices
+    moved: IndexRows
+    own: IndexRows
 
 
-SWEPT = types.NamedTuple((JOINTS, VECTOR, MATRIX, INDICES, INDEX_MATRIX, INDEX_MATRIX), SweptRobot)
+SWEPT = numba_type(SweptRobot)
 
 
 @inlined

@@ -12,11 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types
 
+from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
-    FLOATS,
-    INDICES,
-    VECTOR,
     Floats,
     Floats32,
     lane_part,
@@ -79,16 +77,16 @@ class Sampling(NamedTuple):
         rotations: (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly.
     """
 
-    steps: np.ndarray
-    lower: np.ndarray
-    width: np.ndarray
-    period: np.ndarray
-    frequency: np.ndarray
+    steps: Row
+    lower: Row
+    width: Row
+    period: Singles
+    frequency: Singles
     n_rotations: int
-    rotations: np.ndarray
+    rotations: Indices
 
 
-_SAMPLING = types.NamedTuple([*[VECTOR] * 3, *[FLOATS] * 2, types.int64, INDICES], Sampling)
+_SAMPLING = numba_type(Sampling)
 SAMPLING = pointed(_SAMPLING)
 
 sampling_of = unpacked(_SAMPLING)

@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
+from guidefield.kernels.jit.fields import IndicesOut, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
-    FLOATS_OUT,
-    INDICES_OUT,
     Floats32,
     Integers,
     lane_part,
@@ -68,30 +67,18 @@ class Buckets(NamedTuple):
     """
 
     n: int
-    inside: np.ndarray
-    members: np.ndarray
-    filled: np.ndarray
-    middles: np.ndarray
-    halves: np.ndarray
-    splits: np.ndarray
-    cuts: np.ndarray
-    state: np.ndarray
-    point: np.ndarray
+    inside: SinglesOut
+    members: IndicesOut
+    filled: IndicesOut
+    middles: SinglesOut
+    halves: SinglesOut
+    splits: IndicesOut
+    cuts: SinglesOut
+    state: IndicesOut
+    point: SinglesOut
 
 
-BUCKETS_TYPE = types.NamedTuple(
-    [
-        types.int64,
-        FLOATS_OUT,
-        *[INDICES_OUT] * 2,
-        *[FLOATS_OUT] * 2,
-        INDICES_OUT,
-        FLOATS_OUT,
-        INDICES_OUT,
-        FLOATS_OUT,
-    ],
-    Buckets,
-)
+BUCKETS_TYPE = numba_type(Buckets)
 BUCKETS = pointed(BUCKETS_TYPE)
 
 

@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64, types, void
 
+from guidefield.kernels.jit.fields import IndicesOut, RowOut, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
-    FLOATS_OUT,
-    INDICES_OUT,
-    VECTOR_OUT,
     Floats32,
     lane_part,
     lane_step,
@@ -20,7 +18,7 @@ from guidefield.kernels.jit.signatures import (
 from guidefield.kernels.simd.packing import pointed, unpacked
 from guidefield.kernels.simd.vector import LANES, lane, load, root, splat, store
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
-from guidefield.kernels.tree.kd_buckets import BUCKETS_TYPE, STATE, Buckets, short_way
+from guidefield.kernels.tree.kd_buckets import STATE, Buckets, short_way
 
 RANGE = 1.0
 """Longest extension of a tree [rad or m]."""
@@ -60,45 +58,28 @@ class TreeSearch(NamedTuple):
 
     nv: int
     capacity: int
-    nodes: np.ndarray
-    parents: np.ndarray
-    domains: np.ndarray
-    failed: np.ndarray
-    places: np.ndarray
-    counters: np.ndarray
-    sample: np.ndarray
-    target: np.ndarray
-    origin: np.ndarray
-    reached: np.ndarray
-    samples: np.ndarray
-    near: np.ndarray
-    grown: np.ndarray
-    longest: np.ndarray
-    origins: np.ndarray
-    ends: np.ndarray
-    hits: np.ndarray
-    path: np.ndarray
+    nodes: SinglesOut
+    parents: IndicesOut
+    domains: SinglesOut
+    failed: IndicesOut
+    places: RowOut
+    counters: IndicesOut
+    sample: SinglesOut
+    target: SinglesOut
+    origin: SinglesOut
+    reached: SinglesOut
+    samples: SinglesOut
+    near: SinglesOut
+    grown: IndicesOut
+    longest: SinglesOut
+    origins: SinglesOut
+    ends: SinglesOut
+    hits: IndicesOut
+    path: RowOut
     buckets: Buckets
 
 
-_SEARCH = types.NamedTuple(
-    [
-        *[types.int64] * 2,
-        FLOATS_OUT,
-        INDICES_OUT,
-        FLOATS_OUT,
-        INDICES_OUT,
-        VECTOR_OUT,
-        INDICES_OUT,
-        *[FLOATS_OUT] * 6,
-        INDICES_OUT,
-        *[FLOATS_OUT] * 3,
-        INDICES_OUT,
-        VECTOR_OUT,
-        BUCKETS_TYPE,
-    ],
-    TreeSearch,
-)
+_SEARCH = numba_type(TreeSearch)
 SEARCH = pointed(_SEARCH)
 
 search_of = unpacked(_SEARCH)
