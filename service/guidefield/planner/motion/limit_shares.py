@@ -66,7 +66,8 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
         group: Whose limits of positions, velocities and accelerations count.
         jerk_limits: Shape (nv,), infinite where there is none; None: jerk doesn't matter.
     """
-    middle, half = 0.5 * (group.lower + group.upper), 0.5 * (group.upper - group.lower)
+    with np.errstate(invalid="ignore"):  # infinity less infinity, where there is no limit
+        middle, half = 0.5 * (group.lower + group.upper), 0.5 * (group.upper - group.lower)
     ranged = np.isfinite(half) & (half > 0.0)
     middle, half = np.where(ranged, middle, 0.0), np.where(ranged, half, np.inf)
     knots = np.abs(motion.positions - middle) / half

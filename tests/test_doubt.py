@@ -1,0 +1,191 @@
+"""`tools/doubt`: some fixed units are not contradicted, planted faults are found, and runs add up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield.engine import Engine
+from guidefield.messages.certify_reply import Place
+from guidefield.messages.replies import CertifyReply, PlanReply
+from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, UrdfText
+from guidefield.messages.scene import Box, Scene, Sphere
+from tests.doubt_units import two_plans
+
+TOOLS = Path(__file__).parents[1] / "tools"
+ENGINE = Engine()
+replace = msgspec.structs.replace
+
+
+class Lying:
+    """An engine whose replies are changed."""
+
+    def __init__(self, change: Any) -> None:
+        self._change = change
+
+    def answer(self, request: Any) -> Any:
+        reply = ENGINE.answer(request)
+        return self._change(reply) if isinstance(reply, CertifyReply) else reply
+
+
+def certified(reply: CertifyReply) -> CertifyReply:
+    return replace(reply, certificate=replace(reply.certificate, collision_free=True, reason="free"))
+
+
+def farther(reply: CertifyReply) -> CertifyReply:
+    assert reply.clearance is not None
+    return replace(reply, clearance=replace(reply.clearance, minimum=reply.clearance.minimum + 2e-4))
+
+
+def refused(reply: CertifyReply) -> CertifyReply:
+    assert reply.clearance is not None
+    place = Place(row=0.0, time=None, configuration={})
+    verdict = replace(reply.certificate, collision_free=False, reason="contact", pair=reply.clearance.pair, place=place)
+    return replace(reply, certificate=verdict)
+
+
+@pytest.fixture(autouse=True)
+def tools(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(TOOLS))
+
+
+BALL = '<link name="{}"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>'
+SLIDER = (
+    f'<robot name="slider">{BALL.format("rail")}{BALL.format("ball")}<joint name="slide" type="prismatic">'
+    '<origin xyz="0 0 0.5"/><parent link="rail"/><child link="ball"/><axis xyz="1 0 0"/>'
+    '<limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>'
+)
+
+
+def loaded(folder: Path, engine: Any = ENGINE, catalog: str | None = None) -> Any:
+    """A robot of the catalog, or the slider."""
+    from doubting.loaded import Loaded
+    from doubting.robots import Robot
+
+    return Loaded.of(Robot(catalog=catalog, text="" if catalog else SLIDER), folder, engine)
+
+
+def slide(until: float) -> CertifyRequest:
+    """The ball slides from 0; a box begins at 0.7 in its way."""
+    boxes = [
+        Box(name="far", size=(0.1, 0.1, 0.1), position=(0.0, 0.0, 2.0)),
+        Box(name="near", size=(0.2, 0.2, 0.2), position=(0.8, 0.0, 0.5)),
+    ]
+    scene = Scene(name="s", obstacles=boxes)
+    return CertifyRequest(
+        UrdfText(text=SLIDER), scene, path=[[0.0], [until]], position_names=["slide"], recording="off"
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_fixed_units_are_not_contradicted(tmp_path: Path, seed: int) -> None:
+    from doubting.unit import Work
+
+    unit = Work(seed, tmp_path, ENGINE).done(plans=2, changed=6)
+    assert unit.found == []
+    assert "disagreements" not in unit.counts
+    assert unit.counts["plans"] == 2
+    assert unit.counts["mutants"] >= 5
+    assert unit.counts["mutants certified"] > 0
+
+
+def test_a_true_answer_is_not_contradicted(tmp_path: Path) -> None:
+    from doubting.doubted import doubted
+
+    for until, reason in ((0.3, "free"), (0.9, "contact")):
+        came = doubted(loaded(tmp_path), slide(until))
+        assert came.found == ()
+        assert came.reply.certificate.reason == reason
+
+
+@pytest.mark.parametrize(
+    ("change", "until", "kind"),
+    [(certified, 0.9, "FALSE_CERTIFICATE"), (farther, 0.3, "FIGURE"), (refused, 0.3, "FALSE_REFUSAL")],
+)
+def test_planted_faults_are_found_and_shrunk(tmp_path: Path, change: Any, until: float, kind: str) -> None:
+    from doubting.compare import Kind
+    from doubting.doubted import doubted
+    from doubting.shrink import shrunk
+
+    liar = loaded(tmp_path, Lying(change))
+    came = doubted(liar, slide(until))
+    assert Kind[kind] in {one.kind for one in came.found}
+    small = shrunk(liar, slide(until), Kind[kind])
+    assert isinstance(small.scene, Scene)
+    assert [one.name for one in small.scene.obstacles] == ["near"]
+    assert Kind[kind] in {one.kind for one in doubted(liar, small).found}
+
+
+def test_what_is_found_is_kept_and_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from doubting import repeat
+    from doubting.doubted import doubted
+    from doubting.unit import Work
+
+    liar = loaded(tmp_path, Lying(certified))
+    work = Work(7, tmp_path, ENGINE)
+    work._note(liar, slide(0.9), doubted(liar, slide(0.9)), "seed 7, plan 0")
+    (file,) = work.files
+    assert json.loads((tmp_path / file).read_text())["said"][0].startswith("certified, but not free")
+    assert repeat.repeated(tmp_path / file) == 0, "the true certificate refuses it"
+    assert "INVALID_MOTION_PLAN" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("robot", ["chain_moving_3x260_r25", "chain_planar_3x260_r25", "ur5"])
+def test_the_judges_curve_is_that_of_the_samples(tmp_path: Path, robot: str) -> None:
+    from doubting.asked import free
+    from doubting.compare import planned_curve
+    from doubting.curve import Curve
+
+    known, rng = loaded(tmp_path, catalog=robot), np.random.default_rng(1)
+    ends = [free(rng, known, known.movable, {}) for _ in range(2)]
+    request = PlanRequest(
+        robot, Scene(name="s"), JointsGoal(ends[1]), start=ends[0], guide_planes=[], recording="off", seed=1
+    )
+    request = replace(request, group=[joint.name for joint in known.movable])
+    knots, samples = (ENGINE.answer(replace(request, sample_rate=rate)) for rate in (None, 40.0))
+    assert isinstance(knots, PlanReply)
+    assert isinstance(samples, PlanReply)
+    assert samples.trajectory is not None
+    curve = planned_curve(knots)
+    assert curve is not None
+    values = curve.at(np.array(samples.trajectory.times))
+    told = Curve.of(samples.position_names, samples.trajectory.positions)
+    for part in told.parts:
+        rows = told.at(told.times)[part.name]
+        mine = values[part.name]
+        if part.width >= 4:  # a quaternion of either sign
+            mine = np.where((rows[:, -4:] * mine[:, -4:]).sum(axis=1)[:, None] < 0.0, -mine, mine)
+            np.testing.assert_allclose(mine[:, -4:], rows[:, -4:], rtol=0.0, atol=1e-9)
+            continue
+        np.testing.assert_allclose(mine, rows, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("at", [0.31, 0.7, 1.4])
+def test_the_judge_finds_the_smallest_distance(tmp_path: Path, at: float) -> None:
+    from doubting.curve import Curve
+
+    slider = loaded(tmp_path)
+    ball = Sphere(name="s", radius=0.1, position=(at, 0.2, 0.5))
+    judge = slider.judge(frozenset({"slide"}), obstacles=[ball])
+    sampled = judge.along_all(Curve.of(["slide"], [[0.0], [1.0]]))
+    expected = np.hypot(max(0.0, at - 1.0), 0.2) - 0.15
+    assert sampled.obstacle.distance == pytest.approx(expected, abs=1e-8)
+    assert sampled.obstacle.pair == ("ball", "s")
+    assert sampled.obstacle.time == pytest.approx(min(at, 1.0), abs=1e-3)
+
+
+def test_runs_add_up_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from doubting import running, tally
+
+    assert running.run(tmp_path, 3, 4, None, 1, two_plans) == 0
+    assert [unit.seed for unit in tally.units(tmp_path)] == [3, 4]
+    with (tmp_path / tally.FILE).open("a") as file:
+        file.write('{"seed": 5, "sec')  # the machine was switched off
+    assert running.run(tmp_path, 3, 6, None, 1, two_plans) == 1
+    assert [unit.seed for unit in tally.units(tmp_path)] == [3, 4, 5]
+    assert "plans: 6" in capsys.readouterr().out

@@ -1,0 +1,389 @@
+"""What a reply says held against what the sampling judge finds: each contradiction is a disagreement."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from doubting.curve import Curve
+from doubting.judge import Judge, Nearest, Sampled
+from doubting.limits import RATES, Standing, standing
+from doubting.loaded import Loaded, as_values
+from guidefield.messages.replies import CertifyReply, PlanReply
+from guidefield.messages.requests import (
+    CertifyRequest,
+    JointsGoal,
+    OrientationCone,
+    PathConstraint,
+    PlaneConstraint,
+    PlanRequest,
+)
+from guidefield.robot.model.model import JointKind
+
+CLOSER = 2e-6
+"""A pair that is closer than required by more than this is no free pair [m]."""
+OFF = 1e-4
+"""A figure may be off by this [m]."""
+BEYOND = 1e-9
+"""A joint may be beyond its limit by this [rad or m], a share of a limit off by it."""
+FLOOR = 3e-5
+"""What can't be told apart is that close at least [m]."""
+MOVING_FLOOR = 1.1e-3
+"""The same of obstacles that move [m]."""
+KEPT = 1e-6
+"""A share of a rate's limit is kept up to this above 1."""
+
+
+class Kind(enum.StrEnum):
+    """What kind of disagreement it is."""
+
+    FALSE_CERTIFICATE = "certified, but not free"
+    FALSE_REFUSAL = "refused, but free"
+    FIGURE = "a figure is off"
+    LIMIT = "a limit is exceeded, or is told wrongly"
+    ENDS = "it doesn't begin or end where it should"
+    CRASH = "the request failed with a bug"
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A contradiction, as a sentence."""
+
+    kind: Kind
+    said: str
+
+
+def judge_of(loaded: Loaded, request: PlanRequest | CertifyRequest, planned: frozenset[str]) -> Judge:
+    """The judge of what a request is about."""
+    assert not isinstance(request.scene, str), "scenes are sent"
+    return loaded.judge(
+        planned,
+        placement=request.robot_placement,
+        obstacles=request.scene.obstacles,
+        attached=request.attached_objects,
+        allowed=frozenset(frozenset(pair) for pair in request.allowed_collisions),
+        min_clearance=request.min_clearance,
+        still=as_values(request.start),
+    )
+
+
+def continuous(loaded: Loaded) -> list[str]:
+    """Joints that go the shorter way between rows."""
+    return [joint.name for joint in loaded.model.joints if joint.kind is JointKind.CONTINUOUS]
+
+
+def names_of(names: list[str]) -> frozenset[str]:
+    """The joints that columns are of."""
+    return frozenset(name.partition(".")[0] for name in names)
+
+
+def planned_curve(reply: PlanReply) -> Curve | None:
+    """The curve of a plan's trajectory; of its partial path if it failed; None if it has neither."""
+    if reply.trajectory is not None:
+        one = reply.trajectory
+        return Curve.of(reply.position_names, one.positions, one.times, one.velocities)
+    if reply.path:
+        return Curve.of(reply.position_names, reply.path)
+    return None
+
+
+def asked_curve(loaded: Loaded, request: CertifyRequest) -> Curve:
+    """The curve that a certify request is about."""
+    assert request.position_names is not None, "columns are named"
+    turning = continuous(loaded)
+    if request.trajectory is None:
+        assert request.path is not None, "there is a motion"
+        return Curve.of(request.position_names, request.path, continuous=turning)
+    given = request.trajectory
+    step = request.time_step or 0.0
+    times = [k * step for k in range(len(given.positions))] if given.times is None else given.times
+    spline = given.velocities is None and request.interpolation == "spline"
+    return Curve.of(request.position_names, given.positions, times, given.velocities, continuous=turning, spline=spline)
+
+
+def covered_from(covers: str, curve: Curve) -> float:
+    """Since when a certificate holds, as it says: the beginning, or "after 0.5 s"."""
+    _, _, after = covers.partition(" after ")
+    if not after:
+        return float(curve.times[0])
+    number = after.removeprefix("row ").removesuffix(" s")
+    if after.startswith("row "):
+        row = float(number)
+        k = min(int(row), len(curve.times) - 2)
+        return float(curve.times[k] + (row - k) * (curve.times[k + 1] - curve.times[k]))
+    return float(number)
+
+
+def about_plan(
+    loaded: Loaded, request: PlanRequest, reply: PlanReply, judge: Judge
+) -> tuple[list[Disagreement], Sampled | None]:
+    """What contradicts a plan's reply, and what was sampled along its motion."""
+    found: list[Disagreement] = []
+    curve = planned_curve(reply)
+    found += _about_ends(request, reply, judge)
+    if curve is None or request.sample_rate is not None:
+        return found, None
+    free = reply.certificate.collision_free
+    if reply.trajectory is None:
+        curve_free = free and reply.certificate.covers == "path"
+        if not curve_free or judge.moves:
+            return found, None
+        sampled = judge.along_all(curve)
+        return found + _certified(judge, curve, sampled), None
+    sampled = judge.along_all(curve, covered_from(reply.certificate.covers, curve))
+    at = standing(loaded, request, curve)
+    if free:
+        found += _certified(judge, curve, sampled) + _constraints(judge, curve, request.path_constraints)
+        if at.excess > BEYOND:
+            found.append(Disagreement(Kind.LIMIT, f"certified, but {at.joint} is {at.excess:.3g} beyond its limit"))
+    if reply.status.name == "SUCCESS":
+        for rate, share in at.shares.items():
+            if share > 1.0 + BEYOND + at.noise[rate]:
+                found.append(Disagreement(Kind.LIMIT, f"a {rate} is {share:.12g} of its limit"))
+        found += _reached(request, reply)
+    if " after " not in reply.certificate.covers and not unmeasured(reply.warnings):
+        found += _clearances(judge, curve, sampled, reply)
+    return found, sampled
+
+
+def about_certify(
+    loaded: Loaded, request: CertifyRequest, reply: CertifyReply, judge: Judge, curve: Curve, sampled: Sampled
+) -> list[Disagreement]:
+    """What contradicts the reply to a certify request."""
+    found: list[Disagreement] = []
+    verdict, at = reply.certificate, standing(loaded, request, curve)
+    if verdict.collision_free:
+        found += _certified(judge, curve, sampled) + _constraints(judge, curve, request.path_constraints)
+        if at.excess > BEYOND:
+            found.append(Disagreement(Kind.LIMIT, f"certified, but {at.joint} is {at.excess:.3g} beyond its limit"))
+    elif verdict.reason == "beyond limits" and at.excess <= 0.0:
+        found.append(Disagreement(Kind.LIMIT, f"refused as beyond limits, but within by {-at.excess:.3g}"))
+    else:
+        found += _refused(judge, curve, sampled, reply, request)
+    found += _shares(reply, curve, at)
+    if not unmeasured(reply.warnings) and " after " not in verdict.covers:
+        found += _clearances(judge, curve, sampled, reply)
+    return found
+
+
+def unmeasured(warnings: list[str]) -> bool:
+    """Whether a reply says that there was no time to find its figures."""
+    return any("while distances were measured" in one for one in warnings)
+
+
+def _certified(judge: Judge, curve: Curve, sampled: Sampled) -> list[Disagreement]:
+    """What contradicts that a motion is free and keeps what is asked for."""
+    found = []
+    for nearest, required in ((sampled.obstacle, judge.setting.min_clearance), (sampled.own, 0.0)):
+        if nearest.distance < required - CLOSER:
+            said = f"{_told(nearest)}, {required - nearest.distance:.4g} m closer than required"
+            found.append(Disagreement(Kind.FALSE_CERTIFICATE, said))
+    enclosed = judge.enclosed(curve, float(sampled.times[0])) if not found else None
+    if enclosed is not None:
+        found.append(Disagreement(Kind.FALSE_CERTIFICATE, f"{enclosed} are one inside the other"))
+    return found
+
+
+def _told(nearest: Nearest) -> str:
+    return f"{nearest.pair} are {nearest.distance:.9g} m apart at {nearest.time:.9g}"
+
+
+def _constraints(judge: Judge, curve: Curve, constraints: list[PathConstraint]) -> list[Disagreement]:
+    """Path constraints that a certified motion violates."""
+    found = []
+    for one in constraints:
+        worst, when = farthest(judge, curve, one)
+        allowed = one.half_angle if isinstance(one, OrientationCone) else one.tolerance
+        if worst > allowed + CLOSER:
+            said = f"a constraint of {allowed:.9g} is violated: {worst:.9g} at {when:.9g}"
+            found.append(Disagreement(Kind.FALSE_CERTIFICATE, said))
+    return found
+
+
+def farthest(judge: Judge, curve: Curve, one: PathConstraint) -> tuple[float, float]:
+    """The farthest that a frame is from what it has to keep [rad or m], and when."""
+    times = judge.places(curve, float(curve.times[0]))
+    for _ in range(4):
+        values = _violations(judge, curve, one, times)
+        k = int(np.argmax(values))
+        best = float(values[k]), float(times[k])
+        times = np.linspace(times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)], 9)
+    return best
+
+
+def _violations(judge: Judge, curve: Curve, one: PathConstraint, times: np.ndarray) -> np.ndarray:
+    placements = judge.frame_placements(curve, times, one.frame)
+    if isinstance(one, OrientationCone):
+        axis, target = (np.array(v) / np.linalg.norm(v) for v in (one.axis, one.target_axis))
+        turned = np.array([T.rotation @ axis for T in placements])
+        return np.arctan2(np.linalg.norm(np.cross(turned, target), axis=1), turned @ target)
+    apart = np.array([T.translation for T in placements]) - np.array(one.point)
+    if isinstance(one, PlaneConstraint):
+        return np.abs(apart @ np.array(one.normal)) / np.linalg.norm(one.normal)
+    return np.linalg.norm(np.cross(apart, np.array(one.direction)), axis=1) / np.linalg.norm(one.direction)
+
+
+def _refused(
+    judge: Judge, curve: Curve, sampled: Sampled, reply: CertifyReply, request: CertifyRequest
+) -> list[Disagreement]:
+    """What contradicts that a motion touches or is too close where the verdict says so, and is free before."""
+    verdict, found = reply.certificate, []
+    if (
+        verdict.reason in ("contact", "too close", "undecided")
+        and verdict.pair is not None
+        and verdict.place is not None
+    ):
+        when = time_of(curve, verdict.place.row)
+        distances = judge.all_at(curve, when)
+        mine = [p for p in range(len(distances)) if set(judge.pair_names(p)) == set(verdict.pair)]
+        required = 0.0 if verdict.reason == "contact" else judge.required[mine].max(initial=0.0)
+        room = min((float(distances[p] - required - judge.slacks[p]) for p in mine), default=np.inf)
+        floor = MOVING_FLOOR if judge.moves else FLOOR
+        allowed = floor if verdict.reason == "undecided" else CLOSER
+        within = judge.enclosed(curve, when) is not None if verdict.reason == "contact" and room > allowed else False
+        if room > allowed and not within:
+            said = f"{verdict.reason} of {verdict.pair} at {when:.9g}, where they have {room:.6g} m more"
+            found.append(Disagreement(Kind.FALSE_REFUSAL, said))
+    if verdict.reason not in ("stopped",) and " after " not in verdict.covers and not request.leave_start_contact:
+        until = time_of(curve, verdict.free_until.row)
+        closer = judge.first_closer(curve, sampled, judge.required - CLOSER, until)
+        if closer is not None:
+            said = f"free until {until:.9g}, but {judge.pair_names(closer[1])} are too close at {closer[0]:.9g}"
+            found.append(Disagreement(Kind.FALSE_CERTIFICATE, said))
+    return found
+
+
+def time_of(curve: Curve, row: float) -> float:
+    """The time of a row's number and a share of the way to the next."""
+    k = int(np.clip(np.floor(row), 0, max(len(curve.times) - 2, 0)))
+    if len(curve.times) == 1:
+        return float(curve.times[0])
+    return float(curve.times[k] + (row - k) * (curve.times[k + 1] - curve.times[k]))
+
+
+def _shares(reply: CertifyReply, curve: Curve, at: Standing) -> list[Disagreement]:
+    """Shares of limits that are told wrongly, and a status that they contradict."""
+    found, scalar = [], all(part.width == 1 for part in curve.parts)
+    told = {rate: getattr(reply.limits, rate) for rate in RATES}
+    if not at.shares:
+        return found
+    for rate in RATES:
+        mine, noise = at.shares[rate], BEYOND * max(1.0, at.shares[rate]) + at.noise[rate]
+        share = told[rate].share
+        if share is None:
+            if rate != "jerk" and scalar and curve.parts and not told[rate].steps:
+                found.append(Disagreement(Kind.LIMIT, f"the share of the {rate} is not told, it is {mine:.12g}"))
+            continue
+        if share < mine - noise or (scalar and share > mine + noise):
+            found.append(Disagreement(Kind.LIMIT, f"the share of the {rate} is told as {share!r}, it is {mine!r}"))
+    if reply.status.name == "SUCCESS":
+        over = [rate for rate in RATES if at.shares[rate] > 1.0 + KEPT + BEYOND + at.noise[rate]]
+        if over and not (over == ["jerk"] and told["jerk"].steps):
+            found.append(Disagreement(Kind.LIMIT, f"SUCCESS, but {', '.join(over)} beyond limits: {at.shares}"))
+    elif (
+        reply.certificate.collision_free
+        and scalar
+        and reply.status.name == "INVALID_MOTION_PLAN"
+        and all(at.shares[rate] <= 1.0 for rate in RATES)
+        and not any(told[rate].steps for rate in RATES)
+    ):
+        found.append(Disagreement(Kind.LIMIT, f"refused for a limit, but within all: {at.shares}"))
+    return found
+
+
+def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> list[Disagreement]:
+    """Figures of the distances that are off."""
+    found = []
+    told = reply.clearance
+    said = None if told is None else told.minimum
+    nearest = sampled.obstacle
+    if (said is None) != (nearest.pair is None) and told is not None:
+        found.append(Disagreement(Kind.FIGURE, f"clearance.minimum is {said}, sampled {_told(nearest)}"))
+    elif said is not None and nearest.pair is not None:
+        found += _minimum("clearance.minimum", said, nearest)
+        found += _attained(judge, curve, told)
+        ends = [judge.all_at(curve, float(curve.times[k]))[~judge.own].min() for k in (0, -1)]
+        if not _near(told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()):
+            found.append(Disagreement(Kind.FIGURE, f"clearance.ends is {told.ends:.9g}, it is {min(ends):.9g}"))
+    own = reply.self_clearance
+    if own is not None and own.minimum is not None and sampled.own.pair is not None:
+        found += _minimum("self_clearance.minimum", own.minimum, sampled.own)
+        if own.minimum < sampled.own.distance - OFF - judge.slacks[judge.own].max(initial=0.0):
+            closer = judge.least_of(curve, frozenset(own.pair))
+            if own.minimum < closer - OFF and not (own.minimum <= 0.0 and closer <= 0.0):
+                said = f"self_clearance.minimum is {own.minimum:.9g} of {own.pair}, who keep {closer:.9g}"
+                found.append(Disagreement(Kind.FIGURE, said))
+    return found
+
+
+def _minimum(what: str, said: float, nearest: Nearest) -> list[Disagreement]:
+    """That a distance is smaller than the smallest that is told; in contact depths aren't compared."""
+    if nearest.distance < said - OFF and not (said <= 0.0 and nearest.distance <= 0.0):
+        return [Disagreement(Kind.FIGURE, f"{what} is {said:.9g}, but {_told(nearest)}")]
+    return []
+
+
+def _attained(judge: Judge, curve: Curve, told: Any) -> list[Disagreement]:
+    """That the smallest distance is not what is there, at the time and of the pair that are told."""
+    when = told.time if getattr(told, "row", None) is None else time_of(curve, told.row)
+    distances = judge.all_at(curve, when)
+    mine = [p for p in range(len(distances)) if set(judge.pair_names(p)) == set(told.pair)]
+    there = min((float(distances[p]) for p in mine), default=np.inf)
+    slack = max((float(judge.slacks[p]) for p in mine), default=0.0)
+    inside = told.minimum <= 0.0 < there and judge.enclosed(curve, when) is not None
+    if not _near(told.minimum, there, slack) and not inside:
+        return [
+            Disagreement(
+                Kind.FIGURE, f"clearance is told as {told.minimum:.9g} of {told.pair} at {when:.9g}, it is {there:.9g}"
+            )
+        ]
+    return []
+
+
+def _near(said: float, there: float, slack: float) -> bool:
+    """Whether a distance is told rightly; in contact depths aren't compared."""
+    return (said <= 0.0 and there <= slack) or there - slack - OFF <= said <= there + OFF
+
+
+def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
+    """That a motion doesn't begin at the start or end at a goal of joints, to 1e-6."""
+    assert reply.trajectory is not None, "it is a success"
+    found, rows = [], reply.trajectory.positions
+    ends = [("start", request.start, rows[0])]
+    if isinstance(request.goal, JointsGoal):
+        ends.append(("goal", request.goal.positions, rows[-1]))
+    for what, asked, row in ends:
+        by_joint: dict[str, list[float]] = {}
+        for name, value in zip(reply.position_names, row, strict=True):
+            by_joint.setdefault(name.partition(".")[0], []).append(value)
+        for joint, values in by_joint.items():
+            if joint in asked and not _same(np.atleast_1d(asked[joint]).astype(float), np.array(values)):
+                found.append(Disagreement(Kind.ENDS, f"{joint} is at {values}, the {what} has {asked[joint]}"))
+    return found
+
+
+def _same(asked: np.ndarray, values: np.ndarray) -> bool:
+    """Whether values of a joint mean the same place, up to whole turns and the sign of a quaternion."""
+    if len(asked) >= 4:
+        turned = min(np.abs(asked[-4:] - s * values[-4:]).max() for s in (1.0, -1.0))
+        return bool(turned < 1e-5 and np.abs(asked[:-4] - values[:-4]).max(initial=0.0) < 1e-5)
+    apart = np.abs(asked - values)
+    apart[-1] = min(apart[-1], abs((asked[-1] - values[-1] + np.pi) % (2.0 * np.pi) - np.pi))
+    return bool(apart.max() < 1.1e-5)
+
+
+def _about_ends(request: PlanRequest, reply: PlanReply, judge: Judge) -> list[Disagreement]:
+    """That an end is refused as in collision which is free with room."""
+    ends = {"START_STATE_IN_COLLISION": request.start}
+    if isinstance(request.goal, JointsGoal):
+        ends["GOAL_IN_COLLISION"] = {**request.start, **request.goal.positions}
+    if reply.status.name not in ends:
+        return []
+    values = as_values(ends[reply.status.name])
+    room = float((judge.distances_at(values) - judge.required - judge.slacks).min(initial=np.inf))
+    if room > FLOOR and judge.enclosed_at(values) is None:
+        return [Disagreement(Kind.FALSE_REFUSAL, f"{reply.status.name}, but everything keeps {room:.6g} m more")]
+    return []

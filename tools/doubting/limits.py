@@ -1,0 +1,89 @@
+"""How a curve stands to its limits: the extremes of its cubics in closed form, limits as URDF and request say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from tests.planner.limit_attack import extremes, ranges
+
+from doubting.curve import Curve
+from doubting.loaded import Loaded
+from guidefield.messages.requests import CertifyRequest, PlanRequest
+
+Request = PlanRequest | CertifyRequest
+RATES = ("velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a curve stands to its limits, by joints of one coordinate.
+
+    Attributes:
+        excess: The farthest that a joint is beyond a limit of the URDF [rad or m]; negative within.
+        joint: Which joint that is.
+        shares: The largest share of each limit of a rate; of joints of one coordinate only.
+        noise: How far off those may be for rounding.
+        extremes: By joint: least and largest position, largest velocity, acceleration and jerk.
+    """
+
+    excess: float
+    joint: str
+    shares: dict[str, float] = field(default_factory=dict)
+    noise: dict[str, float] = field(default_factory=dict)
+    extremes: dict[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+def standing(loaded: Loaded, request: Request, curve: Curve) -> Standing:
+    """How a curve stands to the limits of a robot and of a request."""
+    scalar = [part for part in curve.parts if part.width == 1]
+    if not scalar:
+        return Standing(-np.inf, "")
+    columns = [part.at.start for part in scalar]
+    z = curve.points[:, columns]
+    if curve.rates is None or len(curve.times) == 1:  # one row stands still
+        low, high, rest = z.min(axis=0), z.max(axis=0), []
+    else:
+        low, high, *rest = extremes(curve.times, z, curve.rates[:, columns])
+    at = {part.name: k for k, part in enumerate(scalar)}
+    worst = max(_excesses(loaded, at, low, high), default=(-np.inf, ""))
+    if not rest:
+        return Standing(*worst)
+    by_joint = {
+        part.name: tuple(float(one[k]) for one in (low, high, *rest))
+        for part, k in zip(scalar, at.values(), strict=True)
+    }
+    limits = {rate: np.array([limit(loaded, request, part.name, rate) for part in scalar]) for rate in RATES}
+    shares = {rate: float((rest[k] / limits[rate]).max(initial=0.0)) for k, rate in enumerate(RATES)}
+    return Standing(*worst, shares, _noise(curve, z, limits), by_joint)
+
+
+def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndarray) -> list[tuple[float, str]]:
+    """Of each joint that moves, or follows one that does, how far it is beyond its limits."""
+    found = []
+    for name, (lower, upper, scale, offset, driver) in ranges(loaded.text).items():
+        if driver in at:
+            ends = scale * low[at[driver]] + offset, scale * high[at[driver]] + offset
+            found.append((float(max(lower - min(ends), max(ends) - upper)), name))
+    return found
+
+
+def _noise(curve: Curve, z: np.ndarray, limits: dict[str, np.ndarray]) -> dict[str, float]:
+    """What rounding of positions does to each share: they are divided by a power of the shortest time."""
+    shortest = float(np.diff(curve.times).min(initial=np.inf))
+    rounding = 64.0 * np.finfo(float).eps * (1.0 + np.abs(z).max(initial=0.0))
+    return {
+        rate: float(rounding / shortest ** (k + 1) / limits[rate].min(initial=np.inf)) for k, rate in enumerate(RATES)
+    }
+
+
+def limit(loaded: Loaded, request: Request, joint: str, rate: str) -> float:
+    """The limit of a rate of a joint of one coordinate; infinite where there is none."""
+    asked = request.limits.get(joint)
+    given = None if asked is None else getattr(asked, rate)
+    if rate == "jerk":
+        return np.inf if given is None else given
+    known = loaded.model.joint(joint)
+    assert known is not None, "it is one of the robot's"
+    scale = {"velocity": request.max_velocity_scaling_factor, "acceleration": request.max_acceleration_scaling_factor}
+    return float(scale[rate] * (getattr(known, rate)[0] if given is None else given))

@@ -1,0 +1,54 @@
+"""Closed meshes at random: convex, dented by more than a hull may stand off, or with a crack that is to be closed."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+Mesh = tuple[np.ndarray, np.ndarray]
+"""Vertices (v, 3) [m] and triangles (t, 3), counter-clockwise from outside."""
+
+
+def closed(rng: np.random.Generator, size: float) -> Mesh:
+    """A closed mesh of about a radius [m]: a convex body, of which two in three are dented."""
+    vertices, triangles = convex(rng, size)
+    return dented(rng, vertices, triangles) if rng.random() < 2 / 3 else (vertices, triangles)
+
+
+def convex(rng: np.random.Generator, size: float) -> Mesh:
+    """The hull of points near an ellipsoid of about a radius [m]."""
+    points = rng.normal(size=(int(rng.integers(6, 30)), 3))
+    points *= size * rng.uniform(0.5, 1.5, 3) / np.linalg.norm(points, axis=1, keepdims=True)
+    return outward(points, ConvexHull(points).simplices)
+
+
+def outward(points: np.ndarray, simplices: np.ndarray) -> Mesh:
+    """The triangles of a hull, turned counter-clockwise from outside, with the points that they have."""
+    used = np.unique(simplices)
+    index = np.full(len(points), -1)
+    index[used] = np.arange(len(used))
+    vertices, triangles = points[used], index[simplices]
+    normals = np.cross(*(vertices[triangles[:, k]] - vertices[triangles[:, 0]] for k in (1, 2)))
+    inward = (normals * (vertices[triangles].mean(axis=1) - vertices.mean(axis=0))).sum(axis=1) < 0.0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return vertices, triangles
+
+
+def dented(rng: np.random.Generator, vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
+    """Some triangles of a convex body get a corner in their middle that is pressed inwards."""
+    middle, count = vertices.mean(axis=0), len(triangles)
+    corners, faces = [*vertices], []
+    for index, triangle in enumerate(triangles.tolist()):
+        if index and rng.random() < 0.7 and index < count - 1:
+            faces.append(triangle)
+            continue
+        centre = vertices[triangle].mean(axis=0)
+        corners.append(centre + rng.uniform(0.1, 0.7) * (middle - centre))
+        faces += [[triangle[k], triangle[(k + 1) % 3], len(corners) - 1] for k in range(3)]
+    return np.array(corners), np.array(faces)
+
+
+def triangles_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Corners of the triangles, shape (t, 3, 3)."""
+    corners: np.ndarray = vertices[triangles]
+    return corners

@@ -1,0 +1,447 @@
+"""Certified motions that are changed a little, many of them to within micrometres of contact or of a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from doubting import scenery
+from doubting.asked import constraint, tip_poses
+from doubting.compare import asked_curve, farthest, names_of
+from doubting.curve import Curve
+from doubting.judge import Judge, Sampled
+from doubting.limits import RATES, standing
+from doubting.loaded import Loaded, as_values
+from guidefield.messages import scene as messages
+from guidefield.messages.certify_request import GivenTrajectory
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import (
+    CertifyRequest,
+    JointLimits,
+    OrientationCone,
+    PlanRequest,
+)
+from guidefield.messages.values import Placement
+
+SECONDS = 2.0
+"""How long a judgement may take [s]."""
+replaced = msgspec.structs.replace
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A certified motion that is changed.
+
+    Attributes:
+        loaded: The robot.
+        request: The motion as a certify request.
+        curve: Its curve.
+        judge: Who sampled it.
+        sampled: What was found.
+    """
+
+    loaded: Loaded
+    request: CertifyRequest
+    curve: Curve
+    judge: Judge
+    sampled: Sampled
+
+
+def base_of(loaded: Loaded, request: PlanRequest, reply: PlanReply, sampled: Sampled, judge: Judge) -> Base:
+    """The motion of a plan's reply as a certify request."""
+    one = reply.trajectory
+    assert one is not None, "it is certified"
+    asked = CertifyRequest(
+        robot=request.robot,
+        scene=request.scene,
+        trajectory=GivenTrajectory(one.positions, one.times, one.velocities),
+        robot_placement=request.robot_placement,
+        group=request.group,
+        start=request.start,
+        position_names=reply.position_names,
+        velocity_names=reply.velocity_names,
+        min_clearance=request.min_clearance,
+        attached_objects=request.attached_objects,
+        allowed_collisions=request.allowed_collisions,
+        path_constraints=request.path_constraints,
+        limits=request.limits,
+        max_velocity_scaling_factor=request.max_velocity_scaling_factor,
+        max_acceleration_scaling_factor=request.max_acceleration_scaling_factor,
+        leave_start_contact=request.leave_start_contact,
+        allowed_time=SECONDS,
+        recording="off",
+    )
+    return Base(loaded, asked, asked_curve(loaded, asked), judge, sampled)
+
+
+Mutation = Callable[[np.random.Generator, Base], CertifyRequest | None]
+
+
+def drawn(rng: np.random.Generator, base: Base, count: int) -> Iterator[tuple[str, CertifyRequest]]:
+    """So many changed motions, by how they were changed; the first is as it was."""
+    yield "same", base.request
+    made = 1
+    for _ in range(4 * count):
+        if made >= count:
+            return
+        name = str(rng.choice(list(MUTATIONS), p=SHARES))
+        one = MUTATIONS[name](rng, base)
+        if one is not None and rng.random() < 0.2:  # a second change on top
+            again = str(rng.choice(list(MUTATIONS), p=SHARES))
+            other = MUTATIONS[again](rng, replaced_base(base, one)) if again in LIGHT else None
+            one, name = (other, f"{name}+{again}") if other is not None else (one, name)
+        if one is not None:
+            made += 1
+            yield name, one
+
+
+def replaced_base(base: Base, request: CertifyRequest) -> Base:
+    """The same with another request; what was sampled is that of the first."""
+    return Base(base.loaded, request, asked_curve(base.loaded, request), base.judge, base.sampled)
+
+
+def small(rng: np.random.Generator, least: float, most: float) -> float:
+    """A number of either sign whose size is drawn by its order of magnitude, from powers of ten."""
+    return float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(least, most))
+
+
+def _scalars(base: Base) -> list[tuple[int, int, str]]:
+    """Position column, velocity column and name of joints of one coordinate."""
+    names = base.request.position_names or []
+    columns, found = {name: k for k, name in enumerate(names)}, []
+    for part in base.curve.parts:
+        if part.width == 1:
+            found.append((columns[part.name], part.at.start, part.name))
+    return found
+
+
+def _knots(base: Base) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Times, positions and velocities of the motion's knots; None of one that has none."""
+    given = base.request.trajectory
+    if given is None or given.velocities is None or given.times is None:
+        return None
+    return np.array(given.times), np.array(given.positions, float), np.array(given.velocities, float)
+
+
+def _with_knots(base: Base, times: np.ndarray, positions: np.ndarray, velocities: np.ndarray) -> CertifyRequest:
+    given = GivenTrajectory(positions.tolist(), times.tolist(), velocities.tolist())
+    return replaced(base.request, trajectory=given)
+
+
+def shifted(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """A knot, or all of them, with a joint elsewhere."""
+    knots, scalars = _knots(base), _scalars(base)
+    if knots is None or not scalars:
+        return None
+    times, positions, velocities = knots
+    rows = slice(None) if rng.random() < 0.4 else int(rng.integers(len(times)))
+    positions[rows, scalars[rng.integers(len(scalars))][0]] += small(rng, -7.0, -1.0)
+    return _with_knots(base, times, positions, velocities)
+
+
+def hurried(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """Velocities of knots changed."""
+    knots = _knots(base)
+    if knots is None:
+        return None
+    times, positions, velocities = knots
+    rows = slice(None) if rng.random() < 0.5 else int(rng.integers(len(times)))
+    velocities[rows] *= 1.0 + small(rng, -6.0, 0.5)
+    return _with_knots(base, times, positions, velocities)
+
+
+def scaled(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """Times stretched until a limit of a rate is just kept, or just not."""
+    knots = _knots(base)
+    shares = standing(base.loaded, base.request, base.curve).shares
+    rate = str(rng.choice(RATES))
+    if knots is None or not shares.get(rate, 0.0) > 0.0:
+        return None
+    times, positions, velocities = knots
+    factor = shares[rate] ** (1.0 / (1 + RATES.index(rate))) * (1.0 + small(rng, -9.0, -2.0))
+    if not 1e-2 < factor < 1e2:
+        return None
+    return _with_knots(base, times * factor, positions, velocities / factor)
+
+
+def limited(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """A limit of a rate that is just what the motion needs, or just not."""
+    extremes = standing(base.loaded, base.request, base.curve).extremes
+    if not extremes:
+        return None
+    joint = str(rng.choice(list(extremes)))
+    rate = int(rng.integers(3))
+    value = extremes[joint][2 + rate] * (1.0 + small(rng, -9.0, -2.0))
+    if not 1e-6 < value < 1e6:
+        return None
+    before = base.request.limits.get(joint, JointLimits())
+    mine = replaced(before, **{RATES[rate]: value})
+    return replaced(
+        base.request,
+        limits={**base.request.limits, joint: mine},
+        max_velocity_scaling_factor=1.0,
+        max_acceleration_scaling_factor=1.0,
+    )
+
+
+def to_limit(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """All knots of a joint moved until it just reaches a limit of its position, or just exceeds it."""
+    knots, extremes = _knots(base), standing(base.loaded, base.request, base.curve).extremes
+    ranged = [(k, name) for k, _, name in _scalars(base) if _range(base, name) is not None]
+    if knots is None or not ranged or not extremes:
+        return None
+    times, positions, velocities = knots
+    column, name = ranged[rng.integers(len(ranged))]
+    bounds, (low, high, *_) = _range(base, name), extremes[name]
+    assert bounds is not None, "it has limits"
+    by = bounds[0] - low if rng.random() < 0.5 else bounds[1] - high
+    positions[:, column] += by + small(rng, -13.0, -3.0)
+    return _with_knots(base, times, positions, velocities)
+
+
+def _range(base: Base, name: str) -> tuple[float, float] | None:
+    joint = base.loaded.model.joint(name)
+    assert joint is not None, "it is one of the robot's"
+    bounds = float(joint.lower[0]), float(joint.upper[0])
+    return bounds if np.isfinite(bounds).all() else None
+
+
+def _resting(base: Base) -> list[int]:
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    return [k for k, one in enumerate(base.request.scene.obstacles) if one.trajectory is None]
+
+
+def _with_obstacle(base: Base, index: int, one: messages.Obstacle) -> CertifyRequest:
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    obstacles = list(base.request.scene.obstacles)
+    obstacles[index:] = [one, *obstacles[index + 1 :]]
+    return replaced(base.request, scene=replaced(base.request.scene, obstacles=obstacles))
+
+
+def pushed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """The obstacle that is nearest, moved until it is just as far as required, or just not."""
+    nearest = base.sampled.obstacle
+    resting = _resting(base)
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    mine = [k for k in resting if nearest.pair is not None and base.request.scene.obstacles[k].name == nearest.pair[1]]
+    if not mine:
+        return None
+    distances = base.judge.all_at(base.curve, nearest.time)
+    pairs = [p for p in range(len(distances)) if base.judge.pair_names(p) == nearest.pair]
+    pair = min(pairs, key=lambda p: float(distances[p]))
+    away = base.judge.towards_first(pair)
+    by = away * (distances[pair] - base.request.min_clearance + small(rng, -6.0, -3.0))
+    if not np.isfinite(by).all() or np.linalg.norm(by) > 2.0:
+        return None
+    return _with_obstacle(base, mine[0], scenery.shifted(base.request.scene.obstacles[mine[0]], by))
+
+
+def jogged(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """An obstacle moved a little, anywhere."""
+    resting = _resting(base)
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    if not resting:
+        return None
+    index = resting[rng.integers(len(resting))]
+    by = rng.normal(size=3)
+    by *= abs(small(rng, -6.0, -1.0)) / np.linalg.norm(by)
+    return _with_obstacle(base, index, scenery.shifted(base.request.scene.obstacles[index], by))
+
+
+def added(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """One more obstacle, just as far from where the robot is at some time as is required, or just not."""
+    times = np.array([float(rng.uniform(base.curve.times[0], base.curve.times[-1]))])
+    values = {**as_values(base.request.start), **base.curve.at(times)}
+    base.judge.distances_at(values)
+    centres = base.judge.moving_centres()
+    if not len(centres):
+        return None
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    at = centres[rng.integers(len(centres))] + 0.3 * rng.normal(size=3)
+    one = scenery.obstacle(rng, str(rng.choice(scenery.KINDS)), "added", at, float(rng.uniform(0.02, 0.4)))
+    setting: dict[str, Any] = {
+        "placement": base.request.robot_placement,
+        "attached": base.request.attached_objects,
+        "min_clearance": base.request.min_clearance,
+        "still": as_values(base.request.start),
+    }
+    planned = names_of(base.request.position_names or [])
+    margin, away, pair = scenery.closest(base.loaded.judge(planned, obstacles=[one], **setting), values)
+    if pair < 0 or not 0.0 < margin < 3.0:
+        return None
+    one = scenery.shifted(one, away * (margin + small(rng, -6.0, -2.0)))
+    obstacles = [*base.request.scene.obstacles, one]
+    return replaced(base.request, scene=replaced(base.request.scene, obstacles=obstacles))
+
+
+def launched(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """An obstacle that rests is made to move a little."""
+    can = [k for k in _resting(base) if not isinstance(_obstacle(base, k), messages.HalfSpace | messages.PointCloud)]
+    if not can or base.request.trajectory is None or base.request.leave_start_contact:
+        return None
+    index = can[rng.integers(len(can))]
+    one, end = _obstacle(base, index), max(float(base.curve.times[-1]), 0.1)
+    times = np.sort(rng.uniform(0.0, end, 3)) + 1e-3 * np.arange(3)
+    place = getattr(one, "position", (0.0, 0.0, 0.0))
+    steps = [np.array(place) + abs(small(rng, -4.0, -1.0)) * rng.normal(size=3) for _ in times]
+    turn = getattr(one, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
+    flight = messages.ObstacleTrajectory(times.tolist(), [Placement(tuple(p.tolist()), turn) for p in steps])
+    return _with_obstacle(base, index, replaced(one, trajectory=flight))
+
+
+def _obstacle(base: Base, index: int) -> messages.Obstacle:
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    return base.request.scene.obstacles[index]
+
+
+def required(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """A clearance asked for that the motion just keeps, or just not."""
+    nearest = base.sampled.obstacle.distance
+    asked = nearest + small(rng, -6.0, -3.0)
+    return replaced(base.request, min_clearance=asked) if 0.0 <= asked < 1.0 else None
+
+
+def constrained(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """A path constraint that the motion just keeps, or just not."""
+    if any(part.width > 1 for part in base.curve.parts) or base.judge.moves:
+        return None
+    ends = [
+        {**base.request.start, **{name: float(values[0]) for name, values in base.curve.at(np.array([t])).items()}}
+        for t in base.curve.times[[0, -1]]
+    ]
+    poses = tip_poses(base.loaded, ends, {"placement": base.request.robot_placement})
+    one = constraint(rng, str(rng.choice(base.loaded.subject.links)), poses)
+    worst, _ = farthest(base.judge, base.curve, one)
+    kept = worst * (1.0 + small(rng, -6.0, -2.0))
+    if not 1e-4 < kept < 3.0:
+        return None
+    field = "half_angle" if isinstance(one, OrientationCone) else "tolerance"
+    return replaced(base.request, path_constraints=[replaced(one, **{field: kept})])
+
+
+def allowed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """The nearest pair may touch; or nothing may any more."""
+    pair = (base.sampled.obstacle if rng.random() < 0.5 else base.sampled.own).pair
+    if base.request.allowed_collisions:
+        return replaced(base.request, allowed_collisions=[])
+    return None if pair is None else replaced(base.request, allowed_collisions=[pair])
+
+
+def placed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """The robot stands a little elsewhere."""
+    by = rng.normal(size=3)
+    by *= abs(small(rng, -6.0, -1.5)) / np.linalg.norm(by)
+    before = base.request.robot_placement
+    return replaced(
+        base.request, robot_placement=replaced(before, position=tuple((np.array(before.position) + by).tolist()))
+    )
+
+
+def holding(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """Something is held elsewhere, or is held at all."""
+    if base.request.attached_objects:
+        one = base.request.attached_objects[0]
+        at = np.array(one.placement.position) + abs(small(rng, -6.0, -1.5)) * rng.normal(size=3)
+        moved = replaced(one, placement=replaced(one.placement, position=tuple(at.tolist())))
+        return replaced(base.request, attached_objects=[moved])
+    one = scenery.held(rng, str(rng.choice(base.loaded.subject.links)))
+    return replaced(base.request, attached_objects=[one])
+
+
+def straight(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """Straight pieces between some places of the motion, without time."""
+    if base.judge.moves:
+        return None
+    rows = _rows(base, np.linspace(base.curve.times[0], base.curve.times[-1], int(rng.integers(2, 30))))
+    return replaced(base.request, trajectory=None, velocity_names=None, path=rows)
+
+
+def resampled(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """Samples of the motion, by their times or a step, and the curve that is laid through them."""
+    count = int(rng.integers(4, 60))
+    step = float(base.curve.times[-1] - base.curve.times[0]) / (count - 1)
+    if base.judge.moves or step < 1e-3:
+        return None
+    times = step * np.arange(count)
+    rows = _rows(base, base.curve.times[0] + times)
+    by_step = bool(rng.random() < 0.5)
+    return replaced(
+        base.request,
+        trajectory=GivenTrajectory(rows, None if by_step else times.tolist()),
+        time_step=step if by_step else None,
+        velocity_names=None,
+        interpolation=str(rng.choice(["spline", "linear"])),
+    )
+
+
+def _rows(base: Base, times: np.ndarray) -> list[list[float]]:
+    """Rows of the motion at times, in the columns of its positions."""
+    values = base.curve.at(times)
+    columns = [values[part.name].reshape(len(times), -1) for part in base.curve.parts]
+    rows: list[list[float]] = np.hstack(columns).tolist()
+    return rows
+
+
+def wild(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """Another motion altogether: joints somewhere at each knot, with some velocity."""
+    knots, scalars = _knots(base), _scalars(base)
+    if knots is None or not scalars:
+        return None
+    count = int(rng.integers(1, 8))
+    times, positions = np.cumsum(rng.uniform(0.05, 1.0, count)), np.repeat(knots[1][:1], count, axis=0)
+    velocities = np.zeros((count, knots[2].shape[1]))
+    for column, rate, _ in scalars:
+        reach = abs(small(rng, -3.0, 0.3))
+        positions[:, column] += reach * rng.normal(size=count)
+        velocities[:, rate] = reach * rng.normal(size=count)
+    return _with_knots(base, times - times[0], positions, velocities)
+
+
+def renamed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """An obstacle has another name."""
+    assert not isinstance(base.request.scene, str), "scenes are sent"
+    if not base.request.scene.obstacles:
+        return None
+    index = int(rng.integers(len(base.request.scene.obstacles)))
+    return _with_obstacle(base, index, replaced(base.request.scene.obstacles[index], name="another"))
+
+
+MUTATIONS: dict[str, Mutation] = {
+    "shifted": shifted,
+    "hurried": hurried,
+    "scaled": scaled,
+    "limited": limited,
+    "to_limit": to_limit,
+    "pushed": pushed,
+    "jogged": jogged,
+    "added": added,
+    "launched": launched,
+    "required": required,
+    "constrained": constrained,
+    "allowed": allowed,
+    "placed": placed,
+    "holding": holding,
+    "straight": straight,
+    "resampled": resampled,
+    "wild": wild,
+    "renamed": renamed,
+}
+_WEIGHTS = {
+    "shifted": 2.0,
+    "pushed": 4.0,
+    "required": 3.0,
+    "added": 3.0,
+    "wild": 1.5,
+    "renamed": 0.3,
+    "allowed": 0.7,
+    "launched": 0.6,
+}
+SHARES = np.array([_WEIGHTS.get(name, 1.0) for name in MUTATIONS])
+SHARES /= SHARES.sum()
+"""How often each is drawn."""
+LIGHT = ("limited", "required", "allowed", "placed", "scaled", "hurried")
+"""Changes that may come on top of another."""

@@ -1,0 +1,214 @@
+"""Random obstacles of every kind about a robot, at a chosen distance from where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from doubting.curve import Values
+from doubting.judge import Judge
+from doubting.loaded import Loaded
+from doubting.meshes import closed, convex, dented
+from guidefield.messages import scene as messages
+from guidefield.messages.requests import AttachedObject
+from guidefield.messages.values import Placement
+
+KINDS = ("box", "sphere", "cylinder", "capsule", "mesh", "mesh", "cracked", "open", "polygon", "half_space", "cloud")
+AWAY = 0.25
+"""How far from a link an obstacle is put, about [m]."""
+TRIES = 3
+"""How often an obstacle that is too close is pushed away."""
+
+
+def turned(rng: np.random.Generator) -> tuple[float, ...]:
+    q = rng.normal(size=4)
+    return tuple((q / np.linalg.norm(q)).tolist())
+
+
+def obstacle(rng: np.random.Generator, kind: str, name: str, at: np.ndarray, size: float) -> messages.Obstacle:
+    """One of a kind about a place [m, world]."""
+    place: dict[str, Any] = {"name": name, "position": tuple(at.tolist()), "quaternion_xyzw": turned(rng)}
+    if kind in _MAKERS:
+        return _MAKERS[kind](rng, at, size, place)
+    vertices, triangles = closed(rng, 0.5 * size)
+    if kind == "cracked":
+        vertices, triangles = cracked(rng, *dented(rng, *convex(rng, 0.5 * size)))
+    if kind == "open":
+        triangles = triangles[: max(1, int(0.7 * len(triangles)))]
+    return messages.Mesh(
+        vertices=[tuple(v) for v in vertices.tolist()], triangles=[tuple(t) for t in triangles.tolist()], **place
+    )
+
+
+def _primitive(rng: np.random.Generator, kind: str, size: float, place: dict[str, Any]) -> messages.Obstacle:
+    """A box, or a round body."""
+    a, b, c = (size * rng.uniform(0.3, 1.0, 3)).tolist()
+    if kind == "box":
+        return messages.Box(size=(a, b, c), **place)
+    if kind == "sphere":
+        return messages.Sphere(name=place["name"], radius=0.5 * a, position=place["position"])
+    return (messages.Cylinder if kind == "cylinder" else messages.Capsule)(radius=0.4 * a, length=b, **place)
+
+
+def _polygon(rng: np.random.Generator, at: np.ndarray, size: float, place: dict[str, Any]) -> messages.Obstacle:
+    """A convex polygon."""
+    turns = np.sort(rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(3, 7))))
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    corners = at + 0.5 * size * (np.cos(turns)[:, None] * axes[0] + np.sin(turns)[:, None] * axes[1])
+    return messages.Polygon(name=place["name"], vertices=[tuple(one) for one in corners.tolist()])
+
+
+def _half_space(rng: np.random.Generator, at: np.ndarray, _size: float, place: dict[str, Any]) -> messages.Obstacle:
+    """All that is below a plane."""
+    normal = rng.normal(size=3)
+    return messages.HalfSpace(name=place["name"], normal=tuple(normal.tolist()), offset=float(normal @ at))
+
+
+def _cloud(rng: np.random.Generator, at: np.ndarray, size: float, place: dict[str, Any]) -> messages.Obstacle:
+    """Some points."""
+    points = at + 0.4 * size * rng.normal(size=(int(rng.integers(3, 15)), 3))
+    return messages.PointCloud(name=place["name"], points=[tuple(p) for p in points.tolist()], radius=0.01)
+
+
+_MAKERS: dict[str, Callable[..., messages.Obstacle]] = {
+    "polygon": _polygon,
+    "half_space": _half_space,
+    "cloud": _cloud,
+    **{
+        kind: lambda rng, _at, size, place, kind=kind: _primitive(rng, kind, size, place)
+        for kind in ("box", "sphere", "cylinder", "capsule")
+    },
+}
+"""How an obstacle of a kind is drawn about a place; all others are meshes."""
+
+
+def cracked(rng: np.random.Generator, vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each triangle has corners of its own, up to 0.3 mm off: a mesh full of cracks that are to be closed."""
+    corners = vertices[triangles].reshape(-1, 3)
+    return corners + rng.uniform(-1.5e-4, 1.5e-4, corners.shape), np.arange(len(corners)).reshape(-1, 3)
+
+
+def shifted(one: messages.Obstacle, by: np.ndarray) -> messages.Obstacle:
+    """An obstacle moved by a vector [m, world]."""
+    replaced = msgspec.structs.replace
+    if one.trajectory is not None:
+        placements = [
+            Placement(tuple((np.array(p.position) + by).tolist()), p.quaternion_xyzw) for p in one.trajectory.placements
+        ]
+        return replaced(one, trajectory=messages.ObstacleTrajectory(one.trajectory.times, placements))
+    if isinstance(one, messages.HalfSpace):
+        return replaced(one, offset=one.offset + float(np.array(one.normal) @ by))
+    if isinstance(one, messages.Polygon):
+        return replaced(one, vertices=[tuple((np.array(v) + by).tolist()) for v in one.vertices])
+    if isinstance(one, messages.PointCloud):
+        return replaced(one, points=[tuple((np.array(v) + by).tolist()) for v in one.points])
+    return replaced(one, position=tuple((np.array(one.position) + by).tolist()))
+
+
+def flying(
+    rng: np.random.Generator, one: messages.Obstacle, at: np.ndarray, by: float, seconds: float
+) -> messages.Obstacle:
+    """An obstacle that flies by a place, turning, within about a time."""
+    count = int(rng.integers(2, 5))
+    times = np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)
+    placements = [
+        Placement(tuple((at + by * rng.normal(size=3)).tolist()), turned(rng))
+        for _ in times  # type: ignore[arg-type]
+    ]
+    return msgspec.structs.replace(one, trajectory=messages.ObstacleTrajectory(times.tolist(), placements))
+
+
+def closest(judge: Judge, values: Values, obstacles_only: bool = True) -> tuple[float, np.ndarray, int]:
+    """The least margin at values of the joints [m], the unit vector (3,) from obstacle to link there, and the pair."""
+    distances = judge.distances_at(values) - judge.required
+    chosen = np.flatnonzero(~judge.own) if obstacles_only else np.arange(len(distances))
+    if not len(chosen):
+        return np.inf, np.zeros(3), -1
+    pair = int(chosen[np.argmin(distances[chosen])])
+    return float(distances[pair]), judge.towards_first(pair), pair
+
+
+def strewn(
+    rng: np.random.Generator,
+    loaded: Loaded,
+    planned: frozenset[str],
+    ends: Sequence[Values],
+    between: Values,
+    count: int,
+    **setting: Any,
+) -> list[messages.Obstacle]:
+    """Obstacles near where a robot goes that leave its ends some room, or hardly any.
+
+    Args:
+        rng: Randomness.
+        loaded: The robot.
+        planned: Joints that move.
+        ends: Values at which nothing may be closer than is required.
+        between: Values near which obstacles are put.
+        count: How many.
+        **setting: Placement, what is held, and the clearance asked for, as `Loaded.judge` takes it.
+    """
+    found: list[messages.Obstacle] = []
+    where = loaded.judge(planned, **setting)
+    where.distances_at(between)
+    moving = where.moving_centres()
+    if not len(moving):
+        return found
+    for index in range(count):
+        at = moving[rng.integers(len(moving))] + AWAY * rng.normal(size=3)
+        one = obstacle(rng, str(rng.choice(KINDS)), f"o{index}", at, float(rng.uniform(0.05, 0.4)))
+        near = rng.random() < 0.25
+        room = float(10.0 ** rng.uniform(-5.0, -2.5)) if near else float(rng.uniform(2e-3, 5e-2))
+        placed = apart(loaded, planned, ends, one, room, near, setting)
+        if placed is not None:
+            found.append(placed)
+    return found
+
+
+def apart(
+    loaded: Loaded,
+    planned: frozenset[str],
+    ends: Sequence[Values],
+    one: messages.Obstacle,
+    room: float,
+    exactly: bool,
+    setting: dict[str, Any],
+) -> messages.Obstacle | None:
+    """An obstacle pushed until it leaves the ends some room [m], or exactly that; None where that doesn't help."""
+    for _ in range(TRIES):
+        judge = loaded.judge(planned, obstacles=[one], **setting)
+        margin, away, pair = min((closest(judge, end) for end in ends), key=lambda found: found[0])
+        if pair < 0 or (margin >= room * 0.999 and not (exactly and room * 1.01 < margin < 0.3)):
+            return one
+        if not np.isfinite(away).all() or not away.any():
+            return None
+        one = shifted(one, away * (margin - room))
+    return None
+
+
+def held(rng: np.random.Generator, link: str) -> AttachedObject:
+    """Something that a link holds."""
+    size = float(rng.uniform(0.03, 0.12))
+    kind = str(rng.choice(["box", "sphere", "cylinder", "capsule", "mesh"]))
+    shape = obstacle(rng, kind, "held", np.zeros(3), size)
+    offset = 0.1 * rng.normal(size=3)
+    return AttachedObject(
+        obstacle=shape,
+        link=link,
+        placement=Placement(tuple(offset.tolist()), turned(rng)),  # type: ignore[arg-type]
+    )
+
+
+def placement(rng: np.random.Generator) -> Placement:
+    """Where a robot may stand."""
+    if rng.random() < 0.7:
+        return Placement()
+    axis = pin.exp3(rng.normal(size=3))
+    return Placement(
+        tuple(rng.normal(size=3).tolist()),
+        tuple(pin.Quaternion(axis).coeffs().tolist()),  # type: ignore[arg-type]
+    )

@@ -1,0 +1,85 @@
+"""A case made smaller, as long as it is contradicted in the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+
+from doubting.case import Request
+from doubting.compare import Kind
+from doubting.doubted import doubted
+from doubting.loaded import Loaded
+from guidefield.messages.requests import CertifyRequest
+
+MOST = 150
+"""So often a smaller case is tried."""
+replaced = msgspec.structs.replace
+
+
+def shrunk(loaded: Loaded, request: Request, kind: Kind) -> Request:
+    """The smallest request that was found whose answer is contradicted in the same way."""
+    tries, smaller = 0, True
+    while smaller and tries < MOST:
+        smaller = False
+        for candidate in _smaller(request):
+            tries += 1
+            if tries > MOST:
+                break
+            if any(one.kind is kind for one in doubted(loaded, candidate).found):
+                request, smaller = candidate, True
+                break
+    return request
+
+
+def _smaller(request: Request) -> Iterator[Request]:
+    """Requests with something less, what saves most first."""
+    assert not isinstance(request.scene, str), "scenes are sent"
+    scene = request.scene
+    obstacles = list(scene.obstacles)
+    for part in _parts(len(obstacles)):
+        yield replaced(request, scene=replaced(scene, obstacles=[obstacles[k] for k in part]))
+    for field, nothing in (
+        ("attached_objects", []),
+        ("allowed_collisions", []),
+        ("path_constraints", []),
+        ("limits", {}),
+        ("leave_start_contact", False),
+    ):
+        if getattr(request, field):
+            yield replaced(request, **{field: nothing})
+    if isinstance(request, CertifyRequest):
+        yield from _shorter(request)
+
+
+def _shorter(request: CertifyRequest) -> Iterator[CertifyRequest]:
+    """Motions with fewer rows."""
+    given = request.trajectory
+    if given is None:
+        assert request.path is not None, "there is a motion"
+        for part in _parts(len(request.path)):
+            if part:
+                yield replaced(request, path=[request.path[k] for k in part])
+        return
+    if given.times is None or given.velocities is None:
+        return
+    for part in _parts(len(given.times)):
+        if part:
+            fields: dict[str, Any] = {
+                name: [getattr(given, name)[k] for k in part] for name in ("positions", "times", "velocities")
+            }
+            yield replaced(request, trajectory=replaced(given, accelerations=None, **fields))
+
+
+def _parts(count: int) -> Iterator[list[int]]:
+    """Indices of so many things with less and less left out, from either end and then one by one."""
+    size = count // 2
+    while size >= 1:
+        yield list(range(size, count))
+        yield list(range(count - size))
+        size //= 2
+    yield from ([k for k in range(count) if k != out] for out in range(count)) if count > 2 else ()
+
+
+Shrink = Callable[[Loaded, Request, Kind], Request]

@@ -1,0 +1,23 @@
+"""Whether a mesh is closed, and whether a point is inside it: by its edges, and by the winding number."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+
+def is_closed(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether each edge is run through as often in one sense as in the other, corners at one place being one."""
+    merged = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[triangles]
+    edges = Counter((int(t[k]), int(t[(k + 1) % 3])) for t in merged for k in range(3))
+    return all(edges[b, a] == count for (a, b), count in edges.items() if a != b)
+
+
+def encloses(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> bool:
+    """Whether a closed mesh winds around a point: its solid angles there (van Oosterom and Strackee 1983) add up."""
+    a, b, c = (vertices[triangles[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
+    numerator = (a * np.cross(b, c)).sum(axis=1)
+    denominator = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return bool(abs(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi)) > 0.5)

@@ -1,0 +1,143 @@
+"""A unit of work: one robot, some plans for it, and changed motions of each; the same for the same seed."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from doubting import mutants, robots
+from doubting.asked import asked
+from doubting.case import Case, Request
+from doubting.doubted import Doubted, doubted
+from doubting.judge import Sampled
+from doubting.loaded import Loaded
+from doubting.shrink import shrunk
+from doubting.tally import Unit, commit
+from guidefield.engine import Engine
+from guidefield.errors import GuidefieldError
+from guidefield.messages.replies import CertifyReply, PlanReply
+from guidefield.messages.requests import CertifyRequest, PlanRequest
+
+PLANS = 20
+"""Plans for one robot."""
+MUTANTS = 12
+"""Changed motions of one certified plan."""
+FOUND = "found"
+"""Where disagreements are kept, below the folder of a run."""
+NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
+"""Margins are counted by these [m]."""
+
+
+class Work:
+    """A unit that is worked at."""
+
+    def __init__(self, seed: int, folder: Path, engine: Engine | None = None) -> None:
+        self.seed, self.folder = seed, folder
+        self.counts: Counter[str] = Counter()
+        self.files: list[str] = []
+        self.engine = Engine() if engine is None else engine
+
+    def done(self, plans: int = PLANS, changed: int = MUTANTS) -> Unit:
+        """Do it."""
+        began = time.monotonic()
+        robot = robots.drawn(np.random.default_rng([self.seed]))
+        try:
+            loaded = Loaded.of(robot, self.folder / "robots", self.engine)
+        except GuidefieldError as error:
+            self.counts[f"left out:robot {type(error).__name__}"] += 1
+            return self._ended(began)
+        if not loaded.movable:
+            self.counts["left out:robot that can't move"] += 1
+            return self._ended(began)
+        self.counts[f"robot:{robot.catalog or ('with meshes' if robot.meshes else 'random')}"] += 1
+        for index in range(plans):
+            self._plan(loaded, index, changed)
+        return self._ended(began)
+
+    def _ended(self, began: float) -> Unit:
+        return Unit(self.seed, time.monotonic() - began, dict(self.counts), self.files, commit())
+
+    def _plan(self, loaded: Loaded, index: int, changed: int) -> None:
+        rng = np.random.default_rng([self.seed, index])
+        one = asked(rng, loaded, index)
+        if one is None:
+            self.counts["left out:no free ends"] += 1
+            return
+        came = doubted(loaded, one.request)
+        origin = f"seed {self.seed}, plan {index}, {one.kind}"
+        self._note(loaded, one.request, came, origin)
+        if came.reply is None:
+            return
+        assert isinstance(came.reply, PlanReply), "a plan was asked for"
+        self._count_plan(loaded, one.kind, one.request, came)
+        motion, free = came.reply.trajectory, came.reply.certificate.collision_free
+        if motion is None or not free or came.sampled is None or came.judge is None:
+            return
+        if one.request.leave_start_contact and " after " in came.reply.certificate.covers:
+            return
+        base = mutants.base_of(loaded, one.request, came.reply, came.sampled, came.judge)
+        for number, (kind, request) in enumerate(mutants.drawn(rng, base, changed)):
+            self._mutant(loaded, kind, request, f"{origin}, mutant {number}, {kind}")
+
+    def _mutant(self, loaded: Loaded, kind: str, request: CertifyRequest, origin: str) -> None:
+        came = doubted(loaded, request)
+        self._note(loaded, request, came, origin)
+        if came.reply is None:
+            return
+        assert isinstance(came.reply, CertifyReply), "a judgement was asked for"
+        self.counts["mutants"] += 1
+        self.counts[f"mutant:{kind.partition('+')[0]}"] += 1
+        self.counts[f"verdict:{came.reply.certificate.reason}"] += 1
+        state = "undecided" if came.untold else "certified" if came.reply.certificate.collision_free else "refused"
+        self.counts[f"mutants {state}"] += 1
+        if came.sampled is not None:
+            self._count_near(came.sampled, request.min_clearance)
+
+    def _count_plan(self, loaded: Loaded, kind: str, request: PlanRequest, came: Doubted) -> None:
+        assert isinstance(came.reply, PlanReply), "a plan was asked for"
+        assert not isinstance(request.scene, str), "scenes are sent"
+        counts = self.counts
+        counts["plans"] += 1
+        counts[f"plan:{kind}"] += 1
+        counts[f"status:{came.reply.status.name}"] += 1
+        counts["plans sampled"] += came.sampled is not None
+        for joint in {str(joint.kind) + " follower" * (joint.mimic is not None) for joint in loaded.model.joints}:
+            counts[f"joint:{joint}"] += 1
+        for shape in {type(one).__name__ for one in request.scene.obstacles}:
+            counts[f"obstacle:{shape}"] += 1
+        counts["obstacle:moving"] += any(one.trajectory is not None for one in request.scene.obstacles)
+        counts["obstacle:held"] += bool(request.attached_objects)
+        if came.sampled is not None:
+            self._count_near(came.sampled, request.min_clearance)
+
+    def _count_near(self, sampled: Sampled, min_clearance: float) -> None:
+        margin = min(abs(sampled.obstacle.distance - min_clearance), abs(sampled.own.distance))
+        for bound in NEAR:
+            if margin < bound:
+                self.counts[f"near:within {1e6 * bound:g} um of the border"] += 1
+                return
+
+    def _note(self, loaded: Loaded, request: Request, came: Doubted, origin: str) -> None:
+        """Count what was refused; shrink and keep what is contradicted."""
+        if came.refused is not None:
+            self.counts[f"left out:{type(request).__name__} {came.refused}"] += 1
+        if not came.found:
+            return
+        self.counts["disagreements"] += 1
+        small = shrunk(loaded, request, came.found[0].kind)
+        said = doubted(loaded, small).found or came.found
+        (self.folder / FOUND).mkdir(parents=True, exist_ok=True)
+        name = origin.replace("seed ", "").replace(", ", "-").replace(" ", "")
+        file = self.folder / FOUND / f"{name}.json"
+        Case(loaded.robot, small, tuple(f"{one.kind}: {one.said}" for one in said), origin).write(file)
+        self.files.append(f"{FOUND}/{file.name}")
+
+
+def work(seed: int, folder: Path) -> Unit:
+    """Do a unit, in a process of its own."""
+    logging.disable(logging.CRITICAL)
+    return Work(seed, folder).done()
