@@ -189,3 +189,12 @@ def test_runs_add_up_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert running.run(tmp_path, 3, 6, None, 1, two_plans) == 1
     assert [unit.seed for unit in tally.units(tmp_path)] == [3, 4, 5]
     assert "plans: 6" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("change", "until"), [(certified, 0.9), (refused, 0.3), (lambda reply: reply, 0.9)])
+def test_the_referee_contradicts_what_is_false_alone(tmp_path: Path, change: Any, until: float) -> None:
+    from doubting.refereed import Outcome, refereed
+
+    reply = change(ENGINE.answer(slide(until)))
+    outcome, found = refereed(loaded(tmp_path), slide(until), reply)
+    assert (outcome, len(found)) == ((Outcome.DISAGREES, 1) if change in (certified, refused) else (Outcome.AGREES, 0))

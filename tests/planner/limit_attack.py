@@ -248,17 +248,18 @@ def ranges(urdf: str) -> dict[str, tuple[float, float, float, float, str]]:
         while driver in follows:
             driver, factor, more = follows[driver]
             scale, offset = scale * factor, offset + scale * more
-        own = limits.get(driver)
-        kept = own is not None and (driver == name or _can_be_kept(own, (lower, upper), scale, offset))
-        if kept:
+        own = limits.get(driver, (-np.inf, np.inf))  # one that turns on and on is bound by its followers alone
+        if driver == name or _can_be_kept(own, (lower, upper), scale, offset):
             found[name] = lower, upper, scale, offset, driver
     return found
 
 
 def _can_be_kept(driver: tuple[float, float], own: tuple[float, float], scale: float, offset: float) -> bool:
     """Whether a follower is within its limits anywhere in its driver's range."""
+    if scale == 0.0:
+        return False
     ends = sorted((scale * driver[0] + offset, scale * driver[1] + offset))
-    return scale != 0.0 and max(ends[0], own[0]) <= min(ends[1], own[1])
+    return max(ends[0], own[0]) <= min(ends[1], own[1])
 
 
 def _pose(group: PlanningGroup, q: np.ndarray | None) -> PoseGoal:

@@ -8,6 +8,7 @@ from pathlib import Path
 from doubting.case import Case
 from doubting.doubted import doubted
 from doubting.loaded import Loaded
+from doubting.shrink import contradicted
 from guidefield.engine import Engine
 
 
@@ -18,11 +19,12 @@ def repeated(file: Path) -> int:
         print(f"{file}: {case.origin}")
         for said in case.said:
             print(f"  said then: {said}")
-        came = doubted(Loaded.of(case.robot, Path(folder), Engine()), case.request)
+        loaded = Loaded.of(case.robot, Path(folder), Engine())
+        came, found = doubted(loaded, case.request), contradicted(loaded, case.request)
     if came.reply is not None:
         print(f"  {came.reply.status.name}: {came.reply.status.message}")
     if came.sampled is not None:
         print(f"  sampled: {came.sampled.obstacle}, own {came.sampled.own}")
-    for one in came.found:
+    for one in found:
         print(f"  said now: {one.kind}: {one.said}")
-    return int(bool(came.found))
+    return int(bool(found))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 
 from doubting.case import Request
-from doubting.compare import Kind
+from doubting.compare import Disagreement, Kind
 from doubting.doubted import doubted
 from doubting.loaded import Loaded
+from doubting.refereed import refereed
+from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
 
 MOST = 150
@@ -27,10 +29,18 @@ def shrunk(loaded: Loaded, request: Request, kind: Kind) -> Request:
             tries += 1
             if tries > MOST:
                 break
-            if any(one.kind is kind for one in doubted(loaded, candidate).found):
+            if any(one.kind is kind for one in contradicted(loaded, candidate)):
                 request, smaller = candidate, True
                 break
     return request
+
+
+def contradicted(loaded: Loaded, request: Request) -> tuple[Disagreement, ...]:
+    """What contradicts the answer to a request: samples, and the referee where these say nothing."""
+    came = doubted(loaded, request)
+    if came.found or not isinstance(came.reply, CertifyReply) or not isinstance(request, CertifyRequest):
+        return came.found
+    return tuple(refereed(loaded, request, came.reply)[1])
 
 
 def _smaller(request: Request) -> Iterator[Request]:
@@ -80,6 +90,3 @@ def _parts(count: int) -> Iterator[list[int]]:
         yield list(range(count - size))
         size //= 2
     yield from ([k for k in range(count) if k != out] for out in range(count)) if count > 2 else ()
-
-
-Shrink = Callable[[Loaded, Request, Kind], Request]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import time
 from collections import Counter
@@ -15,7 +16,8 @@ from doubting.case import Case, Request
 from doubting.doubted import Doubted, doubted
 from doubting.judge import Sampled
 from doubting.loaded import Loaded
-from doubting.shrink import shrunk
+from doubting.refereed import Outcome, refereed
+from doubting.shrink import contradicted, shrunk
 from doubting.tally import Unit, commit
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
@@ -28,6 +30,10 @@ MUTANTS = 12
 """Changed motions of one certified plan."""
 FOUND = "found"
 """Where disagreements are kept, below the folder of a run."""
+PLANS_REFEREED, MUTANTS_REFEREED = 8, 16
+"""Of so many one is put before the referee; of changed motions also each that is refused where samples see room."""
+ROOM = 2e-4
+"""What samples see as room [m]."""
 NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 """Margins are counted by these [m]."""
 
@@ -81,10 +87,16 @@ class Work:
             return
         base = mutants.base_of(loaded, one.request, came.reply, came.sampled, came.judge)
         for number, (kind, request) in enumerate(mutants.drawn(rng, base, changed)):
-            self._mutant(loaded, kind, request, f"{origin}, mutant {number}, {kind}")
+            if number == 0:
+                asked_too = (self.seed + index) % PLANS_REFEREED == 0
+            else:
+                asked_too = (self.seed + 7 * index + number) % MUTANTS_REFEREED == 0
+            self._mutant(loaded, kind, request, f"{origin}, mutant {number}, {kind}", asked_too)
 
-    def _mutant(self, loaded: Loaded, kind: str, request: CertifyRequest, origin: str) -> None:
+    def _mutant(self, loaded: Loaded, kind: str, request: CertifyRequest, origin: str, asked_too: bool) -> None:
         came = doubted(loaded, request)
+        if isinstance(came.reply, CertifyReply) and (asked_too or _refused_with_room(came, request)):
+            came = self._refereed(loaded, kind, request, came)
         self._note(loaded, request, came, origin)
         if came.reply is None:
             return
@@ -96,6 +108,16 @@ class Work:
         self.counts[f"mutants {state}"] += 1
         if came.sampled is not None:
             self._count_near(came.sampled, request.min_clearance)
+
+    def _refereed(self, loaded: Loaded, kind: str, request: CertifyRequest, came: Doubted) -> Doubted:
+        """The same with what the referee says."""
+        assert isinstance(came.reply, CertifyReply), "it was judged"
+        outcome, found = refereed(loaded, request, came.reply)
+        if outcome is not Outcome.NOT_ASKED:
+            self.counts["referee plans" if kind == "same" else "referee mutants"] += 1
+            self.counts[f"referee:{outcome}"] += 1
+            self.counts[f"referee {outcome}"] += outcome in (Outcome.UNDECIDED, Outcome.NOT_JUDGED)
+        return dataclasses.replace(came, found=(*came.found, *found))
 
     def _count_plan(self, loaded: Loaded, kind: str, request: PlanRequest, came: Doubted) -> None:
         assert isinstance(came.reply, PlanReply), "a plan was asked for"
@@ -129,12 +151,21 @@ class Work:
             return
         self.counts["disagreements"] += 1
         small = shrunk(loaded, request, came.found[0].kind)
-        said = doubted(loaded, small).found or came.found
+        said = contradicted(loaded, small) or came.found
         (self.folder / FOUND).mkdir(parents=True, exist_ok=True)
         name = origin.replace("seed ", "").replace(", ", "-").replace(" ", "")
         file = self.folder / FOUND / f"{name}.json"
         Case(loaded.robot, small, tuple(f"{one.kind}: {one.said}" for one in said), origin).write(file)
         self.files.append(f"{FOUND}/{file.name}")
+
+
+def _refused_with_room(came: Doubted, request: CertifyRequest) -> bool:
+    """Whether a motion is refused though no sample is close to what is required."""
+    assert isinstance(came.reply, CertifyReply), "it was judged"
+    if came.sampled is None or came.judge is None or came.reply.certificate.collision_free or came.judge.moves:
+        return False
+    both = (came.sampled.obstacle, request.min_clearance), (came.sampled.own, 0.0)
+    return min(one.distance - one.slack - kept for one, kept in both) > ROOM
 
 
 def work(seed: int, folder: Path) -> Unit:
