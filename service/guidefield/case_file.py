@@ -141,7 +141,7 @@ def _case(motion: Motion) -> dict[str, Any]:
 
 def _plain(messages: Any) -> Any:
     """Messages as JSON has them."""
-    return msgspec.json.decode(msgspec.json.encode(messages))
+    return msgspec.json.decode(msgspec.json.encode(messages, enc_hook=np.generic.tolist))
 
 
 def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
