@@ -71,7 +71,7 @@ class Constraint:
         target: Of a cone: unit vector in the world that the axis stays near, shape (3,); else zeros.
         point: On the plane or line, shape (3,) [m, world]; of a cone zeros.
         across: Directions in which the distance from it counts, orthonormal rows, shape (1, 3) or (2, 3); of a cone
-            None.
+            (0, 3).
         corners: The frame's origin in itself, eight times, shape (8, 3).
     """
 
@@ -82,7 +82,7 @@ class Constraint:
     axis: np.ndarray
     target: np.ndarray
     point: np.ndarray
-    across: np.ndarray | None
+    across: np.ndarray
     corners: np.ndarray
     screw: None = None
 

@@ -1,8 +1,8 @@
 """The judge: is a motion free, within its limits and constraints, at every time? Interval bisection, nothing else.
 
-A stretch of the motion is tried at its middle. There Coal says how far two bodies are apart, and `_reach` how far any
-of their points can move within the stretch. Bodies that are further apart are free all along; for others both halves of
-the stretch are tried. What is promised is in certificate.md.
+A stretch of the motion is tried at its middle: there Coal says how far two bodies are apart, and `_reach` how far their
+points can move within it. Bodies further apart than that are free; for others both halves of the stretch are tried.
+What is promised is in certificate.md.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from guidefield.referee.case import Body, Case, Constraint
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
 SLACK = FLOOR = 1e-6  # of Coal's distances, constraints [m, rad] and rates [share]; what moves less is undecided
-ROUNDING = 1e-9  # a position may be beyond its limit by this [rad or m]
+ROUNDING, DIGITS = 1e-9, 4e-15  # a position may be beyond its limit by this [rad or m]; what 64 bits leave out of 1
 KINDS = ("position", "velocity", "acceleration", "jerk")
 # start, p, v, a, j and duration h: a time s after the start the columns are at p + v s + a s^2 / 2 + j s^3 / 6
 Piece = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
@@ -75,9 +75,11 @@ def _at(piece: Piece, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
 
 
 def _beyond_limit(case: Case) -> Finding | None:
-    """A limit that is exceeded where a position or a rate of any column is extreme."""
+    """A limit that is exceeded where a position or a rate of any column is extreme, or a limited jerk without bound."""
+    names, before, shorter = [case.rows, *[case.columns] * 3], next(_pieces(case))[3], math.inf
     for piece in _pieces(case):
-        start, _, v, a, j, h = piece
+        start, p, v, a, j, h = piece
+        jump = np.abs(a - before) > SLACK * case.rates[1] + DIGITS * (1.0 + np.abs(p)) / min(h, shorter) ** 2
         with np.errstate(all="ignore"):  # where v + a s + j s^2 / 2 is 0, no digits cancelling, and a + j s
             stable = -(a + np.copysign(np.sqrt(a * a - 2 * j * v), a))
             inner = np.concatenate([stable / j, 2 * v / stable, -a / j])
@@ -85,10 +87,11 @@ def _beyond_limit(case: Case) -> Finding | None:
             z, *rates = _at(piece, s)
             y = case.spread @ z + case.offset
             over = [np.maximum(y - case.upper, case.lower - y), *(np.abs(rates) - case.rates * (1.0 + SLACK))]
-            for kind, excess in zip(KINDS[: 1 if case.times is None else 4], over, strict=False):
+            over[3] = np.where(jump & np.isfinite(case.rates[2]), math.inf, over[3])
+            for kind, of, excess in zip(KINDS[: 1 if case.times is None else 4], names, over, strict=False):
                 if (worst := float(excess.max(initial=-1.0))) > ROUNDING:
-                    of = case.rows if kind == "position" else case.columns
                     return Finding(Answer.BEYOND_LIMIT, (of[int(excess.argmax())], kind), start + s, worst)
+        before, shorter = a + h * j, h
     return None
 
 
@@ -101,15 +104,14 @@ class _Along:
         self.carried: list[Body | Constraint] = [*case.bodies, *case.constraints]
         self.corners = np.array([np.c_[one.corners, np.ones(8)].T for one in self.carried])  # (b, 4, 8)
         self.rows = [slice(joint.idx_v, joint.idx_v + joint.nv) for joint in case.model.joints]
-        planned = {i for i, rows in enumerate(self.rows) if i and case.spread[rows].any()}
-        movers = [planned & set(case.model.supports[one.joint]) for one in self.carried]
-        self.moved = np.array([[i in some for i in range(case.model.njoints)] for some in movers], bool)
+        planned = np.array([i > 0 and case.spread[rows].any() for i, rows in enumerate(self.rows)])
+        self.moved = planned & [[i in case.model.supports[c.joint] for i in range(len(planned))] for c in self.carried]
         self.pairs: list[tuple[int, int, float]] = []  # two bodies, and the distance that they have to keep
         allowed = {frozenset(pair[:2]) for pair in case.left_out}
         for (i, a), (j, b) in itertools.combinations(enumerate(case.bodies), 2):
-            if b.obstacle and not a.obstacle and not movers[i]:
+            if b.obstacle and not a.obstacle and not self.moved[i].any():
                 self.left_out.append((a.name, b.name, "the link never moves"))
-            elif movers[i] != movers[j] and frozenset((a.name, b.name)) not in allowed:
+            elif (self.moved[i] != self.moved[j]).any() and frozenset((a.name, b.name)) not in allowed:
                 self.pairs.append((i, j, case.clearance + extra if b.obstacle else own_extra))
         between = [(case.bodies[i].name, case.bodies[j].name) for i, j, _ in self.pairs]
         self.names = [*between, *((one.name,) for one in case.constraints)]
@@ -169,9 +171,9 @@ class _Along:
         Let the columns stay within `half` of where they are. Move the joints one by one, from base to tip. While one
         moves, all beyond it still stand: a point p moves by at most e |v + w x p|, with the joint's unit velocity v, w
         and its way e: e times the distance from its axis, or e where it slides. That is convex in p, so largest at a
-        corner. A joint of several freedoms slides by a norm, and turns about any axis through its centre by the norm of
-        its rotation vector's change at most (the exponential map of rotations stretches nothing). The ways add up, by
-        the triangle inequality. What moves two bodies moves both as one.
+        corner. A joint of several freedoms slides by a norm, and turns about any axis through its centre by at most the
+        norm of its rotation vector's change (the exponential map of rotations stretches nothing). By the triangle
+        inequality the ways add up. What moves two bodies moves both as one.
         """
         y = np.abs(self.case.spread) @ half
         points = np.array([one.homogeneous[:3] for one in self.placed]) @ self.corners
@@ -205,12 +207,10 @@ class _Along:
     def _constraint(self, k: int, moves: np.ndarray, turns: np.ndarray) -> Told:
         """The angle of a frame's axis, or the distance of its origin; told is by how much that exceeds the limit."""
         one, carrier = self.case.constraints[k], len(self.case.bodies) + k
-        axis, value = self.placed[carrier].rotation @ one.axis, self.placed[carrier].translation - one.point
-        if one.across is None:
-            excess = math.atan2(float(np.linalg.norm(np.cross(axis, one.target))), float(axis @ one.target)) - one.limit
-            loss = float(turns[self.moved[carrier]].sum())
-        else:
-            excess, loss = float(np.linalg.norm(one.across @ value)) - one.limit, float(moves[carrier].sum())
+        axis, off = self.placed[carrier].rotation @ one.axis, self.placed[carrier].translation - one.point
+        angle = math.atan2(float(np.linalg.norm(np.cross(axis, one.target))), float(axis @ one.target))
+        excess = angle + float(np.linalg.norm(one.across @ off)) - one.limit  # one of both is 0
+        loss = float((moves[carrier] if len(one.across) else turns)[self.moved[carrier]].sum())
         return Answer.CONSTRAINT_BROKEN if excess > SLACK else None, SLACK - excess, loss, excess
 
 

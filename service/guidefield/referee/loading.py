@@ -272,12 +272,12 @@ def _constraints(model: Any, told: Sequence[Told], unknown: list[str]) -> Iterat
         index = next((k for k in range(1, model.nframes) if model.frames[k].name == name), None)
         if index is None:
             raise UnusableFile(f"the robot has no frame {name!r}")
-        nothing, across = np.zeros(3), None
+        nothing, across = np.zeros(3), np.empty((0, 3))
         if kind == "plane":
             across = _unit(one["normal"])[None]
         if kind == "line":
             across = np.linalg.svd(_unit(one["direction"])[None])[2][1:]
-        cone = across is None
+        cone = not len(across)
         yield Constraint(
             name=f"{kind} of {name}",
             joint=model.frames[index].parentJoint,
