@@ -12,7 +12,8 @@ import pytest
 from guidefield.engine import Engine
 from guidefield.handlers import robots
 from guidefield.messages.replies import Done, PlanReply
-from guidefield.messages.scene import Mesh
+from guidefield.messages.requests import JointsGoal, PlanRequest
+from guidefield.messages.scene import Mesh, Scene
 from guidefield.stores.scenes import SceneStore
 from tests.robots import box_arm, robot
 from tests.scene.solids import box_mesh, mesh_message
@@ -70,6 +71,19 @@ def test_what_is_odd_about_a_robot_is_told_in_replies_if_the_robot_is_the_users_
     own = {"type": "urdf", "text": box_arm("y", 3).text, "srdf": srdf}
     request = {"robot": own, "scene": scene(), "goal": {"type": "joints", "positions": {}}}
     assert any("'ghost'" in warning for warning in engine.answer(request).warnings)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "turns"),
+    [(0.0, 90.0, "14.3"), (45.0, -45.0, "14.3"), (90.0, 91.0, None), (0.0, -12.5, None), (-1.5, 1.5, None)],
+)
+def test_a_continuous_joints_goal_in_degrees_is_told(
+    engine: Engine, start: float, goal: float, turns: str | None
+) -> None:
+    request = PlanRequest(box_arm("continuous", 1), Scene("empty"), JointsGoal({"j1": goal}), start={"j1": start})
+    told = [warning for warning in engine.answer(request).warnings if "radians" in warning]  # type: ignore[attr-defined]
+    words = f"the goal of joint 'j1' is hardly in radians: {goal:g} is {turns} turns from the start"
+    assert told == ([words] if turns else [])
 
 
 def test_warnings_of_a_stored_scene_are_told_when_it_is_stored_and_planned_in(engine: Engine) -> None:

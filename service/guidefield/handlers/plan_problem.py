@@ -8,6 +8,7 @@ from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import clamp_slight, jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
+from guidefield.handlers.many_turns import many_turns_warnings
 from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
@@ -30,7 +31,7 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """What a request asks the planner for, and warnings about what was odd but harmless.
 
-    They are about the robot, what it holds, the scene and the start.
+    They are about the robot, what it holds, the scene, the start and the goal.
     Guide planes that are to be derived are not in it yet.
 
     Args:
@@ -71,7 +72,7 @@ def problem_of(
         seed=request.seed,
         budget=budget,
     )
-    return problem, (*robot.warnings, *scene.warnings, *warnings)
+    return problem, (*robot.warnings, *scene.warnings, *warnings, *many_turns_warnings(request, robot))
 
 
 def _require_served(request: PlanRequest, scene: Scene) -> None:
