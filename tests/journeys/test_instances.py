@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from guidefield import Client, NoService
-from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, await_that, running_service
+from guidefield import Client, NoService, Potential, Scene, Sphere
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, await_that, plain_client, running_service
 
 
 def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,6 +23,20 @@ def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, m
         with Client.connect(*endpoints, wait=CONNECTED_WITHIN) as client:
             first = client.instance
             other = "b" if first == "a" else "a"
+            # A burst is spread over both, and each run is ended where it is made.
+            burst = [threads.submit(client.plan, {**LONG, "run_id": f"burst-{number}"}) for number in range(4)]
+            for name, service in services.items():
+                with plain_client(service.endpoint) as wire:
+                    key = f"guidefield/{name}/info?brief"
+                    await_that(lambda: sum(wire.ask(key)[what] for what in ("busy", "queue")) == 2)  # noqa: B023
+            for number, asked in enumerate(burst):
+                assert client.cancel(f"burst-{number}") == f"run 'burst-{number}' ends"
+                assert asked.result(ANSWERED_WITHIN).status.name == "PREEMPTED"
+                client.delete_run(f"burst-{number}")
+            # What was stored is asked for where it is.
+            client.store_scene(Scene("mine", obstacles=[Sphere(name="ball", radius=0.1)]))
+            points = Potential(scene="mine", points=[(0.0, 0.0, 1.0)])
+            assert len({tuple(reply.potential) for reply in threads.map(client.kinematics, [points] * 4)}) == 1
             running = threads.submit(client.plan, {**LONG, "run_id": "first"})
             await_that(lambda: client.info().busy)
             # Whoever comes now and sees both is given the other one: the first is busy.

@@ -39,8 +39,8 @@ class Client:
     """A connection to the service; a context manager, which closes it.
 
     `Client.connect` makes one. Every question waits for its one answer, and any thread may ask. Where there are several
-    instances, questions go to the freest; stored robots, scenes and runs are an instance's own. The client imports no
-    numeric package.
+    instances, each plan and kinematics request goes to the freest, of those that have what this client stored and it
+    names; stored robots, scenes and runs are an instance's own. The client imports no numeric package.
 
     Whatever is asked raises the exception that the service's ``reply_err`` stands for, and `NoService` where nobody
     answers. A plan that was not found raises nothing: look at its `status`.

@@ -1,10 +1,12 @@
 """Questions out, exactly one answer back to each of them.
 
-Theory of operation. A question goes to one instance at a time. Zenoh tells when it has brought all that there is: an
-answer, or none, which means that the instance is gone. Where the client named no instance, the question then goes to
-another one; so it does where an instance is too busy to take it. Where there is no other one, and the link was only
-cut for a moment, the same instance is asked again: a plan goes under its name, so that the run that was under way, or
-has ended meanwhile, is what answers. A question is never with two at once, so there is never a second answer to it.
+Theory of operation. A question goes to one instance at a time: one for work to the freest, of those that have what this
+client stored and the question names; any other to the one that was the freest when the client came. Zenoh tells when it
+has brought all that there is: an answer, or none, which means that the instance is gone. Where the client named no
+instance, the question then goes to another one; so it does where an instance is too busy to take it. Where there is no
+other one, and the link was only cut for a moment, the same instance is asked again: a plan goes under its name, so that
+the run that was under way, or has ended meanwhile, is what answers. A question is never with two at once, so there is
+never a second answer to it.
 """
 
 from __future__ import annotations
@@ -51,6 +53,7 @@ class Exchange:
         self._instances = Instances(session)
         self._current = instance
         self._runs: OrderedDict[str, str] = OrderedDict()
+        self._stored: dict[str, str] = {}
         self._present: dict[str, zenoh.LivelinessToken] = {}
         self._lock = threading.Lock()
 
@@ -105,7 +108,7 @@ class Exchange:
         """
         asking = _Asking(self, question)
         asking.answer.set_running_or_notify_cancel()  # who waits may give up, the question stays on its way
-        asking.send(self._asked_for(question.run_id))
+        asking.send(self._asked_for(question))
         return asking.answer
 
     def leave(self, instance: str, tried: frozenset[str], *, back: bool) -> str | None:
@@ -142,9 +145,34 @@ class Exchange:
             if len(self._runs) > MOST_RUNS:
                 self._runs.popitem(last=False)
 
-    def _asked_for(self, run_id: str | None) -> str:
-        kept = None if run_id is None else self._runs.get(run_id)
-        return self.instance if kept is None else kept
+    def begin(self, question: Question[Any], instance: str) -> None:
+        """A question goes to an instance."""
+        if question.work:
+            self._instances.loads.begin(instance)
+            if question.own_id is not None:
+                self.remember(question.own_id, instance)
+
+    def end(self, question: Question[Any], instance: str, *, well: bool) -> None:
+        """Zenoh has brought all that there is of its answer; what it stored or forgot there, is remembered."""
+        if question.work:
+            self._instances.loads.end(instance)
+        with self._lock:
+            if well and question.stores is not None:
+                self._stored[question.stores] = instance
+            if well and question.forgets is not None:
+                self._stored.pop(question.forgets, None)
+
+    def _asked_for(self, question: Question[Any]) -> str:
+        """Which instance to ask: the one that was asked before; for work the freest that has what it needs."""
+        if question.own_id is not None and (kept := self._runs.get(question.own_id)) is not None:
+            return kept
+        if self.named is not None or not question.work:
+            return self.instance
+        living = self._instances.living()
+        with self._lock:
+            holders = {self._stored[name] for name in question.needs if name in self._stored} & living
+        self._instances.refresh()
+        return self._instances.loads.least(holders or living, self._current) or self.instance
 
 
 class _Asking:
@@ -165,13 +193,12 @@ class _Asking:
         self._instance, self._brought = instance, []
         self._tried |= {instance}
         question = self._question
-        if question.key == "plan" and question.run_id is not None:
-            self._exchange.remember(question.run_id, instance)
         try:
             selector = zenoh.Selector(f"guidefield/{instance}/{question.key}")
         except zenoh.ZError as error:
             raise MalformedRequest(f"{question.key!r} can't be asked for: {error}", key=question.key) from None
         self._exchange.be_present(instance)
+        self._exchange.begin(question, instance)
         self._exchange.session.get(
             selector,
             zenoh.handlers.Callback(self._brought.append, self._end, indirect=False),  # without a thread of its own
@@ -183,6 +210,8 @@ class _Asking:
 
     def _end(self) -> None:
         """Zenoh has brought all that there is."""
+        well = bool(self._brought) and self._brought[0].ok is not None
+        self._exchange.end(self._question, self._instance, well=well)
         if self._brought and self._brought[0].ok is not None:
             self.answer.set_result(bytes(self._brought[0].ok.payload.to_bytes()))
             return

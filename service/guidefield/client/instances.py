@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import random
 import threading
+import time
 
 import msgspec
 import zenoh
 
+from guidefield.client.loads import Loads
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import InfoReply
 
+BRIEFLY = "guidefield/*/info?brief"
+REFRESHED_EVERY = 0.5
+"""How old may be what an instance told of others' questions [s]; this client's own count at once."""
 ASK_WITHIN = 1.0
 """How long an instance may take to say how busy it is [s]."""
 
@@ -20,13 +25,40 @@ class Instances:
 
     Args:
         session: An open session.
+
+    Attributes:
+        loads: How much each has to do.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
+        self.loads = Loads()
         self._living: set[str] = set()
+        self._refreshed = -REFRESHED_EVERY
         self._changed = threading.Condition()
         self._tokens = session.liveliness().declare_subscriber("guidefield/*/alive", self._heard, history=True)
+
+    def refresh(self) -> None:
+        """Have instances tell what they have to do, if they were not asked just now; waits for nothing."""
+        with self._changed:
+            now = time.monotonic()
+            if len(self._living) < 2 or now - self._refreshed < REFRESHED_EVERY:
+                return
+            self._refreshed = now
+        self._session.get(
+            BRIEFLY,
+            zenoh.handlers.Callback(self._be_told, indirect=False),
+            encoding=Encoding.MSGPACK.value,
+            timeout=ASK_WITHIN,
+        )
+
+    def _be_told(self, reply: zenoh.Reply) -> InfoReply | None:
+        """What an instance says about itself; None where it doesn't answer."""
+        if reply.ok is None:
+            return None
+        info = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
+        self.loads.be_told(_instance(reply.ok.key_expr), info.workers, info.busy + info.queue)
+        return info
 
     def close(self) -> None:
         """Follow no more."""
@@ -72,9 +104,8 @@ class Instances:
         """What each says about itself, briefly."""
         infos = {}
         encoding = Encoding.MSGPACK.value
-        for reply in self._session.get("guidefield/*/info?brief", encoding=encoding, timeout=ASK_WITHIN):
-            if reply.ok is not None:
-                told = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
+        for reply in self._session.get(BRIEFLY, encoding=encoding, timeout=ASK_WITHIN):
+            if (told := self._be_told(reply)) is not None:
                 infos[_instance(reply.ok.key_expr)] = told
         return infos
 
@@ -84,6 +115,7 @@ class Instances:
                 self._living.add(_instance(token.key_expr))
             else:
                 self._living.discard(_instance(token.key_expr))
+                self.loads.forget(_instance(token.key_expr))
             self._changed.notify_all()
 
 

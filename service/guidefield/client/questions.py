@@ -62,6 +62,9 @@ class Question(Generic[_R]):
         timeout: How long the answer is waited for [s].
         run_id: The run that it is about, if any.
         request_id: Its own name, if it can be cancelled by one.
+        work: Whether it is answered by any instance alike, so that the freest does it.
+        needs: Keys of stored scenes and robots that it names.
+        stores, forgets: Key of the scene or robot that it has stored or forgotten.
         repeatable: Whether it may be asked again after its answer was lost: the answer is the same then.
     """
 
@@ -72,6 +75,15 @@ class Question(Generic[_R]):
     run_id: str | None = None
     request_id: str | None = None
     repeatable: bool = True
+    work: bool = False
+    needs: tuple[str, ...] = ()
+    stores: str | None = None
+    forgets: str | None = None
+
+    @property
+    def own_id(self) -> str | None:
+        """The name of what is asked for or about, if it has one: the same instance is asked about it again."""
+        return self.run_id or self.request_id
 
 
 def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
@@ -93,7 +105,15 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
         raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")
     run_id = given.run_id or uuid.uuid4().hex
     named = msgspec.structs.replace(given, run_id=run_id)
-    return Question("plan", _reader("plan", PlanReply), _sent(named), given.allowed_planning_time + PLAN_MARGIN, run_id)
+    return Question(
+        "plan",
+        _reader("plan", PlanReply),
+        _sent(named),
+        given.allowed_planning_time + PLAN_MARGIN,
+        run_id,
+        work=True,
+        needs=_needed(given),
+    )
 
 
 def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[KinematicsReply]:
@@ -106,7 +126,7 @@ def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[Kinemati
     request_id = given.request_id or uuid.uuid4().hex
     named = msgspec.structs.replace(given, request_id=request_id)
     read, timeout = _reader("kinematics", _kinematics_reply(given)), given.allowed_time + PLAN_MARGIN
-    return Question("kinematics", read, _sent(named), timeout, request_id=request_id)
+    return Question("kinematics", read, _sent(named), timeout, request_id=request_id, work=True, needs=_needed(given))
 
 
 def robots() -> Question[RobotsReply]:
@@ -125,7 +145,7 @@ def store_robot(
     """A robot of one's own is to be stored."""
     files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes), root_joint=root_joint)
     key = _key("robots", name)
-    return Question(key, _reader(key, Done), _sent(files))
+    return Question(key, _reader(key, Done), _sent(files), stores=key)
 
 
 def delete_robot(name: str) -> Question[Done]:
@@ -151,7 +171,7 @@ def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
     """
     given = codec.convert(scene, Scene) if isinstance(scene, dict) else scene
     key = _key("scenes", given.name)
-    return Question(key, _reader(key, Done), _sent(given))
+    return Question(key, _reader(key, Done), _sent(given), stores=key)
 
 
 def delete_scene(name: str) -> Question[Done]:
@@ -183,7 +203,8 @@ def cancel(run_id: str) -> Question[Done]:
 
 def cancel_request(request_id: str) -> Question[Done]:
     """One kinematics request is to end early."""
-    return _reading(f"{_key('requests', request_id)}/cancel", Done)
+    key = f"{_key('requests', request_id)}/cancel"
+    return Question(key, _reader(key, Done), request_id=request_id)
 
 
 def recording(run_id: str) -> Question[bytes]:
@@ -222,7 +243,13 @@ def _reading(key: str, kind: type[_M], run_id: str | None = None) -> Question[_M
 
 
 def _deleting(key: str, run_id: str | None = None) -> Question[Done]:
-    return Question(f"{key}?delete", _reader(key, Done), run_id=run_id, repeatable=False)
+    return Question(f"{key}?delete", _reader(key, Done), run_id=run_id, repeatable=False, forgets=key)
+
+
+def _needed(request: PlanRequest | KinematicsRequest) -> tuple[str, ...]:
+    """Keys of the robot and the scene that a request names."""
+    named = {"robots": getattr(request, "robot", None), "scenes": getattr(request, "scene", None)}
+    return tuple(f"{room}/{name}" for room, name in named.items() if isinstance(name, str))
 
 
 def _reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
