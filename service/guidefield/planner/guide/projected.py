@@ -78,5 +78,5 @@ class Projected:
     def _descend(self, guided: GuidedPath, constraint: TipConstraint, guard: TipGuard, kind: StepKind) -> float:
         descent = descend(guided, constraint, guard, self.tolerance, self.most_steps)
         for q, potential in zip(descent.path, descent.potentials[1:], strict=True):
-            guided.take(q, kind, f"{kind.value} to U = {potential:.4g}", potential)
+            guided.take(q, kind, f"U = {potential:.4g}", potential)
         return descent.potential

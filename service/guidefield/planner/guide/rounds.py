@@ -140,7 +140,7 @@ def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first:
         if kind == kernel.ADVANCED:
             guided.take(q, StepKind.ADVANCE, f"tip {1000 * value:.0f} mm towards the plane", kept=bool(kept))
         else:
-            guided.take(q, StepKind.DESCEND, f"descend to U = {value:.4g}", value, kept=bool(kept))
+            guided.take(q, StepKind.DESCEND, f"U = {value:.4g}", value, kept=bool(kept))
 
 
 def _going(aim: Aim, step: float) -> kernel.Rounds:

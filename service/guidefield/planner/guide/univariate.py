@@ -89,7 +89,7 @@ class Univariate:
             if len(taken) > 1 and guided.free(guided.q, taken[-1]):
                 taken = taken[-1:]
             for q in taken:
-                guided.take(q, StepKind.SWEEP, f"sweep to U = {after:.4g}", after)
+                guided.take(q, StepKind.SWEEP, f"U = {after:.4g}", after)
             fallen, before = before - after, after
             if fallen < self.negligible * (before + fallen) or problem.budget.spent():
                 return
