@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.messages.replies import PlanReply
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.whole_file import write_whole
 
 Array = NDArray[np.float64]
@@ -51,14 +51,19 @@ def run_arrays(run: PlanReply | Path | str) -> RunArrays:
 
     Raises:
         UnknownObject: if there is no such file, or the run has no motion: it failed.
-        MalformedRequest: if the file is no whole recording of guidefield.
+        MalformedRequest: if the file is no whole recording of guidefield, or of a run that made no motion.
     """
+    reply: MotionReply
     if isinstance(run, PlanReply):
         reply = run
     else:
         from guidefield.recorder.reading import read_recording
 
         reply = read_recording(Path(run)).reply
+    if isinstance(reply, CertifyReply):
+        raise MalformedRequest(
+            f"run {reply.run_id!r} judged a motion that was given: it stands in the request", run_id=reply.run_id
+        )
     motion = reply.trajectory
     if motion is None:
         raise UnknownObject(f"run {reply.run_id!r} has no motion: {reply.status.name}", run_id=reply.run_id)

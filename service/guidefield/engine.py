@@ -15,7 +15,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from guidefield.errors import GuidefieldError, MalformedRequest, RobotInvalid, unforeseen
 from guidefield.first_start import compile_kernels
@@ -50,6 +50,8 @@ MAX_CACHED_SCENES = 16
 """Scenes kept built."""
 
 _log = logging.getLogger(__name__)
+
+_R = TypeVar("_R", PlanReply, CertifyReply)
 
 
 class LocalFiles(enum.Enum):
@@ -115,7 +117,7 @@ class Engine:
 
         Args:
             request: JSON bytes, plain data, or a Struct.
-            record_to: Where to write the recording of a plan; None leaves that to the store of runs.
+            record_to: Where to write the recording of a plan or judgement; None leaves that to the store of runs.
             received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded and the robot
                 prepared for its first use. Deadlines count from it.
             watcher: Hears how far a plan is, and may end it.
@@ -133,6 +135,10 @@ class Engine:
                     from guidefield.handlers.plan import prepare_ahead
 
                     prepare_ahead(decoded, self._robot)
+                elif isinstance(decoded, requests.CertifyRequest):
+                    from guidefield.handlers.certify import load_ahead
+
+                    load_ahead(decoded, self._robot)
                 received = time.monotonic()
             reply = self._dispatch(decoded, record_to, received, watcher)
         except GuidefieldError:
@@ -152,7 +158,7 @@ class Engine:
             RobotInvalid: if a robot is unknown or can't be used.
         """
         compile_kernels(_log.info)
-        for room in ("handlers.plan", "recorder.recorder"):
+        for room in ("handlers.plan", "handlers.certify", "recorder.recorder", "recorder.given_recorder"):
             importlib.import_module(f"guidefield.{room}")
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
         preparation = importlib.import_module("guidefield.collision.preparation")
@@ -165,12 +171,12 @@ class Engine:
         if isinstance(request, requests.PlanRequest):
             return self._plan(request, record_to, received, watcher)
         if isinstance(request, requests.CertifyRequest):
-            return self._certify(request, received)
+            return self._certify(request, record_to, received, watcher)
         if isinstance(request, requests.KinematicsRequest) and record_to is None:
             return self._kinematics(request, received, watcher)
         kind = type(request)
         if record_to is not None:
-            raise MalformedRequest(f"only a plan can be recorded, not {kind.__name__}")
+            raise MalformedRequest(f"only a plan or a judgement can be recorded, not {kind.__name__}")
         if kind not in self._handlers:
             raise MalformedRequest(f"{kind.__name__} is no request", path="$")
         return self._handlers[kind](request)
@@ -180,39 +186,71 @@ class Engine:
     ) -> PlanReply:
         from guidefield.handlers.plan import answer_plan
 
-        if (before := answered_before(self._runs, request)) is not None:
-            return before
-        run_id = request.run_id or uuid.uuid4().hex
-        key = f"guidefield/{self._instance}/runs/{run_id}/recording"
-        progress = None if watcher is None else ProgressTold(run_id, received, watcher)
-        run = Run(run_id, request, self._runs, record_to, key, progress)
-        try:
-            began = time.monotonic()
-            reply = answer_plan(
+        def answered(run: Run, began: float) -> PlanReply:
+            return answer_plan(
                 request,
                 self._robot(request.robot),
                 self._scene(request.scene),
-                run_id=run_id,
+                run_id=run.run_id,
                 received=received,
                 began=began,
                 record=run.record,
                 preparing=run.prepare,
                 cancelled=run.cancelled,
             )
-            return run.end(reply)
+
+        return self._run(request, record_to, received, watcher, answered)
+
+    def _certify(
+        self, request: requests.CertifyRequest, record_to: Path | None, received: float, watcher: Watcher | None
+    ) -> CertifyReply:
+        from guidefield.handlers.certify import answer_certify
+
+        def answered(run: Run, began: float) -> CertifyReply:
+            return answer_certify(
+                request,
+                self._robot(request.robot),
+                self._scene(request.scene),
+                run_id=run.run_id,
+                received=received,
+                began=began,
+                record=run.record_given,
+                cancelled=run.cancelled,
+            )
+
+        return self._run(request, record_to, received, watcher, answered)
+
+    def _run(
+        self,
+        request: requests.MotionRequest,
+        record_to: Path | None,
+        received: float,
+        watcher: Watcher | None,
+        answered: Callable[[Run, float], _R],
+    ) -> _R:
+        """The reply of a run, kept with its request and recording; that of before, where the same is asked for again.
+
+        Args:
+            request: What is asked.
+            record_to: As in `answer`.
+            received: As in `answer`.
+            watcher: As in `answer`.
+            answered: Answers it, given the run and when its work began, by `time.monotonic()` [s].
+        """
+        if (before := answered_before(self._runs, request)) is not None:
+            return cast(_R, before)
+        run_id = request.run_id or uuid.uuid4().hex
+        key = f"guidefield/{self._instance}/runs/{run_id}/recording"
+        progress = None if watcher is None else ProgressTold(run_id, received, watcher)
+        run = Run(run_id, request, self._runs, record_to, key, progress)
+        try:
+            return run.end(answered(run, time.monotonic()))
         except GuidefieldError:
             run.refuse()
             raise
         except Exception as error:
             run.fail(error_reply(unforeseen(error)))
             raise
-
-    def _certify(self, request: requests.CertifyRequest, received: float) -> CertifyReply:
-        from guidefield.handlers.certify import answer_certify
-
-        began, run_id = time.monotonic(), request.run_id or uuid.uuid4().hex
-        robot, scene = self._robot(request.robot), self._scene(request.scene)
-        return answer_certify(request, robot, scene, run_id=run_id, received=received, began=began)
 
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
         from guidefield.handlers.allowance import Allowance
@@ -307,14 +345,14 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Pat
     The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
 
     Args:
-        request: A plan, a kinematics request, or any other that the service answers: a message such as `PlanRequest`,
-            the same as a dict, or its JSON. One without a ``type`` is a plan request. NumPy's numbers and arrays may
-            stand in it.
-        record_to: Where to write the recording of a plan (`.rrd`), if anywhere.
+        request: A plan, a motion to certify, a kinematics request, or any other that the service answers: a message
+            such as `PlanRequest`, the same as a dict, or its JSON. One without a ``type`` is a plan request. NumPy's
+            numbers and arrays may stand in it.
+        record_to: Where to write the recording of a plan or judgement (`.rrd`), if anywhere.
 
     Returns:
-        The reply to the request's kind: of a plan a `PlanReply`. A plan that was not found is a reply too; its `status`
-        says why.
+        The reply to the request's kind: of a plan a `PlanReply`, of a judgement a `CertifyReply`. A plan that was not
+        found and a motion that is refused are replies too; their `status` says why.
 
     Raises:
         GuidefieldError: if the request is ill-posed. Each kind of fault has its own exception, the one that the service

@@ -6,20 +6,21 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import msgspec
 
 from guidefield.errors import UnknownObject, without_path
-from guidefield.messages.replies import ErrorReply, PlanReply, error_of
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, error_of
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.progress import ProgressTold
 from guidefield.stores.runs import NoRuns, Runs
 
 if TYPE_CHECKING:
+    from guidefield.planner.motion.given_motion import GivenMotion
     from guidefield.planner.quality import ClearanceProfile
     from guidefield.planner.task.trace import Event
-    from guidefield.recorder.recorder import Recorder
+    from guidefield.recorder.place import Place
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.scene.guide_plane import GuidePlane
     from guidefield.scene.scene import Scene
@@ -28,6 +29,19 @@ LARGEST_RECORDING = 512 * 2**20
 """A recording that is larger is dropped [bytes]."""
 
 _log = logging.getLogger(__name__)
+
+_R = TypeVar("_R", PlanReply, CertifyReply)
+_T_contra = TypeVar("_T_contra", PlanReply, CertifyReply, contravariant=True)
+
+
+class _Writes(Protocol[_T_contra]):
+    """A recorder."""
+
+    def observe(self, event: Event) -> None:
+        """Be told of an event."""
+
+    def finish(self, reply: _T_contra, profile: ClearanceProfile | None) -> None:
+        """Write the recording."""
 
 
 class Run:
@@ -48,7 +62,7 @@ class Run:
     def __init__(
         self,
         run_id: str,
-        request: PlanRequest,
+        request: MotionRequest,
         runs: Runs,
         record_to: Path | None,
         recording_key: str,
@@ -59,7 +73,7 @@ class Run:
         self._request = request
         self._runs = runs
         self._warnings = _Warnings(run_id)
-        self._recording: _Recording | None = None
+        self._recording: _Recording[PlanReply] | _Recording[CertifyReply] | None = None
         try:
             runs.begin(run_id, request)
         except OSError as error:
@@ -77,25 +91,51 @@ class Run:
         if self._progress is not None:
             self._progress.prepare(what)
 
-    def record(self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]) -> _Observers:
-        """An observer of this run: tells its progress, and writes its recording when it is finished, once."""
+    def record(
+        self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]
+    ) -> _Observers[PlanReply]:
+        """An observer of a plan: tells its progress, and writes its recording when it is finished, once."""
+        assert isinstance(self._request, PlanRequest), "a plan is recorded"
+        recording = None
+        if (place := self._where(group, scene)) is not None:
+            from guidefield.recorder.recorder import Recorder
+
+            recorder = Recorder(place, group, scene, self._request, self.run_id)
+            recording = _Recording[PlanReply](recorder, place.file, self._place, self._warnings)
+        self._recording = recording
+        if self._progress is not None:
+            self._progress.be_prepared()
+        return _Observers(self._progress, recording)
+
+    def record_given(self, group: PlanningGroup, scene: Scene, motion: GivenMotion) -> _Observers[CertifyReply]:
+        """The same of a motion that is judged."""
+        assert isinstance(self._request, CertifyRequest), "a judgement is recorded"
+        recording = None
+        if (place := self._where(group, scene)) is not None:
+            from guidefield.recorder.given_recorder import GivenRecorder
+
+            recorder = GivenRecorder(place, group, scene, self._request, self.run_id, motion)
+            recording = _Recording[CertifyReply](recorder, place.file, self._place, self._warnings)
+        self._recording = recording
+        if self._progress is not None:
+            self._progress.be_prepared()
+        return _Observers(self._progress, recording)
+
+    def _where(self, group: PlanningGroup, scene: Scene) -> Place | None:
+        """Where the recording goes, if there is to be one; who hears of progress learns what moves where."""
         if self._progress is not None:
             self._progress.begin(group, scene)
         kept_at = self._runs.recording_path(self.run_id) if self._record_to is None else self._record_to
-        if kept_at is not None and self._request.recording != "off":
-            from guidefield.recorder.bodies_file import cache_folder
-            from guidefield.recorder.recorder import Place, Recorder
+        if kept_at is None or self._request.recording == "off":
+            return None
+        from guidefield.recorder.bodies_file import cache_folder
+        from guidefield.recorder.place import Place
 
-            # in a store the robots' meshes are kept once for all runs
-            shared = self._runs.bodies_folder() if self._record_to is None else None
-            place = Place(kept_at, shared or cache_folder(), whole=shared is None)
-            recorder = Recorder(place, group, scene, self._request, self.run_id)
-            self._recording = _Recording(recorder, kept_at, self._place, self._warnings)
-        if self._progress is not None:
-            self._progress.be_prepared()
-        return _Observers(self._progress, self._recording)
+        # in a store the robots' meshes are kept once for all runs
+        shared = self._runs.bodies_folder() if self._record_to is None else None
+        return Place(kept_at, shared or cache_folder(), whole=shared is None)
 
-    def end(self, reply: PlanReply) -> PlanReply:
+    def end(self, reply: _R) -> _R:
         """The reply as it is sent, with where its recording is and with what could not be kept; keeps it.
 
         Where the disk refuses the reply, nothing is kept of the run: it would seem to be under way for ever.
@@ -158,7 +198,7 @@ def whole_recording(runs: Runs, run_id: str) -> bytes:
         raise UnknownObject(f"the recording of run {run_id!r} is damaged", run_id=run_id) from None
 
 
-def answered_before(runs: Runs, request: PlanRequest) -> PlanReply | None:
+def answered_before(runs: Runs, request: MotionRequest) -> MotionReply | None:
     """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
 
     Raises:
@@ -176,11 +216,11 @@ def answered_before(runs: Runs, request: PlanRequest) -> PlanReply | None:
 
 
 @dataclass(frozen=True)
-class _Observers:
+class _Observers(Generic[_R]):
     """Those who watch a run, as one."""
 
     progress: ProgressTold | None
-    recording: _Recording | None
+    recording: _Recording[_R] | None
 
     def observe(self, event: Event) -> None:
         """Pass on what the planner tells."""
@@ -188,21 +228,21 @@ class _Observers:
             if observer is not None:
                 observer.observe(event)
 
-    def finish(self, reply: PlanReply, profile: Callable[[], ClearanceProfile | None]) -> None:
+    def finish(self, reply: _R, profile: Callable[[], ClearanceProfile | None]) -> None:
         """Have the recording written, if there is one: nothing is measured for none."""
         if self.recording is not None:
             self.recording.finish(reply, profile())
 
 
-class _Recording:
+class _Recording(Generic[_R]):
     """A recorder whose failure to write is told, not raised.
 
     Attributes:
         written: Where the recording is, for the reply; None until it is finished, and where it was not kept.
     """
 
-    def __init__(self, recorder: Recorder, path: Path, place: str, warnings: _Warnings) -> None:
-        self._recorder = recorder
+    def __init__(self, recorder: _Writes[_R], path: Path, place: str, warnings: _Warnings) -> None:
+        self._recorder: _Writes[_R] = recorder
         self._path = path
         self._place = place
         self._warnings = warnings
@@ -212,7 +252,7 @@ class _Recording:
         """Pass on what the planner tells."""
         self._recorder.observe(event)
 
-    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
+    def finish(self, reply: _R, profile: ClearanceProfile | None) -> None:
         """Write the recording; the reply in it says where it is."""
         try:
             self._recorder.finish(msgspec.structs.replace(reply, recording=self._place), profile)

@@ -13,7 +13,7 @@ from guidefield.engine import Engine, LocalFiles
 from guidefield.errors import GuidefieldError, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.replies import error_reply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import MotionRequest
 from guidefield.pool.process import Call
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunStore
@@ -29,7 +29,7 @@ class Job:
     Attributes:
         query: As it came.
         received: When, by `time.monotonic()`, which all processes of a machine share [s].
-        run_id: What to call the run, if the query asks for a plan and names none.
+        run_id: What to call the run, if the query asks for one and names none.
     """
 
     query: keys.Query
@@ -92,7 +92,7 @@ class EngineWorker:
         """Whether there is a reply, or else an error; and its bytes."""
         try:
             request = keys.request_of(job.query)
-            if isinstance(request, PlanRequest) and request.run_id is None:
+            if isinstance(request, MotionRequest) and request.run_id is None:
                 request = msgspec.structs.replace(request, run_id=job.run_id)
             return True, codec.encode(
                 self.engine.answer(request, received=job.received, watcher=call), job.query.encoding

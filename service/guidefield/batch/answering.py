@@ -8,7 +8,7 @@ from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK
 
 
@@ -26,7 +26,7 @@ def answered(engine: Engine, request: bytes, record_to: Path | None) -> tuple[bo
     """
     try:
         decoded = codec.decode_request(request)
-        if record_to is not None and isinstance(decoded, PlanRequest):
+        if record_to is not None and isinstance(decoded, MotionRequest):
             record_to.parent.mkdir(parents=True, exist_ok=True)
             return True, codec.encode(engine.answer(decoded, record_to=record_to))
         return True, codec.encode(engine.answer(decoded))
@@ -40,4 +40,6 @@ def seconds_for(request: bytes) -> float:
         decoded = codec.decode_request(request)
     except GuidefieldError:
         return LONGEST_WORK
-    return decoded.allowed_planning_time + BACKSTOP if isinstance(decoded, PlanRequest) else LONGEST_WORK
+    if isinstance(decoded, PlanRequest):
+        return decoded.allowed_planning_time + BACKSTOP
+    return decoded.allowed_time + BACKSTOP if isinstance(decoded, CertifyRequest) else LONGEST_WORK

@@ -18,6 +18,7 @@ from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
 from guidefield.cli import demonstration, serving
+from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, RunName, Service, recording_file
@@ -25,14 +26,14 @@ from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
-from guidefield.cli.tables import plan_table
+from guidefield.cli.tables import certify_table, plan_table
 from guidefield.client import Client
 from guidefield.endpoint.service import DEFAULT_LISTEN, CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import compile_kernels
 from guidefield.messages import codec, requests
-from guidefield.messages.replies import PlanReply, RobotReply, RobotsReply
+from guidefield.messages.replies import CertifyReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
@@ -98,6 +99,50 @@ def plan(
 
 
 @app.command()
+def certify(
+    motion: Annotated[str, typer.Argument(help="A motion: .csv, .json, .npz, a run's .rrd, or the id of a kept run.")],
+    robot: Annotated[str | None, typer.Option(help="A robot, by its name or by its .urdf file.")] = None,
+    scene: Annotated[str | None, typer.Option(help="A scene, by its name or by its .json file.")] = None,
+    srdf: Annotated[Path | None, typer.Option(help="The SRDF of a .urdf file.")] = None,
+    package_dir: Annotated[
+        list[Path] | None, typer.Option(help="A folder that holds packages of a .urdf file's meshes; can be repeated.")
+    ] = None,
+    time_step: Annotated[float | None, typer.Option(help="Between rows, where the file has no times [s].")] = None,
+    interpolation: Annotated[
+        str | None, typer.Option(help="Which curve goes through samples: spline, or linear.")
+    ] = None,
+    min_clearance: Annotated[float | None, typer.Option(help="What links have to keep from obstacles [m].")] = None,
+    leave_start_contact: Annotated[
+        bool, typer.Option("--leave-start-contact", help="A slight contact at the start may be left.")
+    ] = False,
+    allowed_time: Annotated[float, typer.Option(help="How long it may take [s].")] = 60.0,
+    output: ReplyFile = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Write a recording of the motion here (.rrd).", callback=writable)
+    ] = None,
+    data: Data = None,
+    name: Service = "local",
+) -> None:
+    """Judge a motion: is it free over its whole length, and within the joints' limits?
+
+    Robot, scene and the rest are those of a run, of a recording or of a certify request in JSON, unless given.
+
+    Exit code 0 where it is, 1 where it isn't, 2 for an error.
+    """
+    given = {
+        "robot": None if robot is None else robot_reference(robot, srdf, package_dir or []),
+        "scene": None if scene is None else scene_reference(scene),
+        "time_step": time_step,
+        "interpolation": interpolation,
+        "min_clearance": min_clearance,
+        "leave_start_contact": leave_start_contact or None,
+    }
+    request = certify_request(motion, given, allowed_time, data, name)
+    compile_kernels(err.print)
+    _report(answer(request, record_to=record), output)
+
+
+@app.command()
 def query(
     request: RequestFile,
     connect: Annotated[
@@ -112,7 +157,7 @@ def query(
         Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=writable)
     ] = None,
 ) -> None:
-    """Ask a service for a plan or for kinematics.
+    """Ask a service for a plan, a verdict or kinematics.
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
@@ -120,11 +165,17 @@ def query(
     with _connected(connect, name, config) as client:
         if isinstance(asked, requests.PlanRequest):
             reply: Reply = client.plan(asked)
+        elif isinstance(asked, requests.CertifyRequest):
+            reply = client.certify(asked)
         elif isinstance(asked, requests.KinematicsRequest):
             reply = client.kinematics(asked)
         else:
-            raise MalformedRequest(f"a request file holds a plan or a kinematics request, not {type(asked).__name__}")
-        if record is not None and isinstance(reply, PlanReply):
+            raise MalformedRequest(
+                f"a request file holds a plan, certify or kinematics request, not {type(asked).__name__}"
+            )
+        if (record is not None and isinstance(reply, PlanReply)) or (
+            record is not None and isinstance(reply, CertifyReply)
+        ):
             reply = fetch_recording(client, reply, record)
     _report(reply, output)
 
@@ -205,9 +256,7 @@ def robots(
     if robot is None:
         reply = answer(requests.ReadRobots())
     elif robot.endswith(".urdf"):
-        folders = [str(folder) for folder in package_dir or ()]
-        file = requests.UrdfFile(robot, srdf_path=None if srdf is None else str(srdf), package_dirs=folders)
-        reply = answer(requests.ReadRobot(file))
+        reply = answer(requests.ReadRobot(robot_reference(robot, srdf, package_dir or [])))
     else:
         reply = answer(requests.ReadRobot(robot))
     if json:
@@ -278,11 +327,11 @@ def _report(reply: Reply, output: Path | None) -> NoReturn:
     """Show a reply to a person, write it for a machine, and end with the exit code that it stands for."""
     if output is not None:
         output.write_text(_as_json(reply) + "\n")
-    if not isinstance(reply, PlanReply):
+    if not isinstance(reply, PlanReply | CertifyReply):
         if output is None:
             typer.echo(_as_json(reply))
         raise typer.Exit(0)
-    out.print(plan_table(reply))
+    out.print(plan_table(reply) if isinstance(reply, PlanReply) else certify_table(reply))
     raise typer.Exit(0 if reply.status.code == Status.SUCCESS else 1)
 
 

@@ -11,9 +11,9 @@ from typing import Annotated
 
 import typer
 
-from guidefield.errors import UnknownObject
-from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import PlanRequest
+from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.messages.replies import MotionReply, PlanReply
+from guidefield.messages.requests import MotionRequest
 from guidefield.run import whole_recording
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import RunStore
@@ -27,8 +27,8 @@ RunName = Annotated[str, typer.Argument(help="Id of a kept run, or a recording's
 class FoundRun:
     """A run that has ended; `versions` are of the packages that it was made with, empty where they weren't recorded."""
 
-    request: PlanRequest
-    reply: PlanReply
+    request: MotionRequest
+    reply: MotionReply
     versions: dict[str, str]
 
 
@@ -68,6 +68,19 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
     path = store.recording_path(run)
     recorded_too = path is not None and path.is_file()
     return FoundRun(kept.request, kept.reply, read_recording(path).versions if path and recorded_too else {})
+
+
+def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
+    """The plan of the run that an argument means.
+
+    Raises:
+        UnknownObject: as `find_run`.
+        MalformedRequest: as `find_run`, and if the run judged a motion instead of planning one.
+    """
+    reply = find_run(run, data, name).reply
+    if not isinstance(reply, PlanReply):
+        raise MalformedRequest(f"run {run!r} is no plan: it judged a motion that was given", run_id=run)
+    return reply
 
 
 @contextlib.contextmanager

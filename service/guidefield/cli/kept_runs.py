@@ -14,7 +14,7 @@ from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
 from guidefield.cli.files import writable
-from guidefield.cli.found_run import Data, RunName, Service, find_run, recording_file, run_store
+from guidefield.cli.found_run import Data, RunName, Service, find_plan, recording_file, run_store
 from guidefield.engine import Engine
 from guidefield.messages.replies import RunsReply
 from guidefield.messages.store_requests import ReadRuns
@@ -57,7 +57,7 @@ def list_runs(
 @runs_app.command()
 def compare(first: RunName, second: RunName, data: Data = None, name: Service = "local") -> None:
     """Show two runs beside each other: waypoints, clearance, times, and what of the plan differs."""
-    out.print(comparison_table(find_run(first, data, name).reply, find_run(second, data, name).reply))
+    out.print(comparison_table(find_plan(first, data, name), find_plan(second, data, name)))
 
 
 @runs_app.command()
@@ -76,4 +76,4 @@ def export(
         with recording_file(run, data, name) as recording:
             write_whole(file, recording.read_bytes())
         return
-    write_motion(run_arrays(find_run(run, data, name).reply), file)
+    write_motion(run_arrays(find_plan(run, data, name)), file)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
 from guidefield.client import Client
-from guidefield.messages.replies import PlanReply
+from guidefield.messages.replies import CertifyReply, PlanReply
+
+_R = TypeVar("_R", PlanReply, CertifyReply)
 
 
-def fetch_recording(client: Client, reply: PlanReply, file: Path) -> PlanReply:
+def fetch_recording(client: Client, reply: _R, file: Path) -> _R:
     """The reply, with its recording in a file here; as it was, where the run has none."""
     if reply.recording is None:
         return reply

@@ -13,12 +13,15 @@ from guidefield.cli.comparison import differing, largest_step, motion_hash
 from guidefield.cli.found_run import Data, RunName, Service, data_folder, find_run
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
-from guidefield.messages.replies import PlanReply
+from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
 
 SHOWN_DIGITS = 16
 """Digits of a hash that are shown."""
+
+JUDGED = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
+"""What of a reply is the judgement itself."""
 
 out = Console()
 
@@ -28,7 +31,7 @@ Packages = Annotated[
 
 
 def replay(run: RunName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
-    """Plan the request of a run again; exit code 0 if the plan is the same to the last bit, else 1.
+    """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
 
     A run of another version of guidefield counts as any other: where its plan differs, 1, and it is said which version
     planned it. 2 where no plan came of it: there is no such run, or its request is refused now.
@@ -50,6 +53,9 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
         if by_another := planned_by(before.versions):
             _say(f"{run}: {by_another}its request is refused now")
         raise
+    if isinstance(before.reply, CertifyReply) and isinstance(now, CertifyReply):
+        raise typer.Exit(_judged_again(run, before.reply, now))
+    assert isinstance(before.reply, PlanReply), "a plan was asked for"
     assert isinstance(now, PlanReply), "a plan was asked for"
     parts = differing(before.reply, now)
     if not parts:
@@ -60,6 +66,17 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
     _say(f"{run}: not the same: {planned_by(before.versions)}the plan differs in {', '.join(parts)}{by}")
     _say(f"then: {_in_short(before.reply)}\nnow:  {_in_short(now)}\n{versions_that_differ(before.versions)}")
     raise typer.Exit(1)
+
+
+def _judged_again(run: str, before: CertifyReply, now: CertifyReply) -> int:
+    """Say whether a motion is judged as before; the exit code."""
+    parts = [name for name in JUDGED if getattr(before, name) != getattr(now, name)]
+    if not parts:
+        _say(f"{run}: judged as before: {now.status.name}, {now.status.message}")
+        return 0
+    _say(f"{run}: not judged as before: it differs in {', '.join(parts)}")
+    _say(f"then: {before.status.name}, {before.status.message}\nnow:  {now.status.name}, {now.status.message}")
+    return 1
 
 
 def planned_by(before: dict[str, str]) -> str:

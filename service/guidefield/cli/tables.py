@@ -1,4 +1,4 @@
-"""Plans as tables that a person can read."""
+"""Plans and verdicts as tables that a person can read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.text import Text
 
 from guidefield.errors import Status
 from guidefield.messages.certificate_in_words import certified
-from guidefield.messages.replies import PlanReply, Stage, Timing
+from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, Stage, Timing
 
 
 def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
@@ -32,10 +32,71 @@ def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
     return table
 
 
-def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
-    style = "bold green" if reply.status.code == Status.SUCCESS else "bold red"
+def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType:
+    """The verdict about a motion: how far it is free, clearance and where, shares of limits, and the recording.
+
+    Args:
+        reply: The reply.
+        title: What the table is headed with.
+    """
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in (*_judged_rows(reply), *_last_rows(reply)):
+        table.add_row(name, value)
+    return table
+
+
+def _judged_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
+    certificate = reply.certificate
+    verdict = ("collision-free", "green") if certificate.collision_free else (certificate.reason, "yellow")
+    evaluations = _counted(certificate.evaluations, "evaluation")
     rows: list[tuple[str, RenderableType]] = [
-        ("status", Text.assemble((reply.status.name, style), f"  {reply.status.message}")),
+        ("status", _status(reply)),
+        ("run", Text(f"{reply.run_id}  (curve {reply.curve})")),
+        ("certificate", Text.assemble(verdict, f", {certificate.covers}: {certificate.method}, {evaluations}")),
+    ]
+    if not certificate.collision_free:
+        rows.append(("free until", Text(_place(certificate.free_until.row, certificate.free_until.time))))
+    if certificate.place is not None:
+        where = f"{_place(certificate.place.row, certificate.place.time)}{_pair(certificate.pair)}"
+        rows.append(("refused at", Text(where)))
+    if reply.clearance is not None:
+        rows.append(("clearance", Text(_clearance(reply))))
+    if reply.self_clearance is not None and reply.self_clearance.minimum is not None:
+        own = f"{_millimetres(reply.self_clearance.minimum)}{_pair(reply.self_clearance.pair)}"
+        rows.append(("to itself", Text(own)))
+    for name in reply.limits.__struct_fields__:
+        use: LimitUse = getattr(reply.limits, name)
+        if use.joint is not None and use.row is not None:
+            share = "jumps below it" if use.share is None else f"{100 * use.share:.1f} %"
+            rows.append((f"{name} limit", Text(f"{share} by {use.joint}, at {_place(use.row, use.time)}")))
+    return rows
+
+
+def _place(row: float, time: float | None) -> str:
+    return f"row {row:.6g}" if time is None else f"{time:.6g} s (row {row:.6g})"
+
+
+def _status(reply: MotionReply) -> Text:
+    style = "bold green" if reply.status.code == Status.SUCCESS else "bold red"
+    return Text.assemble((reply.status.name, style), f"  {reply.status.message}")
+
+
+def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
+    """Time, warnings and the recording."""
+    rows: list[tuple[str, RenderableType]] = [("time", Text(_timing(reply.timing)))]
+    rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
+    if reply.recording is not None:
+        rows.append(("recording", Text(reply.recording)))
+        if reply.recording.endswith(".rrd"):
+            rows.append(("to open it", Text(f"{_this_command()} show {shlex.quote(reply.recording)}")))
+    return rows
+
+
+def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
+    rows: list[tuple[str, RenderableType]] = [
+        ("status", _status(reply)),
         ("run", Text(f"{reply.run_id}  (planner {reply.planner}, seed {reply.seed})")),
         ("path", Text(_path(reply))),
     ]
@@ -49,13 +110,7 @@ def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
         )
     rows.append(("certificate", _certificate(reply)))
     rows.extend(("stage", Text(_stage(reply, stage))) for stage in reply.stages)
-    rows.append(("time", Text(_timing(reply.timing))))
-    rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
-    if reply.recording is not None:
-        rows.append(("recording", Text(reply.recording)))
-        if reply.recording.endswith(".rrd"):
-            rows.append(("to open it", Text(f"{_this_command()} show {shlex.quote(reply.recording)}")))
-    return rows
+    return [*rows, *_last_rows(reply)]
 
 
 def _this_command() -> str:
@@ -76,7 +131,7 @@ def _path(reply: PlanReply) -> str:
     return ", ".join(parts)
 
 
-def _clearance(reply: PlanReply) -> str:
+def _clearance(reply: MotionReply) -> str:
     clearance = reply.clearance
     if clearance is None or clearance.minimum is None:
         return "no obstacle"

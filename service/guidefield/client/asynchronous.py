@@ -16,15 +16,16 @@ from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.watching import watching
 from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import (
+    AnyRunReply,
+    CertifyReply,
     InfoReply,
     PlanReply,
     Progress,
     RobotReply,
     RobotsReply,
-    RunReply,
     RunsReply,
 )
-from guidefield.messages.requests import KinematicsRequest, PlanRequest
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.values import RootJoint
 
@@ -80,8 +81,27 @@ class AsyncClient:
             progress: Is called, by the event loop, with how far the run is.
             fields: Those of a PlanRequest, instead of a request.
         """
-        question = questions.plan(request, fields)
-        assert question.run_id is not None, "a plan is asked for with a name"
+        return await self._run(questions.plan(request, fields), progress)
+
+    async def certify(
+        self,
+        request: CertifyRequest | dict[str, Any] | None = None,
+        /,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+        **fields: Any,
+    ) -> CertifyReply:
+        """Ask whether a motion is free and within limits, as `Client.certify`; a task that is cancelled ends the run.
+
+        Args:
+            request: The request; a run id is made where it has none.
+            progress: Is called, by the event loop, with how far the run is.
+            fields: Those of a CertifyRequest, instead of a request.
+        """
+        return await self._run(questions.certify(request, fields), progress)
+
+    async def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
+        assert question.run_id is not None, "a run is asked for with a name"
         loop = asyncio.get_running_loop()
         hear = None if progress is None else _called_by(loop, progress)
         with watching(self._exchange.session, question.run_id, hear):
@@ -159,7 +179,7 @@ class AsyncClient:
         """The runs that are kept, newest first: those of a status or robot, or begun since a time [s since 1970]."""
         return await self._ask(questions.runs(status, robot, since))
 
-    async def run(self, run_id: str) -> RunReply:
+    async def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one."""
         return await self._ask(questions.run(run_id))
 

@@ -16,15 +16,16 @@ from guidefield.client.session import configured, linked, opened, unreachable
 from guidefield.client.watching import watching
 from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages.replies import (
+    AnyRunReply,
+    CertifyReply,
     InfoReply,
     PlanReply,
     Progress,
     RobotReply,
     RobotsReply,
-    RunReply,
     RunsReply,
 )
-from guidefield.messages.requests import KinematicsRequest, PlanRequest
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.values import RootJoint
 
@@ -130,8 +131,36 @@ class Client:
             WorkerCrashed: if the process that worked on it died; the service lives on.
             GuidefieldError: whatever else is ill-posed about it, as `errors.py` lists.
         """
-        question = questions.plan(request, fields)
-        assert question.run_id is not None, "a plan is asked for with a name"
+        return self._run(questions.plan(request, fields), progress)
+
+    def certify(
+        self,
+        request: CertifyRequest | dict[str, Any] | None = None,
+        /,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+        **fields: Any,
+    ) -> CertifyReply:
+        """Ask whether a motion is free and within limits; give a request, or its fields by name.
+
+        A run id is made where the request has none. Whoever interrupts the wait, as Ctrl-C does, ends the run.
+
+        Args:
+            request: The request.
+            progress: Is called, in another thread, with how far the run is.
+            fields: Those of a CertifyRequest, instead of a request.
+
+        Returns:
+            The verdict: look at its `status`.
+
+        Raises:
+            MalformedRequest: if it isn't a certify request, or a request and fields are given.
+            GuidefieldError: as `plan`.
+        """
+        return self._run(questions.certify(request, fields), progress)
+
+    def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
+        assert question.run_id is not None, "a run is asked for with a name"
         with watching(self._exchange.session, question.run_id, progress):
             answer = self._exchange.ask(question)
             try:
@@ -285,7 +314,7 @@ class Client:
         """
         return self._ask(questions.runs(status, robot, since))
 
-    def run(self, run_id: str) -> RunReply:
+    def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one.
 
         Args:

@@ -14,6 +14,9 @@ from guidefield.errors import GuidefieldError, InternalFailure, MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import (
+    CERTIFY,
+    AnyRunReply,
+    CertifyReply,
     ClearanceReply,
     Done,
     ErrorReply,
@@ -30,8 +33,9 @@ from guidefield.messages.replies import (
     SceneReply,
     ScenesReply,
     error_of,
+    run_reply_kind,
 )
-from guidefield.messages.requests import KinematicsRequest, PlanRequest
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.values import Reply, RootJoint
 
@@ -42,12 +46,13 @@ KinematicsReply = (
 ANSWER_TIMEOUT = 660.0
 """How long an answer to anything but a plan is waited for; longer than the service lets a worker work [s]."""
 PLAN_MARGIN = 90.0
-"""How much longer than its planning time the answer to a plan is waited for; more than the service's own margin [s]."""
+"""How much longer than it may take the answer to a run is waited for; more than the service's own margin [s]."""
 
 _WORD = re.compile(r"[^/?#*$;]+")
 """What can be one chunk of a key, or the value of a parameter."""
 
 _R = TypeVar("_R")
+_Q = TypeVar("_Q", PlanRequest, CertifyRequest)
 _M = TypeVar("_M", bound=Reply)
 
 
@@ -96,11 +101,7 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
     Raises:
         MalformedRequest: if that isn't a plan request, or both are given.
     """
-    if request is not None and fields:
-        raise MalformedRequest(
-            f"give a plan request or its fields, not both; beside a request came {', '.join(fields)}"
-        )
-    given = codec.decode_request(fields if request is None else request)
+    given = codec.decode_request(_either("plan", request, fields))
     if not isinstance(given, PlanRequest):
         raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")
     run_id = given.run_id or uuid.uuid4().hex
@@ -114,6 +115,26 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
         work=True,
         needs=_needed(given),
     )
+
+
+def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[CertifyReply]:
+    """A motion that is to be judged, by a request or by its fields; a run id is made where the request has none.
+
+    Args:
+        request: The request, or its fields; None takes `fields`.
+        fields: Those of a certify request.
+
+    Raises:
+        MalformedRequest: if that isn't a certify request, or both are given.
+    """
+    asked = _either("certify", request, fields)
+    given = codec.decode_request({"type": CERTIFY, **asked} if isinstance(asked, dict) else asked)
+    if not isinstance(given, CertifyRequest):
+        raise MalformedRequest(f"a judgement is asked for with a CertifyRequest, not with {type(given).__name__}")
+    run_id = given.run_id or uuid.uuid4().hex
+    named = msgspec.structs.replace(given, run_id=run_id)
+    read, timeout = _reader("certify", CertifyReply), given.allowed_time + PLAN_MARGIN
+    return Question("certify", read, _sent(named), timeout, run_id, work=True, needs=_needed(given))
 
 
 def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[KinematicsReply]:
@@ -186,9 +207,18 @@ def runs(status: str | None, robot: str | None, since: float | None) -> Question
     return _reading(f"runs?{given}" if given else "runs", RunsReply)
 
 
-def run(run_id: str) -> Question[RunReply]:
+def run(run_id: str) -> Question[AnyRunReply]:
     """One run."""
-    return _reading(_key("runs", run_id), RunReply, run_id)
+    key = _key("runs", run_id)
+
+    def read(payload: bytes) -> AnyRunReply:
+        try:
+            kind = run_reply_kind(payload, msgspec.msgpack.decode)
+        except msgspec.DecodeError:
+            kind = RunReply  # whose reader says what is wrong with it
+        return _reader(key, kind)(payload)
+
+    return Question(key, read, run_id=run_id)
 
 
 def delete_run(run_id: str) -> Question[Done]:
@@ -226,6 +256,15 @@ def refusal(payload: bytes) -> GuidefieldError | None:
     return error_of(error)
 
 
+def _either(what: str, request: _Q | dict[str, Any] | None, fields: dict[str, Any]) -> _Q | dict[str, Any]:
+    """A request, or its fields; MalformedRequest if both are given."""
+    if request is not None and fields:
+        raise MalformedRequest(
+            f"give a {what} request or its fields, not both; beside a request came {', '.join(fields)}"
+        )
+    return fields if request is None else request
+
+
 def _key(room: str, name: str) -> str:
     """The key of what has a name; nothing in the name may mean something in a key or its parameters."""
     return f"{room}/{_word(name)}"
@@ -246,7 +285,7 @@ def _deleting(key: str, run_id: str | None = None) -> Question[Done]:
     return Question(f"{key}?delete", _reader(key, Done), run_id=run_id, repeatable=False, forgets=key)
 
 
-def _needed(request: PlanRequest | KinematicsRequest) -> tuple[str, ...]:
+def _needed(request: MotionRequest | KinematicsRequest) -> tuple[str, ...]:
     """Keys of the robot and the scene that a request names."""
     named = {"robots": getattr(request, "robot", None), "scenes": getattr(request, "scene", None)}
     return tuple(f"{room}/{name}" for room, name in named.items() if isinstance(name, str))

@@ -48,9 +48,9 @@ from guidefield.worker import Job
 
 _log = logging.getLogger(__name__)
 
-HEAVY_KEYS = ("plan", "kinematics", "robots")
+HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
 """What needs a worker; and so does any other query with a payload."""
-KINDS = ("plan", "kinematics", "robots", "scenes", "runs", "info")
+KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "info")
 """What queries are timed under, by the first chunk of their key."""
 LATE, LATE_SHARE = 0.02, 0.03
 """How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
@@ -175,7 +175,7 @@ class Endpoint:
     def _hand_over(self, asked: Asked, read: keys.Query, received: float) -> None:
         if self._condition is not None:
             self._condition.require_ready()
-        head = keys.plan_head(read)
+        head = keys.run_head(read)
         size = len(read.payload)
         if head is None:
             self._hand_work_over(asked, read, received)
@@ -228,7 +228,7 @@ def _kind(key: str) -> str:
     return kind if kind in KINDS else "other"
 
 
-def _cancelled(run_id: str, head: keys.PlanHead, encoding: Encoding, received: float) -> Answer:
+def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: float) -> Answer:
     return True, codec.encode(cancelled_waiting(run_id, head, time.monotonic() - received), encoding)
 
 
@@ -237,9 +237,9 @@ def _late(received: float, allowed: float) -> float:
     return received + allowed + LATE + LATE_SHARE * allowed
 
 
-def _timed_out_loading(run_id: str, head: keys.PlanHead, encoding: Encoding) -> Answer:
+def _timed_out_loading(run_id: str, head: keys.RunHead, encoding: Encoding) -> Answer:
     return True, codec.encode(timed_out_loading(run_id, head), encoding)
 
 
-def _timed_out(run_id: str, head: keys.PlanHead, encoding: Encoding) -> Answer:
+def _timed_out(run_id: str, head: keys.RunHead, encoding: Encoding) -> Answer:
     return True, codec.encode(timed_out_waiting(run_id, head), encoding)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
 from typing import Protocol
 
+from guidefield.errors import GuidefieldError
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.messages.replies import CertifyReply
-from guidefield.messages.requests import CertifyRequest
+from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, judge
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.quality import Clearance, ClearanceProfile, clearance, clearance_profile
@@ -28,14 +30,12 @@ class CertifyRecording(Protocol):
     def observe(self, event: Event) -> None:
         """Be told of an event."""
 
-    def finish_given(
-        self, reply: CertifyReply, motion: GivenMotion, profile: Callable[[], ClearanceProfile | None]
-    ) -> None:
+    def finish(self, reply: CertifyReply, profile: Callable[[], ClearanceProfile | None]) -> None:
         """Be told the end, and write; the clearance along the way is measured when it is asked for."""
 
 
-RecordGiven = Callable[[PlanningGroup, Scene], CertifyRecording | None]
-"""Opens the recording of a run, once it is known what moves where."""
+RecordGiven = Callable[[PlanningGroup, Scene, GivenMotion], CertifyRecording | None]
+"""Opens the recording of a run, once it is known what moves where, and how."""
 
 
 def answer_certify(
@@ -68,7 +68,7 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_time, cancelled)
     problem, warnings = certify_problem(request, robot, scene, budget)
-    recording = record(problem.group, scene)
+    recording = record(problem.group, scene, problem.motion)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began
     stages = Stages(problem)
@@ -80,8 +80,14 @@ def answer_certify(
     seconds = {"load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish_given(reply, problem.motion, lambda: clearance_profile(measured, problem))
+        recording.finish(reply, lambda: clearance_profile(measured, problem))
     return reply
+
+
+def load_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
+    """Load a request's robot before its time begins. What can't be used is refused later, where that is kept."""
+    with contextlib.suppress(GuidefieldError):
+        load(request.robot)
 
 
 def _measured(problem: GivenProblem) -> Clearance:

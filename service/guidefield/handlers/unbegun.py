@@ -1,4 +1,4 @@
-"""The replies to plan requests that nobody began with: their time was up, or they were cancelled, while they waited."""
+"""The replies to requests that nobody began with: their time was up, or they were cancelled, while they waited."""
 
 from __future__ import annotations
 
@@ -7,11 +7,24 @@ from typing import Any
 from guidefield.errors import GuidefieldError, Preempted, Status, TimedOut
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.keys import PlanHead
-from guidefield.messages.replies import CertificateFigures, Counters, Outcome, PlanReply, Timing, error_reply
+from guidefield.messages.keys import PlanHead, RunHead
+from guidefield.messages.replies import (
+    Along,
+    CertificateFigures,
+    CertifyReply,
+    Counters,
+    LimitShares,
+    LimitUse,
+    MotionCertificate,
+    MotionReply,
+    Outcome,
+    PlanReply,
+    Timing,
+    error_reply,
+)
 
 
-def timed_out_waiting(run_id: str, head: PlanHead) -> PlanReply:
+def timed_out_waiting(run_id: str, head: RunHead) -> MotionReply:
     """TIMED_OUT with nothing to show for it.
 
     Args:
@@ -19,11 +32,10 @@ def timed_out_waiting(run_id: str, head: PlanHead) -> PlanReply:
         head: What the request says about it.
     """
     message = f"all workers were busy for the {head.allowed:g} s that were allowed; ask again, or allow more"
-    details = {"allowed_planning_time": head.allowed}
-    return _unbegun(run_id, head, Status.TIMED_OUT, message, details, head.allowed)
+    return _unbegun(run_id, head, Status.TIMED_OUT, message, {_field(head): head.allowed}, head.allowed)
 
 
-def timed_out_loading(run_id: str, head: PlanHead) -> PlanReply:
+def timed_out_loading(run_id: str, head: RunHead) -> MotionReply:
     """TIMED_OUT while a worker still loads and prepares what the run needs.
 
     Args:
@@ -32,9 +44,9 @@ def timed_out_loading(run_id: str, head: PlanHead) -> PlanReply:
     """
     message = (
         f"the {head.allowed:g} s that were allowed were up while the robot or the scene was loaded and prepared for "
-        "its first use; what is prepared is kept: ask again, or allow more time for the first plan"
+        "its first use; what is prepared is kept: ask again, or allow more time for the first one"
     )
-    details = {"allowed_planning_time": head.allowed, "stage": "load"}
+    details = {_field(head): head.allowed, "stage": "load"}
     return _unbegun(run_id, head, Status.TIMED_OUT, message, details, head.allowed)
 
 
@@ -60,7 +72,7 @@ def error_answer(encoding: Encoding, error: GuidefieldError) -> tuple[bool, byte
     return False, codec.encode(error_reply(error), encoding)
 
 
-def cancelled_waiting(run_id: str, head: PlanHead, waited: float) -> PlanReply:
+def cancelled_waiting(run_id: str, head: RunHead, waited: float) -> MotionReply:
     """PREEMPTED with nothing to show for it.
 
     Args:
@@ -71,12 +83,25 @@ def cancelled_waiting(run_id: str, head: PlanHead, waited: float) -> PlanReply:
     return _unbegun(run_id, head, Status.PREEMPTED, "the run was cancelled before it began", {}, waited)
 
 
+def _field(head: RunHead) -> str:
+    """What a request calls the time that it may take."""
+    return "allowed_planning_time" if isinstance(head, PlanHead) else "allowed_time"
+
+
 def _unbegun(
-    run_id: str, head: PlanHead, status: Status, message: str, details: dict[str, Any], waited: float
-) -> PlanReply:
+    run_id: str, head: RunHead, status: Status, message: str, details: dict[str, Any], waited: float
+) -> MotionReply:
+    ended = Outcome(code=int(status), name=status.name, message=message, details={"stage": "queue", **details})
+    timing = Timing(queue=waited, total=waited)
+    if isinstance(head, PlanHead):
+        return _without_plan(run_id, head, ended, timing)
+    return _without_judgement(run_id, ended, timing)
+
+
+def _without_plan(run_id: str, head: PlanHead, ended: Outcome, timing: Timing) -> PlanReply:
     return PlanReply(
         run_id=run_id,
-        status=Outcome(code=int(status), name=status.name, message=message, details={"stage": "queue", **details}),
+        status=ended,
         position_names=[],
         velocity_names=[],
         path=[],
@@ -87,9 +112,33 @@ def _unbegun(
         self_clearance=None,
         certificate=CertificateFigures(collision_free=False, method="none", covers="nothing", evaluations=0),
         metrics=None,
-        timing=Timing(queue=waited, total=waited),
+        timing=timing,
         counters=Counters(),
         seed=head.seed,
         planner=head.planner,
+        recording=None,
+    )
+
+
+def _without_judgement(run_id: str, ended: Outcome, timing: Timing) -> CertifyReply:
+    return CertifyReply(
+        run_id=run_id,
+        status=ended,
+        curve="none",
+        position_names=[],
+        velocity_names=[],
+        certificate=MotionCertificate(
+            collision_free=False,
+            method="none",
+            covers="nothing",
+            evaluations=0,
+            reason="stopped",
+            free_until=Along(row=0.0, time=None),
+        ),
+        clearance=None,
+        self_clearance=None,
+        limits=LimitShares(position=LimitUse(), velocity=LimitUse(), acceleration=LimitUse(), jerk=LimitUse()),
+        timing=timing,
+        counters=Counters(),
         recording=None,
     )

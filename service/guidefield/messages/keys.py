@@ -52,6 +52,21 @@ class PlanHead(msgspec.Struct, frozen=True):
         return min(self.allowed_planning_time, 3600.0) if self.allowed_planning_time > 0.0 else 0.0
 
 
+class CertifyHead(msgspec.Struct, frozen=True):
+    """What a certify request says about the run itself, read without looking at the rest."""
+
+    run_id: str | None = None
+    allowed_time: float = 5.0
+
+    @property
+    def allowed(self) -> float:
+        """The allowed time, brought within what a valid request can ask for [s]."""
+        return min(self.allowed_time, 3600.0) if self.allowed_time > 0.0 else 0.0
+
+
+RunHead = PlanHead | CertifyHead
+
+
 class WorkHead(msgspec.Struct, frozen=True):
     """What a request that makes no run says about how long it may take, read without looking at the rest."""
 
@@ -86,15 +101,16 @@ def request_of(query: Query) -> requests.Request:
     return _rule(query).read(query)
 
 
-def plan_head(query: Query) -> PlanHead | None:
-    """The head of a plan request; None if the query asks for something else.
+def run_head(query: Query) -> RunHead | None:
+    """The head of a request that makes a run, a plan or a judgement; None if the query asks for something else.
 
     Raises:
         MalformedRequest, RequestTooLarge: as `request_of`, for what was looked at.
     """
-    if query.key != ("plan",):
+    kind = _HEADS.get(query.key)
+    if kind is None:
         return None
-    head: PlanHead = codec.decode(query.payload, PlanHead, query.encoding)
+    head: RunHead = codec.decode(query.payload, kind, query.encoding)
     return head
 
 
@@ -132,6 +148,11 @@ def is_brief(query: Query) -> bool:
 
 def _plan(query: Query) -> requests.Request:
     request: requests.Request = codec.decode(query.payload, requests.PlanRequest, query.encoding)
+    return request
+
+
+def _certify(query: Query) -> requests.Request:
+    request: requests.Request = codec.decode(query.payload, requests.CertifyRequest, query.encoding)
     return request
 
 
@@ -195,6 +216,7 @@ class _Rule:
 
 _RULES = {
     ("plan", 1): _Rule(_plan, takes_payload=True),
+    ("certify", 1): _Rule(_certify, takes_payload=True),
     ("kinematics", 1): _Rule(_kinematics, takes_payload=True),
     ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
     ("robots", 2): _Rule(_robot, frozenset({"delete"}), takes_payload=True),
@@ -205,6 +227,9 @@ _RULES = {
     ("info", 1): _Rule(lambda _: requests.ReadInfo(), frozenset({"brief"})),
 }
 """Rules by the first chunk of the key and the number of chunks."""
+
+_HEADS: dict[tuple[str, ...], type[RunHead]] = {("plan",): PlanHead, ("certify",): CertifyHead}
+"""Keys of requests that make a run, and what is read of them at once."""
 
 
 def _rule(query: Query) -> _Rule:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -37,7 +38,7 @@ from guidefield.messages.plan_reply import (
     Timing as Timing,
     Trajectory as Trajectory,
 )
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import CertifyRequest, PlanRequest
 from guidefield.messages.robot_replies import (
     GeometryInfo as GeometryInfo,
     JointInfo as JointInfo,
@@ -125,6 +126,56 @@ class RunReply(Reply):
     schema: int = 1
 
 
+class CertifyRunReply(Reply):
+    """One run that judged a motion; its fields are those of `RunReply`."""
+
+    run_id: str
+    began: float
+    request: CertifyRequest
+    reply: CertifyReply | None = None
+    error: ErrorReply | None = None
+    schema: int = 1
+
+
+MotionReply = PlanReply | CertifyReply
+AnyRunReply = RunReply | CertifyRunReply
+
+
+CERTIFY = "certify"
+"""The tag of requests for a judgement."""
+
+
+class RequestTag(msgspec.Struct):
+    """Just enough of a request to tell what it asks for: nothing stands there in a plan request."""
+
+    type: str = ""
+
+
+class _Tagged(msgspec.Struct):
+    request: RequestTag
+
+
+def run_reply_kind(kept: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]:
+    """Which kind of run a reply is about.
+
+    Args:
+        kept: The reply.
+        decode: Takes bytes and a `type`: that of `msgspec.json` or `msgspec.msgpack`.
+
+    Raises:
+        msgspec.DecodeError: if it is no such reply.
+    """
+    return CertifyRunReply if decode(kept, type=_Tagged).request.type == CERTIFY else RunReply
+
+
+def is_certify(request: bytes) -> bool:
+    """Whether JSON of a request asks for a judgement, as far as it can be read."""
+    try:
+        return msgspec.json.decode(request, type=RequestTag).type == CERTIFY
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return False
+
+
 class Done(Reply):
     """A command was carried out; what is odd but harmless about the robot or scene that was stored."""
 
@@ -147,6 +198,7 @@ AnyReply = (
     | SceneReply
     | RunsReply
     | RunReply
+    | CertifyRunReply
     | Done
     | InfoReply
     | Progress

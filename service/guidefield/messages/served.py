@@ -31,6 +31,7 @@ class KeyInfo(Reply):
 
 KEYS = (
     KeyInfo("plan", "plans a motion", takes=["PlanRequest"], gives=["PlanReply"]),
+    KeyInfo("certify", "judges a motion that is given", takes=["CertifyRequest"], gives=["CertifyReply"]),
     KeyInfo(
         "kinematics",
         "answers at configurations, poses or points, one or many",
@@ -71,7 +72,7 @@ KEYS = (
         "runs/<id>",
         "request and reply of one run, also while it runs",
         parameters={"delete": "forgets it, with its recording"},
-        gives=["RunReply", "Done"],
+        gives=["RunReply", "CertifyRunReply", "Done"],
     ),
     KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file"),
     KeyInfo("runs/<id>/cancel", "ends one run early", gives=["Done"]),

@@ -19,7 +19,7 @@ from rerun.chunk import Chunk
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.certificate_in_words import certified
-from guidefield.messages.replies import PlanReply, as_plain_data
+from guidefield.messages.replies import MotionReply, PlanReply, as_plain_data
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
@@ -67,7 +67,7 @@ def summary_document(
     request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str]
 ) -> Chunk:
     """How the plan ended, in figures; what it was about; what it was made with."""
-    parts = [*_headline(reply), *_remarks((*reply.warnings, *remarks)), *_figures(reply, group), *_stages(reply)]
+    parts = [*headline(reply), *remarks_of((*reply.warnings, *remarks)), *_figures(reply, group), *_stages(reply)]
     parts += _origin(request, reply, group, scene)
     return still(SUMMARY, rr.TextDocument("\n".join(parts), media_type=rr.MediaType.MARKDOWN))
 
@@ -78,7 +78,7 @@ def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
     for chunk in chunks:
         if chunk.entity_path == SUMMARY:
             (summary,) = chunk.to_record_batch().column("TextDocument:text").to_pylist()[0]
-            warned = "\n".join([*_remarks([text]), summary])
+            warned = "\n".join([*remarks_of([text]), summary])
             kept.append(still(SUMMARY, rr.TextDocument(warned, media_type=rr.MediaType.MARKDOWN)))
     return kept
 
@@ -100,7 +100,7 @@ def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, sce
         figures["duration"] = reply.metrics.duration
     if reply.clearance is not None and reply.clearance.minimum is not None:
         figures["clearance"] = reply.clearance.minimum
-    figures[MADE_WITH] = _made_with()
+    figures[MADE_WITH] = made_with()
     yield Chunk.from_property("plan", rr.AnyValues(**figures))
 
 
@@ -134,7 +134,8 @@ def _readable_list(values: list[Any], indent: int) -> str:
     return "[\n" + ",\n".join(inner + row for row in rows) + "\n" + " " * indent + "]"
 
 
-def _headline(reply: PlanReply) -> list[str]:
+def headline(reply: MotionReply) -> list[str]:
+    """How a run ended, in a sentence, and the values that it speaks about where it is no success."""
     lines = [f"## {reply.status.name}", "", reply.status.message, ""]
     if reply.status.code != Status.SUCCESS and reply.status.details:
         lines += ["```json", readable(reply.status.details), "```", ""]
@@ -146,12 +147,12 @@ def _figures(reply: PlanReply, group: PlanningGroup) -> list[str]:
     if (clear := reply.clearance) is not None:
         where = f" ({clear.pair[0]} - {clear.pair[1]})" if clear.pair else ""
         when = f" at {clear.time:.2f} s" if clear.time is not None else ""
-        rows.append(("clearance", f"**{_millimetres(clear.minimum)}**{where}{when}"))
+        rows.append(("clearance", f"**{millimetres(clear.minimum)}**{where}{when}"))
         others = (clear.mean, clear.inner, clear.ends)
-        rows.append(("… mean / inner / ends", " / ".join(_millimetres(distance) for distance in others)))
+        rows.append(("… mean / inner / ends", " / ".join(millimetres(distance) for distance in others)))
     if (own := reply.self_clearance) is not None:
         where = f" ({own.pair[0]} - {own.pair[1]})" if own.pair else ""
-        rows.append(("to itself", f"{_millimetres(own.minimum)}{where}"))
+        rows.append(("to itself", f"{millimetres(own.minimum)}{where}"))
     if (metrics := reply.metrics) is not None:
         rows.append(("duration", f"{metrics.duration:.2f} s"))
         unit = _unit(group)
@@ -167,22 +168,23 @@ def _figures(reply: PlanReply, group: PlanningGroup) -> list[str]:
         f"{reply.certificate.evaluations} certificate evaluations",
     ]
     rows.append(("work", ", ".join(work)))
-    return [*_table(("result", ""), rows), "", f"Judged by: {reply.certificate.method}", ""]
+    return [*table(("result", ""), rows), "", f"Judged by: {reply.certificate.method}", ""]
 
 
 def _stages(reply: PlanReply) -> list[str]:
     """The stages, and what else took time; a stage that came once has its time in its own row."""
-    rows = [(f"{one.name}{_plane(one.plane, reply)}", _milliseconds(one.seconds), one.outcome) for one in reply.stages]
+    rows = [(f"{one.name}{_plane(one.plane, reply)}", milliseconds(one.seconds), one.outcome) for one in reply.stages]
     times = Counter(one.name for one in reply.stages)
     spent = {name: seconds for name, seconds in as_plain_data(reply.timing).items() if seconds and name != "total"}
     for name, seconds in spent.items():
         if times[name] != 1 and seconds >= LEAST_TOLD:
-            rows.append((f"all of {name}" if times[name] else name, _milliseconds(seconds), ""))
-    rows.append(("**total**", f"**{_milliseconds(reply.timing.total)}**", ""))
-    return [*_table(("stage", "time", "outcome"), rows), ""]
+            rows.append((f"all of {name}" if times[name] else name, milliseconds(seconds), ""))
+    rows.append(("**total**", f"**{milliseconds(reply.timing.total)}**", ""))
+    return [*table(("stage", "time", "outcome"), rows), ""]
 
 
-def _remarks(remarks: Sequence[str]) -> list[str]:
+def remarks_of(remarks: Sequence[str]) -> list[str]:
+    """What was odd, as a list."""
     return ["**Warnings**", "", *(f"- {remark}" for remark in remarks), ""] if remarks else []
 
 
@@ -194,13 +196,13 @@ def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene:
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
         ("request", hashlib.sha256(codec.encode(request)).hexdigest()[:12]),
         ("planner, seed", f"{reply.planner}, {reply.seed}"),
-        ("made with", _made_with()),
+        ("made with", made_with()),
     ]
-    return _table(("about", ""), rows)
+    return table(("about", ""), rows)
 
 
 @functools.cache
-def _made_with() -> str:
+def made_with() -> str:
     """The packages and their versions, as `reading` takes them apart again."""
     return ", ".join(f"{name} {text}" for name, text in versions().items())
 
@@ -230,7 +232,7 @@ def _unit(group: PlanningGroup) -> str:
     return "rad" if kinds.isdisjoint(("prismatic", "planar", "floating")) else "(rad, m)"
 
 
-def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     """A table whose last column is broken into lines, each a row: the viewer cuts what is too wide for it."""
     lines = [head, tuple("---" for _ in head)]
     for *first, last in rows:
@@ -239,9 +241,11 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 
 
-def _millimetres(distance: float | None) -> str:
+def millimetres(distance: float | None) -> str:
+    """A distance [m] for a person."""
     return "-" if distance is None else f"{1e3 * distance:.1f} mm"
 
 
-def _milliseconds(seconds: float) -> str:
+def milliseconds(seconds: float) -> str:
+    """A time [s] for a person."""
     return f"{1e3 * seconds:.1f} ms"

@@ -10,8 +10,8 @@ from typing import Any
 from rerun.chunk import Chunk, RrdReader
 
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.replies import CERTIFY, CertifyReply, MotionReply, PlanReply, RequestTag
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.recorder.documents import MADE_WITH, PROPERTIES, REPLY, REQUEST
 from guidefield.recorder.packing import MESSAGE_COMPONENT, unpacked
 
@@ -26,8 +26,8 @@ class Recorded:
         versions: Of each package that it was made with, by the package's name; of Python too.
     """
 
-    request: PlanRequest
-    reply: PlanReply
+    request: MotionRequest
+    reply: MotionReply
     versions: dict[str, str]
 
 
@@ -46,15 +46,18 @@ def read_recording(path: Path) -> Recorded:
             chunks = RrdReader(str(path)).stream().filter(content=["/documents/**", "/__properties/**"])
             found = {chunk.entity_path: chunk for chunk in chunks}
         (packages,) = _values(found[PROPERTIES], MADE_WITH)
-        return Recorded(
-            request=unpacked(bytes(_values(found[REQUEST], MESSAGE_COMPONENT)), PlanRequest),
-            reply=unpacked(bytes(_values(found[REPLY], MESSAGE_COMPONENT)), PlanReply),
-            versions=dict(package.split(" ", 1) for package in packages.split(", ")),
-        )
+        request, reply = (bytes(_values(found[path], MESSAGE_COMPONENT)) for path in (REQUEST, REPLY))
+        if unpacked(request, RequestTag).type == CERTIFY:
+            return Recorded(unpacked(request, CertifyRequest), unpacked(reply, CertifyReply), _packages(packages))
+        return Recorded(unpacked(request, PlanRequest), unpacked(reply, PlanReply), _packages(packages))
     except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"
         what = f"{path.name!r} is no whole recording of guidefield, or one of another version"
         raise MalformedRequest(f"{what}: {why}", path=str(path)) from None
+
+
+def _packages(text: str) -> dict[str, str]:
+    return dict(package.split(" ", 1) for package in text.split(", "))
 
 
 def _values(chunk: Chunk, component: str) -> list[Any]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import rerun as rr
@@ -26,31 +24,16 @@ from guidefield.recorder import (
     scene_entities,
     search,
 )
-from guidefield.recorder.blueprint import Eye, layout
+from guidefield.recorder.along import curves_along, field_along, field_at, robot_along
+from guidefield.recorder.blueprint import Eye
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import choose_eye
-from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, path_times, shown
-from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
-from guidefield.recorder.whole import left_out
-from guidefield.recorder.writing import write_recording
+from guidefield.recorder.chunks import PATH_TIME, STEP, evenly
+from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, refused_goal, shown_motion
+from guidefield.recorder.place import Place
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.scene import Scene
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a recording goes.
-
-    Attributes:
-        file: The recording.
-        bodies: Folder of robots that are kept prepared (bodies_file.py).
-        whole: Whether the robot's meshes and the layout are put into the recording; else it is for a store (whole.py).
-    """
-
-    file: Path
-    bodies: Path
-    whole: bool
 
 
 class Recorder:
@@ -109,32 +92,17 @@ class Recorder:
         if self._full:
             chunks += [*self._planning(reply, motion.configurations[0], drawn.links), *self._field(motion, at)]
         timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
-        if self._place.whole:
-            present = shown(chunks)
-            chunks += bodies_file.meshes(self._group.robot, drawn)
-            write_recording(self._place.file, self._run_id, chunks, layout(eye, timeline, present))
-        else:
-            chunks.append(left_out(drawn.file.name, eye, timeline))
-            write_recording(self._place.file, self._run_id, chunks, None)
+        self._place.write(self._run_id, chunks, self._group.robot, drawn, eye, timeline)
 
     def _moving(
         self, reply: PlanReply, profile: ClearanceProfile | None, motion: Motion, at: Poses, links: Sequence[str]
     ) -> Iterator[Chunk]:
         """The motion, and what changes along it."""
-        yield robot_entities.tip_axes(self._group)
-        rows = evenly(len(motion.times), frames_of(motion.times))
-        frames = Poses(at.joints, at.placements[rows], at.tip[rows])
-        yield robot_entities.link_motion(self._group, links, frames, motion.times[rows], PATH_TIME)
-        yield robot_entities.tip_trace(at.tip)
-        if motion.timed:
-            yield from scene_entities.moving(self._scene.obstacles, motion.times)
+        yield from robot_along(self._group, self._scene, links, motion, at)
         if reply.path and self._full:
             waypoints = poses(self._group, configurations_of(self._group, reply.path))
             yield from robot_entities.planned_path(waypoints.tip)
-        yield from plots.joints(self._group, motion, reply.trajectory)
-        if profile is not None and len(profile.times):
-            yield plots.closest_pair(profile)
-            yield from plots.clearance(profile, self._request.min_clearance)
+        yield from curves_along(self._group, motion, reply.trajectory, profile, self._request.min_clearance)
 
     def _lasting(self, reply: PlanReply, motion: Motion, tip: np.ndarray, eye: Eye, drawn: Drawn) -> Iterator[Chunk]:
         """What holds for the whole run."""
@@ -156,21 +124,14 @@ class Recorder:
 
     def _field(self, motion: Motion, at: Poses) -> Iterator[Chunk]:
         """The field, and what it does to the robot along the motion; along the planner's steps where that failed."""
-        if not self._scene.obstacles:
-            return
         steps = self._log.steps()
         if motion.timed or not steps:
-            most = field_entities.MOMENTS_AMONG_MOVING if self._scene.moves else field_entities.MOMENTS
-            rows = evenly(len(motion.times), most)
-            qs, times = motion.configurations[rows], path_times(motion.times[rows])
-            scenes = [self._scene.at(time) if motion.timed else self._scene for time in motion.times[rows].tolist()]
-        else:
+            yield from field_along(self._group, self._scene, motion, at)
+        elif self._scene.obstacles:
             few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
-            qs = np.array([step.q for _, step in few])
             times = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
-            scenes = [self._scene] * len(few)
-        yield from field_entities.charges(self._group, scenes, qs, times)
-        yield from field_entities.picture_of_plane(self._scene, at.tip)
+            qs = np.array([step.q for _, step in few])
+            yield from field_at(self._group, self._scene, [self._scene] * len(few), qs, times, at)
 
     def _planning(self, reply: PlanReply, start: Configuration, links: Sequence[str]) -> Iterator[Chunk]:
         """What the planner did, over its steps."""

@@ -14,7 +14,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.messages import scene as messages
-from guidefield.messages.replies import PlanReply
+from guidefield.messages.replies import MotionReply
 from guidefield.messages.requests import Goal, PoseGoal
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.chunks import entity, path_times, still, timed
@@ -153,8 +153,8 @@ def goal(asked: Goal) -> Iterator[Chunk]:
         yield still("/path/goal", at, rr.TransformAxes3D(0.1), name)
 
 
-def failure(reply: PlanReply, tip: np.ndarray) -> Chunk:
-    """Where a plan failed: a mark at the tip (3,) [m, world] as it then was, and in a few words what happened."""
+def failure(reply: MotionReply, tip: np.ndarray) -> Chunk:
+    """Where a run failed: a mark at the tip (3,) [m, world] as it then was, and in a few words what happened."""
     pair = reply.status.details.get("pair")
     between = f": {pair[0]} - {pair[1]}" if isinstance(pair, list | tuple) and len(pair) == 2 else ""
     words = f"{reply.status.name.replace('_', ' ').lower()}{between}"

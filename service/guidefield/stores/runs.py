@@ -20,8 +20,18 @@ import msgspec
 
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec
-from guidefield.messages.replies import ErrorReply, PlanReply, RunReply, RunSummary
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.replies import (
+    AnyRunReply,
+    CertifyReply,
+    CertifyRunReply,
+    ErrorReply,
+    MotionReply,
+    PlanReply,
+    RunReply,
+    RunSummary,
+    is_certify,
+)
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.stores.files import checked_name, decoded, read_if_any
 from guidefield.stores.run_folder import ERROR, RECORDING, REPLY, REQUEST, has_ended, summary
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
@@ -45,13 +55,13 @@ DEFAULT_RETENTION = Retention()
 class NoRuns:
     """Keeps no run."""
 
-    def begin(self, run_id: str, request: PlanRequest) -> None:
+    def begin(self, run_id: str, request: MotionRequest) -> None:
         """Keep nothing."""
 
     def recording_path(self, run_id: str) -> Path | None:
         """There is no place for a recording."""
 
-    def finish(self, run_id: str, reply: PlanReply) -> None:
+    def finish(self, run_id: str, reply: MotionReply) -> None:
         """Keep nothing."""
 
     def fail(self, run_id: str, error: ErrorReply) -> None:
@@ -64,7 +74,7 @@ class NoRuns:
         """List none."""
         return []
 
-    def read(self, run_id: str) -> RunReply:
+    def read(self, run_id: str) -> AnyRunReply:
         """Raise UnknownObject."""
         raise _unknown(run_id)
 
@@ -96,7 +106,7 @@ class RunStore:
         self._retention = retention
         folder.mkdir(parents=True, exist_ok=True)
 
-    def begin(self, run_id: str, request: PlanRequest) -> None:
+    def begin(self, run_id: str, request: MotionRequest) -> None:
         """Keep the request of a run that begins; the oldest runs make room for it.
 
         Raises:
@@ -123,7 +133,7 @@ class RunStore:
         """Where its recording is to be written, at once and whole."""
         return self._folder / run_id / RECORDING
 
-    def finish(self, run_id: str, reply: PlanReply) -> None:
+    def finish(self, run_id: str, reply: MotionReply) -> None:
         """Keep the reply; the recording is there already, so that an ended run has all it will have.
 
         Raises:
@@ -169,7 +179,7 @@ class RunStore:
         found = (summary(folder) for folder in self._folders())
         return sorted((run for run in found if run is not None), key=lambda run: run.began, reverse=True)
 
-    def read(self, run_id: str) -> RunReply:
+    def read(self, run_id: str) -> AnyRunReply:
         """One run.
 
         Raises:
@@ -182,12 +192,21 @@ class RunStore:
         except FileNotFoundError:
             raise _unknown(run_id) from None
         reply, error = read_if_any(folder / REPLY), read_if_any(folder / ERROR)
+        ended = None if error is None else _whole(run_id, ERROR, error, ErrorReply)
+        if is_certify(request):
+            return CertifyRunReply(
+                run_id=run_id,
+                began=began,
+                request=_whole(run_id, REQUEST, request, CertifyRequest),
+                reply=None if reply is None else _whole(run_id, REPLY, reply, CertifyReply),
+                error=ended,
+            )
         return RunReply(
             run_id=run_id,
             began=began,
             request=_whole(run_id, REQUEST, request, PlanRequest),
             reply=None if reply is None else _whole(run_id, REPLY, reply, PlanReply),
-            error=None if error is None else _whole(run_id, ERROR, error, ErrorReply),
+            error=ended,
         )
 
     def recording(self, run_id: str) -> Path:
