@@ -335,5 +335,5 @@ def test_nothing_is_recorded_where_nobody_wants_it(
 
 
 def test_only_plans_are_recorded(engine: Engine, tmp_path: Path) -> None:
-    with pytest.raises(MalformedRequest, match="only a plan can be recorded"):
+    with pytest.raises(MalformedRequest, match="only a plan or a judgement can be recorded"):
         engine.answer(requests.ReadScenes(), record_to=tmp_path / "run.rrd")

@@ -113,8 +113,8 @@ def test_a_page_does_what_it_says(
         monkeypatch.setenv("XDG_DATA_HOME", str(service.data.parent.parent))
     blocks = _blocks(page)
     for block in blocks:
-        if len(block.words) > 1 and block.words[1].endswith(".json"):
-            (desk / block.words[1]).write_text(block.text)
+        if block.words and (block.language, block.words[-1].rpartition(".")[2]) in (("json", "json"), ("csv", "csv")):
+            (desk / block.words[-1]).write_text(block.text)
     for block in blocks:
         text = block.text.replace(ON_A_PAGE, endpoint)
         if block.language == "python":
@@ -128,11 +128,11 @@ def test_a_page_does_what_it_says(
             with plain_client(endpoint) as client:
                 answer = client.answer(key, text.encode())
                 assert answer.is_reply, answer.payload
-                if block.words[0] == "PlanRequest":
+                if block.words[0] in ("PlanRequest", "CertifyRequest"):
                     assert answer.json()["status"]["name"] == "SUCCESS"
 
 
-@pytest.mark.parametrize("name", ["answer", "Client", "PlanReply", "PlanRequest"])
+@pytest.mark.parametrize("name", ["answer", "CertifyReply", "Client", "PlanReply", "PlanRequest"])
 def test_a_public_docstring_has_an_example_that_holds(name: str, request: pytest.FixtureRequest) -> None:
     text = inspect.getdoc(getattr(guidefield, name)) or ""
     if ON_A_PAGE in text:
@@ -204,6 +204,8 @@ def test_the_wire_page_has_every_key_code_and_field() -> None:
     assert [kind.__name__ for kind in ERRORS.values() if f"`{kind.__name__}`" not in text] == []
     full = max((b.text for b in _blocks(DOCS / "wire.md") if b.words[:1] == ("PlanRequest",)), key=len)
     assert set(json.loads(full)) == set(requests.PlanRequest.__struct_fields__)
+    (judged,) = (b.text for b in _blocks(DOCS / "wire.md") if b.words[:1] == ("CertifyRequest",))
+    assert set(json.loads(judged)) == {"type", *requests.CertifyRequest.__struct_fields__}
 
 
 def test_the_service_page_has_every_option() -> None:

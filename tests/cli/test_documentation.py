@@ -58,7 +58,7 @@ def test_a_terminal_gets_it_page_by_page(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
     with pytest.raises(
-        UnknownObject, match=r"no page about 'certificat'; did you mean certificate\?.* there are algorithm"
+        UnknownObject, match=r"no page about 'certificat'; did you mean certificate or certify\?.* there are algorithm"
     ):
         documentation.page("certificat")
     with pytest.raises(UnknownObject, match="there are algorithm") as refused:

@@ -5,20 +5,33 @@ from __future__ import annotations
 import functools
 import time
 
+import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given, settings, strategies as st
 
+import guidefield
+from guidefield.cli.motion_files import recorded_fields
+from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.handlers.certify import answer_certify
-from guidefield.messages import codec
+from guidefield.handlers.certify_problem import certify_problem
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec, requests, scene as messages
 from guidefield.messages.replies import CertifyReply, PlanReply, as_plain_data
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.task.conditions import Budget
 from guidefield.scene import library
 from guidefield.scene.scene import build
-from tests.handlers.test_plan import READY, ask as plan, joints
+from tests.examples import example
+from tests.handlers.test_plan import PATIENT, READY, ask as plan, joints
 from tests.robots import robot
 
 NAMES = [f"panda_joint{i}" for i in range(1, 8)]
 HOME = list(READY.values())
+TURN = [0.4, *HOME[1:]]
+LATE = {"allowed_time": 60.0, "recording": "off"}
 
 
 def certify(scene: str | dict = "table", model: str = "panda", **request) -> CertifyReply:
@@ -99,3 +112,297 @@ def test_what_is_ill_posed_is_refused_by_name() -> None:
         certify(trajectory={"positions": [[0.0], [0.1]], "times": [1.0, 0.5]}, position_names=["panda_joint1"])
     with pytest.raises(MalformedRequest, match="either a `path` or a `trajectory`"):
         certify()
+
+
+# ---- our own plans
+
+
+TURNED = {**READY, "panda_joint1": 1.1}
+POST = {"type": "box", "name": "post", "size": [0.06, 0.06, 0.5], "position": [0.42, 0.27, 0.25]}
+ROD = {
+    "obstacle": {"type": "box", "name": "rod", "size": [0.02, 0.02, 0.25]},
+    "link": "panda_hand",
+    "placement": {"position": [0, 0, 0.22]},
+    "touch_links": ["panda_leftfinger", "panda_rightfinger"],
+}
+LEVEL = {
+    "type": "orientation_cone", "frame": "panda_hand", "axis": [0, 0, 1], "target_axis": [0, 0, -1], "half_angle": 0.2
+}  # fmt: skip
+PLANS = {
+    "a configuration with a clearance": {"goal": joints(panda_joint1=0.7, panda_joint4=-1.9), "min_clearance": 0.02},
+    "any of several": {"goal": {"type": "joint_set", "positions": [{"panda_joint1": 1.0}, {"panda_joint1": -1.0}]}},
+    "a pose": {
+        "goal": {"type": "pose", "position": [0.4, 0.3, 0.5], "quaternion_xyzw": [1, 0, 0, 0]}, "scene": "table"
+    },
+    "guide planes": {"goal": {"type": "guide_plane"}, "scene": "bookshelf", "start": {}},
+    "a held object": {"goal": joints(panda_joint1=0.5), "attached_objects": [ROD]},
+    "a jerk limit": {"goal": joints(panda_joint1=0.5), "limits": {name: {"jerk": 50.0} for name in NAMES}},
+    "slower": {"goal": joints(panda_joint1=0.5), "max_velocity_scaling_factor": 0.3},
+    "a path constraint": {
+        "goal": {"type": "joints", "positions": TURNED}, "scene": {"name": "s", "obstacles": [POST]},
+        "path_constraints": [LEVEL], "guide_planes": [],
+    },
+}  # fmt: skip
+
+
+def asked_and_planned(robot_: str = "panda", **fields) -> tuple[requests.PlanRequest, PlanReply]:
+    request = codec.decode_request({"robot": robot_, "scene": "table", "start": READY, **PATIENT, **fields})
+    reply = answer_plan(request, robot(robot_), scene_of(request), run_id="r", received=time.monotonic())
+    assert reply.status.name == "SUCCESS", reply.status.message
+    return request, reply
+
+
+def scene_of(request: requests.MotionRequest):
+    return build(library.read(request.scene) if isinstance(request.scene, str) else request.scene)
+
+
+def judged(request: requests.PlanRequest, reply: PlanReply) -> CertifyReply:
+    """The plan's own motion, as whoever kept its request and reply would ask."""
+    fields = msgspec.json.decode(msgspec.json.encode(recorded_fields(request, as_plain_data(reply), "run")))
+    return certify(**{"model": request.robot, **fields, "scene": request.scene, "robot": request.robot})
+
+
+def require_same(request: requests.PlanRequest, made: PlanReply) -> CertifyReply:
+    reply = judged(request, made)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.clearance.minimum == made.clearance.minimum
+    assert reply.clearance.pair == made.clearance.pair
+    assert reply.clearance.inner == made.clearance.inner
+    assert reply.self_clearance == made.self_clearance
+    assert reply.limits.acceleration.share <= 1.0 + 1e-6
+    return reply
+
+
+@pytest.mark.parametrize("kind", PLANS)
+def test_plans_of_every_kind_are_certified_as_they_were(kind: str) -> None:
+    request, made = asked_and_planned(**PLANS[kind])
+    reply = require_same(request, made)
+    assert (reply.limits.jerk.share is not None) == (kind == "a jerk limit")
+    assert not reply.limits.jerk.steps
+
+
+@pytest.mark.parametrize("title", ["door", "conveyor"])
+def test_a_plan_among_moving_obstacles_is_certified_at_its_times_only(title: str) -> None:
+    plain = msgspec.json.decode(example(title))
+    request = codec.decode_request({**plain, "allowed_planning_time": 120.0})
+    made = answer_plan(request, robot(request.robot), scene_of(request), run_id="r", received=time.monotonic())
+    assert made.status.name == "SUCCESS"
+    require_same(request, made)
+    hurried = as_plain_data(made)
+    hurried["trajectory"]["times"] = [0.3 * moment for moment in hurried["trajectory"]["times"]]
+    reply = certify(model=request.robot, **{**recorded_fields(request, hurried, "run"), "scene": request.scene})
+    assert reply.certificate.reason in ("contact", "undecided")
+    assert reply.certificate.place.time is not None
+    with pytest.raises(MalformedRequest, match="obstacles move"):
+        certify(model=request.robot, scene=request.scene, path=made.path, position_names=made.position_names)
+
+
+def test_a_motion_that_flies_and_turns_is_certified_in_its_chart() -> None:
+    urdf = (
+        "<robot name='brick'><link name='l'><collision><geometry><box size='0.3 0.1 0.1'/></geometry></collision>"
+        "</link></robot>"
+    )
+    model = {"type": "urdf", "text": urdf, "root_joint": "free"}
+    turned = [0.6, 0.2, 0.1, 0.0, 0.0, float(np.sin(0.7)), float(np.cos(0.7))]
+    wall = {"name": "s", "obstacles": [{**POST, "position": [0.3, 0.4, 0.0]}]}
+    asked = {"robot": model, "scene": wall, "goal": joints(root_joint=turned), **PATIENT}
+    made = guidefield.answer(asked)
+    assert made.status.name == "SUCCESS", made.status.message
+    reply = guidefield.answer({"type": "certify", "robot": model, "scene": wall, **motion_of(made), **LATE})
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.clearance.minimum == pytest.approx(made.clearance.minimum, abs=1e-9)
+    assert reply.limits.velocity.share == pytest.approx(1.0, abs=0.05)
+
+
+# ---- mutated motions
+
+
+def sampled_contact(request: requests.CertifyRequest, samples: int = 500) -> bool:
+    """Whether Coal finds any contact, or less than the clearance, at samples evenly along the motion."""
+    problem, _ = certify_problem(request, robot(request.robot), scene_of(request), Budget())
+    world, curve, margin = problem.world, problem.motion.measured, problem.min_clearance
+    for z in curve.evaluate(np.linspace(curve.times[0], curve.times[-1], samples))[0]:
+        q = problem.group.expand_from_chart(z)
+        if world.in_collision(q):
+            return True
+        if margin > 0.0:
+            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
+            mixed = np.flatnonzero(world.is_obstacle_pair).tolist()
+            if min(world.distance(pair)[0] for pair in mixed) < margin:
+                return True
+    return False
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), timed=st.booleans(), margin=st.sampled_from([0.0, 0.03]))
+def test_what_is_certified_dense_samples_find_free_and_the_place_of_a_refusal_is_refused(
+    seed: int, timed: bool, margin: float
+) -> None:
+    made, rng = planned(), np.random.default_rng(seed)
+    rows = np.array(made.path)
+    rows[1:] += rng.normal(scale=rng.choice([0.02, 0.15, 0.4]), size=rows[1:].shape)
+    motion = {"trajectory": {"positions": rows.tolist()}, "time_step": 0.2} if timed else {"path": rows.tolist()}
+    request = codec.decode_request(
+        {"type": "certify", "robot": "panda", "scene": "table", "min_clearance": margin, **LATE, **motion}
+    )
+    reply = answer_certify(request, robot("panda"), scene_of(request), run_id="r", received=time.monotonic())
+    certificate = reply.certificate
+    if certificate.collision_free:
+        assert not sampled_contact(request)
+        assert reply.clearance.minimum >= margin
+        assert reply.self_clearance.minimum > 0.0
+    if certificate.reason in ("contact", "too close"):
+        there = [certificate.place.configuration[name] for name in NAMES]
+        at_place = {"path": [there], "position_names": NAMES, "min_clearance": margin}
+        assert not certify(**at_place).certificate.collision_free
+        until = certificate.free_until.row
+        before = certify(path=_until(rows, until), position_names=NAMES, min_clearance=margin) if not timed else None
+        assert before is None or before.certificate.collision_free
+
+
+def _until(rows: np.ndarray, row: float) -> list[list[float]]:
+    """A path up to a place along it, and not quite there."""
+    whole, share = int(row), (row - int(row)) * (1.0 - 1e-9)
+    last = rows[whole] + share * (rows[min(whole + 1, len(rows) - 1)] - rows[whole])
+    return [*rows[: whole + 1].tolist(), last.tolist()]
+
+
+def test_what_exceeds_a_limit_is_told_with_joint_and_time() -> None:
+    made = as_plain_data(planned())
+    quick = {**made["trajectory"], "times": [0.5 * moment for moment in made["trajectory"]["times"]]}
+    quick["velocities"] = [[2.0 * value for value in row] for row in quick["velocities"]]
+    reply = certify(trajectory=quick, position_names=made["position_names"])
+    usual = certify(**motion_of(planned())).limits
+    assert reply.status.name == "INVALID_MOTION_PLAN"
+    assert reply.certificate.collision_free
+    assert reply.limits.velocity.share == pytest.approx(2.0 * usual.velocity.share)
+    assert reply.limits.acceleration.share == pytest.approx(4.0 * usual.acceleration.share)
+    assert reply.status.details["limit"] == "acceleration"
+    assert reply.limits.acceleration.joint in reply.status.message
+    assert any("`trajectory.accelerations` are not those" in warning for warning in reply.warnings)
+
+
+def test_a_motion_that_begins_beyond_its_limits_is_refused_there() -> None:
+    reply = certify(path=[[*HOME[:3], 0.1, *HOME[4:]], HOME], position_names=NAMES)
+    assert reply.status.name == "INVALID_MOTION_PLAN"
+    assert reply.certificate.reason == "beyond limits"
+    assert reply.certificate.free_until.row == 0.0
+    assert reply.limits.position.joint == "panda_joint4"
+    assert reply.limits.position.share > 1.0
+    assert reply.status.details["joint"] == "panda_joint4"
+
+
+def test_jerk_limits_are_kept_by_no_motion_whose_acceleration_jumps() -> None:
+    limits = {"panda_joint1": {"jerk": 1e6}}
+    stepped = certify(**motion_of(planned()), limits=limits)
+    assert stepped.limits.jerk.steps
+    assert stepped.limits.jerk.share is None
+    assert "jumps" in stepped.status.message
+    gentle = asked_and_planned(goal=joints(panda_joint1=0.5), limits={"panda_joint1": {"jerk": 20.0}})[1]
+    rows = np.array(gentle.trajectory.positions)
+    samples = {"positions": rows.tolist(), "times": gentle.trajectory.times}
+    splined = certify(trajectory=samples, position_names=gentle.position_names, limits=limits)
+    assert splined.curve == "spline"
+    assert not splined.limits.jerk.steps
+
+
+def test_a_point_is_a_motion() -> None:
+    for motion in ({"path": [HOME]}, {"trajectory": {"positions": [HOME], "times": [4.0]}}):
+        reply = certify(**motion, position_names=NAMES)
+        assert reply.status.name == "SUCCESS"
+        assert reply.certificate.free_until.row == 0.0
+    still = certify(trajectory={"positions": [HOME, HOME], "times": [1.0, 3.0]}, position_names=NAMES)
+    assert still.status.name == "SUCCESS"
+    assert still.certificate.free_until.time == 3.0
+    assert still.limits.velocity.share == 0.0
+
+
+def test_rows_that_repeat_the_one_before_are_left_out() -> None:
+    rows, times = [HOME, HOME, TURN], [0.0, 0.0, 2.0]
+    reply = certify(trajectory={"positions": rows, "times": times}, position_names=NAMES)
+    assert reply.certificate.free_until.row == 2.0
+    assert any("repeat the one before" in warning for warning in reply.warnings)
+    with pytest.raises(MalformedRequest, match=r"times\[2\] = 0 after times\[1\] = 0 is the same, and the rows differ"):
+        certify(trajectory={"positions": rows, "times": [-1.0, 0.0, 0.0]}, position_names=NAMES)
+
+
+def test_a_motion_that_begins_inside_of_something_is_refused_at_its_start() -> None:
+    corners = [[x, y, z] for x in (-3.0, 3.0) for y in (-3.0, 3.0) for z in (-3.0, 3.0)]
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+             [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
+    room = {"type": "mesh", "name": "room", "vertices": corners, "triangles": faces}
+    dented = [*corners, [0.0, 0.0, 2.5]]  # not convex, so that its surface is judged
+    room = {**room, "vertices": dented, "triangles": [*faces[:-2], [1, 5, 8], [5, 7, 8], [7, 3, 8], [3, 1, 8]]}
+    reply = certify(scene={"name": "s", "obstacles": [room]}, path=[HOME, TURN], position_names=NAMES)
+    assert reply.certificate.reason == "contact"
+    assert reply.certificate.free_until.row == 0.0
+    assert "wholly inside the other" in reply.status.message
+
+
+def test_a_slight_contact_at_the_start_may_be_left() -> None:
+    ball = {"type": "sphere", "name": "ball", "radius": 0.05}
+    scene = {"name": "s", "obstacles": [{**ball, "position": [0.0, 0.0, 0.0]}]}
+    problem, _ = certify_problem(
+        codec.decode_request({"type": "certify", "robot": "panda", "scene": scene, "path": [HOME]}),
+        robot("panda"), build(msgspec.convert(scene, messages.Scene)), Budget(),
+    )  # fmt: skip
+    hand = _placed(problem.world, "panda_hand")
+    scene["obstacles"][0]["position"] = [float(hand[0]), float(hand[1]) + 0.145, float(hand[2])]
+    away, into = [-0.4, *HOME[1:]], [0.2, *HOME[1:]]
+    asked = {"scene": scene, "position_names": NAMES}
+    assert certify(path=[HOME, away], **asked).certificate.reason == "contact"
+    left = certify(path=[HOME, away], leave_start_contact=True, **asked)
+    assert left.status.name == "SUCCESS", left.status.message
+    assert left.certificate.covers.startswith("path after row 0.")
+    assert any("the motion begins by leaving it" in warning for warning in left.warnings)
+    assert left.clearance.minimum < 0.0
+    closer = certify(path=[HOME, into], leave_start_contact=True, **asked)
+    assert closer.certificate.reason == "contact"
+    assert "doesn't leave it" in closer.status.message
+    back = certify(path=[HOME, away, HOME], leave_start_contact=True, **asked)
+    assert back.certificate.reason == "contact"
+    assert 1.0 < back.certificate.place.row < 2.0
+
+
+def _placed(world: World, link: str) -> np.ndarray:
+    """Middle of a link at `HOME` [m, world]."""
+    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, np.array(HOME))
+    body = world.body_names.index(link)
+    shape = world.geometry.geometryObjects[body].geometry
+    shape.computeLocalAABB()
+    return np.asarray(world.geometry_data.oMg[body].act(np.asarray(shape.aabb_local.center())))
+
+
+def test_a_path_constraint_is_refused_where_it_is_left_first() -> None:
+    tilted = [*HOME[:5], HOME[5] + 0.6, *HOME[6:]]
+    into = [tilted[0], 0.9, tilted[2], -1.2, *tilted[4:]]
+    reply = certify(path=[HOME, tilted, into], position_names=NAMES, path_constraints=[LEVEL])
+    assert reply.certificate.reason == "violates a path constraint"
+    assert 0.2 < reply.certificate.place.row < 0.5
+    assert certify(path=[HOME, tilted, into], position_names=NAMES).certificate.reason == "contact"
+
+
+def test_a_time_that_is_up_tells_how_far_it_is_free() -> None:
+    rng = np.random.default_rng(3)
+    rows = np.cumsum(rng.normal(scale=0.002, size=(20_000, 7)), axis=0) * 0.1 + HOME
+    reply = certify(path=rows.tolist(), position_names=NAMES, allowed_time=1e-3)
+    assert reply.status.name == "TIMED_OUT"
+    assert reply.certificate.reason == "stopped"
+    assert not reply.certificate.collision_free
+    assert reply.certificate.free_until.row < len(rows) - 1
+
+
+def test_samples_are_judged_as_the_spline_and_on_request_as_straight_pieces() -> None:
+    made = planned().trajectory
+    curve = Trajectory(np.array(made.times), np.array(made.positions), np.array(made.velocities))
+    rows = curve.evaluate(np.arange(0.0, curve.duration, 0.02))[0].tolist()
+    spline = certify(trajectory={"positions": rows}, time_step=0.02, position_names=NAMES)
+    assert spline.curve == "spline"
+    assert spline.clearance.minimum == pytest.approx(planned().clearance.minimum, abs=1e-3)
+    assert spline.limits.velocity.share == pytest.approx(
+        certify(**motion_of(planned())).limits.velocity.share, abs=0.05
+    )
+    linear = certify(trajectory={"positions": rows}, time_step=0.02, position_names=NAMES, interpolation="linear")
+    assert (linear.status.name, linear.curve) == ("SUCCESS", "linear")
+    assert linear.limits.acceleration.share is None
+    assert linear.limits.velocity.share <= spline.limits.velocity.share + 1e-9

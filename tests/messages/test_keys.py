@@ -50,17 +50,27 @@ def test_each_key_asks_for_its_request(query: keys.Query, request_: requests.Req
 
 def test_a_plan_is_read_and_its_head_is_the_same_run() -> None:
     request = keys.request_of(_query("plan", PLAN))
-    head = keys.plan_head(_query("plan", PLAN))
+    head = keys.run_head(_query("plan", PLAN))
     assert isinstance(request, requests.PlanRequest)
     assert head is not None
     assert (head.run_id, head.allowed_planning_time, head.seed) == (request.run_id, request.allowed_planning_time, 0)
-    assert keys.plan_head(_query("kinematics", PLAN)) is None
+    assert keys.run_head(_query("kinematics", PLAN)) is None
+
+
+def test_a_judgement_is_read_and_its_head_is_the_same_run() -> None:
+    asked = b'{"robot": "panda", "scene": "table", "path": [[0]], "allowed_time": 7, "run_id": "r"}'
+    request, head = keys.request_of(_query("certify", asked)), keys.run_head(_query("certify", asked))
+    assert isinstance(request, requests.CertifyRequest)
+    assert head == keys.CertifyHead("r", 7.0)
+    assert (request.run_id, request.allowed_time) == ("r", 7.0)
+    tagged = keys.request_of(_query("certify", b'{"type": "certify", ' + asked[1:]))
+    assert tagged == request
 
 
 @pytest.mark.parametrize(("given_", "allowed"), [(7.0, 7.0), (-1.0, 0.0), (float("nan"), 0.0), (1e300, 3600.0)])
 def test_an_impossible_planning_time_is_brought_within_bounds(given_: float, allowed: float) -> None:
     payload = msgspec.msgpack.encode({"allowed_planning_time": given_})
-    head = keys.plan_head(keys.Query(("plan",), {}, payload, Encoding.MSGPACK))
+    head = keys.run_head(keys.Query(("plan",), {}, payload, Encoding.MSGPACK))
     assert head is not None
     assert head.allowed == allowed
 
@@ -105,6 +115,6 @@ def test_only_a_run_has_a_recording() -> None:
 def test_any_query_is_a_request_or_says_why_not(key: list[str], parameters: dict[str, str], payload: bytes) -> None:
     for encoding in Encoding:
         query = keys.Query(tuple(key), parameters, payload, encoding)
-        for read in (keys.check, keys.request_of, keys.plan_head):
+        for read in (keys.check, keys.request_of, keys.run_head):
             with contextlib.suppress(GuidefieldError):
                 read(query)

@@ -18,7 +18,8 @@ from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
-from guidefield.recorder.recorder import Place, Recorder
+from guidefield.recorder.place import Place
+from guidefield.recorder.recorder import Recorder
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build

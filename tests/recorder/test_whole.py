@@ -13,7 +13,7 @@ import pytest
 
 from guidefield.recorder import bodies_file
 from guidefield.recorder.meshes_file import read_meshes
-from guidefield.recorder.recorder import Place
+from guidefield.recorder.place import Place
 from guidefield.recorder.whole import LEFT_OUT, self_contained
 from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up

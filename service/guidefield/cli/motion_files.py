@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
@@ -121,6 +120,8 @@ def _json(file: Path) -> dict[str, Any]:
 
 
 def _npz(file: Path) -> dict[str, Any]:
+    import numpy as np
+
     with np.load(file, allow_pickle=False) as arrays:
         return {name: arrays[name].tolist() for name in arrays.files}
 
@@ -131,16 +132,16 @@ def _csv(file: Path) -> dict[str, Any]:
     if len(lines) < 2:
         raise ValueError("a head with the names of its columns and a row at least are expected")
     head = [name.strip() for name in lines[0]]
-    table = np.array([_numbers(line, head, number) for number, line in enumerate(lines[1:], 2)])
+    table = [_numbers(line, head, number) for number, line in enumerate(lines[1:], 2)]
     kinds = [name.partition(":") if ":" in name else ("", "", name) for name in head]
     found: dict[str, Any] = {}
     for name, kind in (("positions", "position"), ("velocities", "velocity"), ("accelerations", "acceleration")):
         of = [k for k, (said, _, column) in enumerate(kinds) if said in _SAID[kind] and column != "time"]
         if of:
-            found[name] = table[:, of].tolist()
+            found[name] = [[row[k] for k in of] for row in table]
             found.setdefault(f"{kind}_names", [kinds[k][2] for k in of])
     if "time" in head:
-        found["times"] = table[:, head.index("time")].tolist()
+        found["times"] = [row[head.index("time")] for row in table]
     unknown = [name for name, (said, _, _) in zip(head, kinds, strict=True) if said not in {"", *_SAID}]
     if unknown:
         raise ValueError(f"column {unknown[0]!r} is neither of `position:`, `velocity:`, `acceleration:` nor a name")

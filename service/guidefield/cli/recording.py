@@ -10,7 +10,7 @@ import msgspec
 from guidefield.client import Client
 from guidefield.messages.replies import CertifyReply, PlanReply
 
-_R = TypeVar("_R", PlanReply, CertifyReply)
+_R = TypeVar("_R", bound=PlanReply | CertifyReply)
 
 
 def fetch_recording(client: Client, reply: _R, file: Path) -> _R:

@@ -25,6 +25,9 @@ from guidefield.robot.model.spaces import Configuration
 if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
     from guidefield.potential import RobotField
 
+TOGETHER = 1000
+"""So many pieces are judged together: memory is bounded by it, and plans have fewer."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GivenProblem(Conditions):
@@ -110,9 +113,20 @@ def _constraints(problem: GivenProblem) -> Verdict:
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     """Whether nothing touches or comes too close, as far as the path constraints are kept."""
+    count = len(problem.motion.pieces) if kept.piece is None else kept.piece + 1
+    evaluations = 0
+    for first in range(0, count, TOGETHER):
+        verdict = _freedom_of(problem, first, min(first + TOGETHER, count))
+        evaluations += verdict.evaluations
+        if verdict.piece is not None:
+            return replace(verdict, piece=first + verdict.piece, evaluations=evaluations)
+    return Verdict(Reason.FREE, evaluations)
+
+
+def _freedom_of(problem: GivenProblem, first: int, last: int) -> Verdict:
+    """The same of the pieces from one index to before another, by themselves."""
     motion, stopped = problem.motion, problem.budget.spent
-    count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     if not problem.scene.moves:
-        return certify(problem.world, motion.pieces[:count], problem.min_clearance, stopped=stopped)
-    pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
+        return certify(problem.world, motion.pieces[first:last], problem.min_clearance, stopped=stopped)
+    pieces, times = motion.scheduled.bezier()[first:last], motion.scheduled.piece_times()[first : last + 1]
     return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)

@@ -1,0 +1,96 @@
+"""Judgements over a real session: a key of its own, kept as a run, watched, ended early, refused by name."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield import AsyncClient, Client, InvalidConfiguration, MalformedRequest
+from guidefield.messages.replies import CertifyReply, CertifyRunReply
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, PlainClient, Service, await_that
+
+NAMES = ["panda_joint1", "panda_joint4"]
+HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
+ASKED = {"robot": "panda", "scene": "table", "start": HOME, "position_names": NAMES, "allowed_time": 60.0}
+FREE = {**ASKED, "path": [[0.0, -2.3], [0.5, -2.0]]}
+SWINGS = {**ASKED, "path": [[2.0 * (-1.0) ** k, -2.0] for k in range(60_000)], "allowed_time": 600.0}
+"""So long a motion that its judgement goes on until somebody ends it."""
+
+
+def test_a_motion_is_judged_over_the_wire_and_kept(wire: PlainClient) -> None:
+    reply = wire.ask("guidefield/local/certify", {"type": "certify", **FREE, "run_id": "judged"})
+    assert reply["status"]["name"] == "SUCCESS", reply["status"]
+    assert (reply["curve"], reply["certificate"]["free_until"]) == ("linear", {"row": 1.0, "time": None})
+    assert reply["recording"] == "guidefield/local/runs/judged/recording"
+    kept = wire.ask("guidefield/local/runs/judged")
+    assert kept["request"]["type"] == "certify"
+    assert kept["reply"] == reply
+    assert wire.ask("guidefield/local/certify", {**FREE, "run_id": "judged"}) == reply, "asked for again"
+    listed = {run["run_id"]: run for run in wire.ask("guidefield/local/runs")["runs"]}
+    assert (listed["judged"]["robot"], listed["judged"]["status"]) == ("panda", "SUCCESS")
+    assert wire.answer("guidefield/local/runs/judged/recording").payload[:4] == b"RRF2"
+    assert wire.ask("guidefield/local/info?brief")["latency"]["certify"]
+
+
+def test_a_plan_is_judged_in_a_scene_that_has_changed(client: Client) -> None:
+    goal = {"type": "joints", "positions": {"panda_joint1": 0.8}}
+    made = client.plan(robot="panda", scene="table", start=HOME, goal=goal, guide_planes=[])
+    motion = {"trajectory": made.trajectory, "position_names": made.position_names}
+    same = client.certify(robot="panda", scene="table", start=HOME, **motion)
+    assert same.clearance.minimum == made.clearance.minimum
+    middle = np.array(made.trajectory.positions)[len(made.trajectory.times) // 2]
+    pose = {"panda_joint1": float(middle[0])}
+    assert isinstance(same, CertifyReply)
+    blocked = {"name": "changed", "obstacles": [{"type": "sphere", "name": "new", "radius": 0.25, "position": [
+        0.5 * float(np.cos(pose["panda_joint1"])), 0.5 * float(np.sin(pose["panda_joint1"])), 0.5]}]}  # fmt: skip
+    changed = client.certify({"robot": "panda", "scene": blocked, "start": HOME, **motion})
+    assert (changed.status.name, changed.certificate.reason) == ("INVALID_MOTION_PLAN", "contact")
+    assert "new" in changed.certificate.pair
+    assert 0.0 < changed.certificate.free_until.time < made.trajectory.times[-1]
+    kept = client.run(changed.run_id)
+    assert isinstance(kept, CertifyRunReply)
+    assert kept.reply == changed
+
+
+def test_what_is_ill_posed_is_refused_by_name(client: Client, wire: PlainClient) -> None:
+    with pytest.raises(InvalidConfiguration, match="panda_joint9"):
+        client.certify(robot="panda", scene="table", path=[[0.0]], position_names=["panda_joint9"])
+    refused = wire.answer(
+        "guidefield/local/certify",
+        msgspec.msgpack.encode({**ASKED, "path": [[0.0, 0.0], [0.0, float("nan")]]}),
+        "application/msgpack",
+    )
+    error = msgspec.msgpack.decode(refused.payload)
+    assert error["name"] == "MALFORMED_REQUEST"
+    assert "path[1][1]" in error["message"]
+    with pytest.raises(MalformedRequest, match="not both"):
+        client.certify({"robot": "panda"}, scene="table")
+    local = {**FREE, "robot": {"type": "urdf_file", "path": "robot.urdf"}}
+    assert wire.refusal("guidefield/local/certify", msgspec.json.encode(local))["name"] == "ROBOT_INVALID"
+
+
+def test_a_judgement_is_ended_early_and_one_that_waits_too_long_is_answered(wire: PlainClient) -> None:
+    with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        running = threads.submit(wire.ask, "guidefield/local/certify", {**SWINGS, "run_id": "swings"})
+        await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])
+        waited = wire.ask("guidefield/local/certify", {**FREE, "run_id": "late", "allowed_time": 0.05})
+        assert (waited["status"]["name"], waited["curve"]) == ("TIMED_OUT", "none")
+        assert waited["status"]["details"] == {"stage": "queue", "allowed_time": 0.05}
+        assert wire.ask("guidefield/local/runs/swings/cancel")["done"] == "run 'swings' ends"
+        ended = running.result(ANSWERED_WITHIN)
+    assert ended["status"]["name"] == "PREEMPTED"
+    assert ended["certificate"]["collision_free"] is False or ended["warnings"]
+
+
+def test_an_asyncio_client_judges(service: Service) -> None:
+    async def journey() -> None:
+        async with await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
+            several = await asyncio.gather(*(client.certify(**FREE) for _ in range(3)))
+            assert {reply.status.name for reply in several} == {"SUCCESS"}
+            assert len({reply.run_id for reply in several}) == 3
+
+    asyncio.run(journey())
