@@ -406,3 +406,11 @@ def test_samples_are_judged_as_the_spline_and_on_request_as_straight_pieces() ->
     assert (linear.status.name, linear.curve) == ("SUCCESS", "linear")
     assert linear.limits.acceleration.share is None
     assert linear.limits.velocity.share <= spline.limits.velocity.share + 1e-9
+
+
+def test_a_long_motion_is_refused_at_its_place() -> None:
+    swings = [[0.001 * (-1.0) ** k, *HOME[1:]] for k in range(2_500)]
+    reply = certify(path=[*swings, TURN, [TURN[0], 0.9, 0.0, -1.2, *HOME[4:]]], position_names=NAMES)
+    assert reply.certificate.reason == "contact"
+    assert 2_500.0 < reply.certificate.free_until.row <= reply.certificate.place.row < 2_501.0
+    assert 2_500.0 < reply.clearance.row <= 2_501.0

@@ -6,7 +6,7 @@ what rests, what moves, and what frames have to keep; of their refusals the firs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -118,8 +118,9 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     for first in range(0, count, TOGETHER):
         verdict = _freedom_of(problem, first, min(first + TOGETHER, count))
         evaluations += verdict.evaluations
-        if verdict.piece is not None:
-            return replace(verdict, piece=first + verdict.piece, evaluations=evaluations)
+        if verdict.piece is not None and verdict.free_until is not None:
+            free_until = (first + verdict.free_until[0], verdict.free_until[1])
+            return replace(verdict, piece=first + verdict.piece, free_until=free_until, evaluations=evaluations)
     return Verdict(Reason.FREE, evaluations)
 
 
