@@ -45,7 +45,7 @@ def test_a_plan_is_judged_in_a_scene_that_has_changed(client: Client) -> None:
     middle = np.array(made.trajectory.positions)[len(made.trajectory.times) // 2]
     pose = {"panda_joint1": float(middle[0])}
     assert isinstance(same, CertifyReply)
-    blocked = {"name": "changed", "obstacles": [{"type": "sphere", "name": "new", "radius": 0.25, "position": [
+    blocked = {"name": "changed", "obstacles": [{"type": "sphere", "name": "new", "radius": 0.1, "position": [
         0.5 * float(np.cos(pose["panda_joint1"])), 0.5 * float(np.sin(pose["panda_joint1"])), 0.5]}]}  # fmt: skip
     changed = client.certify({"robot": "panda", "scene": blocked, "start": HOME, **motion})
     assert (changed.status.name, changed.certificate.reason) == ("INVALID_MOTION_PLAN", "contact")

@@ -98,7 +98,7 @@ class Row:
     sampled: bool
     milliseconds: float
     difference: str = ""
-    within: bool = False
+    known: bool = False
 
 
 def run(arguments: list[str]) -> None:
@@ -146,9 +146,9 @@ def _row(given: Problems, engine: Engine, problem: dict[str, Any], solve: Any, s
     exact = ExactMeshes(given, world)
     touched = exact.touched(answer.path)
     certified = reply.certificate.collision_free
-    difference, within = _difference(given, reply, exact, touched, names)
+    difference, known = _difference(given, reply, exact, touched, names)
     where = f"{problem['set']} {problem['index']}: {difference}" if difference else ""
-    return Row(certified, touched is None, milliseconds, where, within)
+    return Row(certified, touched is None, milliseconds, where, known)
 
 
 def _standing(given: Problems) -> dict[str, float]:
@@ -160,7 +160,7 @@ def _standing(given: Problems) -> dict[str, float]:
 def _difference(
     given: Problems, reply: CertifyReply, exact: ExactMeshes, touched: tuple[str, str] | None, names: list[str]
 ) -> tuple[str, bool]:
-    """Where the two judges differ, in words, and whether hulls that stand off explain it; nothing where they agree."""
+    """Where the two judges differ, in words, and whether a reason is known; nothing where they agree."""
     certificate = reply.certificate
     if certificate.collision_free == (touched is None):
         return "", False
@@ -171,8 +171,11 @@ def _difference(
     place = np.array([certificate.place.configuration[name] for name in names])
     first, second = certificate.pair
     distance, stand_off = exact.distance(place, (first, second)), _stand_off(given, (first, second))
-    told = f"{certificate.reason} of {first} and {second}; the meshes keep {1e3 * distance:.3f} mm there"
-    return f"{told}, their hulls stand off by {1e3 * stand_off:.3f} mm", distance <= stand_off + 1e-5
+    told = f"{certificate.reason} of {first} and {second}"
+    if distance <= 0.0:
+        return f"{told}; the meshes touch there, between samples", True
+    told += f"; the meshes keep {1e3 * distance:.3f} mm there, their hulls stand off by {1e3 * stand_off:.3f} mm"
+    return told, distance <= stand_off + 1e-5
 
 
 def _stand_off(given: Problems, pair: tuple[str, str]) -> float:
@@ -195,7 +198,7 @@ def _print(robot: str, planner: str, rows: list[Row], asked: int) -> None:
     ):
         print(f"  {words}: {sum((row.certified, row.sampled) == (certified, sampled) for row in rows)}")
     alone = [row for row in rows if row.difference]
-    print(f"  differences that hulls explain: {sum(row.within for row in alone)} of {len(alone)}")
+    print(f"  differences whose reason is known: {sum(row.known for row in alone)} of {len(alone)}")
     print_times("  certify, ms", np.array([row.milliseconds for row in rows]))
     for row in alone:
-        print(f"   {'within' if row.within else 'BEYOND'} {row.difference}")
+        print(f"   {'known' if row.known else 'UNKNOWN'} {row.difference}")

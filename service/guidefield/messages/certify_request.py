@@ -45,11 +45,13 @@ class GivenTrajectory(Message):
     accelerations: GivenRows | None = None
 
     def __post_init__(self) -> None:
-        require_finite("times", self.times or ())
+        if self.times is not None:
+            require_finite("times", self.times)
         for field in ("positions", "velocities", "accelerations"):
-            require_finite_rows(field, getattr(self, field) or ())
-            rows = getattr(self, field)
-            if rows is not None and len(rows) != len(self.positions):
+            if (rows := getattr(self, field)) is None:
+                continue
+            require_finite_rows(field, rows)
+            if len(rows) != len(self.positions):
                 raise ValueError(f"`{field}` must have a row for each of `positions`, {len(self.positions)} in all")
         if self.times is not None and len(self.times) != len(self.positions):
             raise ValueError(
@@ -130,7 +132,8 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         require_finite_number("min_clearance", self.min_clearance)
         if self.time_step is not None:
             require_finite_number("time_step", self.time_step)
-        require_finite_rows("path", self.path or ())
+        if self.path is not None:
+            require_finite_rows("path", self.path)
         if (self.path is None) == (self.trajectory is None):
             raise ValueError("give either a `path` or a `trajectory`")
         if self.trajectory is None:
@@ -139,9 +142,12 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
             if self.velocity_names is not None:
                 raise ValueError("a `path` has no velocities: `velocity_names` is for a `trajectory` that has some")
             return
-        if (self.trajectory.times is None) == (self.time_step is None):
+        given: object = self.trajectory
+        if not isinstance(given, GivenTrajectory):
+            return  # plain data, in Python: it is checked when it is decoded
+        if (given.times is None) == (self.time_step is None):
             raise ValueError("a `trajectory` has either `times`, or the request a `time_step`")
-        if self.velocity_names is not None and self.trajectory.velocities is None:
+        if self.velocity_names is not None and given.velocities is None:
             raise ValueError("`velocity_names` is for a `trajectory` that has `velocities`")
 
 
