@@ -6,10 +6,9 @@ import asyncio
 import concurrent.futures
 
 import msgspec
-import numpy as np
 import pytest
 
-from guidefield import AsyncClient, Client, InvalidConfiguration, MalformedRequest
+from guidefield import AsyncClient, Client, ForwardKinematics, InvalidConfiguration, MalformedRequest
 from guidefield.messages.replies import CertifyReply, CertifyRunReply
 from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, PlainClient, Service, await_that
 
@@ -42,11 +41,13 @@ def test_a_plan_is_judged_in_a_scene_that_has_changed(client: Client) -> None:
     motion = {"trajectory": made.trajectory, "position_names": made.position_names}
     same = client.certify(robot="panda", scene="table", start=HOME, **motion)
     assert same.clearance.minimum == made.clearance.minimum
-    middle = np.array(made.trajectory.positions)[len(made.trajectory.times) // 2]
-    pose = {"panda_joint1": float(middle[0])}
     assert isinstance(same, CertifyReply)
-    blocked = {"name": "changed", "obstacles": [{"type": "sphere", "name": "new", "radius": 0.1, "position": [
-        0.5 * float(np.cos(pose["panda_joint1"])), 0.5 * float(np.sin(pose["panda_joint1"])), 0.5]}]}  # fmt: skip
+    middle = made.trajectory.positions[len(made.trajectory.times) // 2]
+    pose = dict(zip(made.position_names, middle, strict=True))
+    asked = ForwardKinematics("panda", frames=["panda_hand_tcp"], configurations=[{**HOME, **pose}])
+    ((hand,),) = client.kinematics(asked).placements
+    ball = {"type": "sphere", "name": "new", "radius": 0.05, "position": list(hand.position)}
+    blocked = {"name": "changed", "obstacles": [ball]}
     changed = client.certify({"robot": "panda", "scene": blocked, "start": HOME, **motion})
     assert (changed.status.name, changed.certificate.reason) == ("INVALID_MOTION_PLAN", "contact")
     assert "new" in changed.certificate.pair
