@@ -36,7 +36,7 @@ def test_a_motion_is_judged_over_the_wire_and_kept(wire: PlainClient) -> None:
 
 
 def test_a_plan_is_judged_in_a_scene_that_has_changed(client: Client) -> None:
-    goal = {"type": "joints", "positions": {"panda_joint1": 0.8}}
+    goal = {"type": "joints", "positions": {"panda_joint1": 2.0}}
     made = client.plan(robot="panda", scene="table", start=HOME, goal=goal, guide_planes=[])
     motion = {"trajectory": made.trajectory, "position_names": made.position_names}
     same = client.certify(robot="panda", scene="table", start=HOME, **motion)
