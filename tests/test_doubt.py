@@ -6,8 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import coal
 import msgspec
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from guidefield.engine import Engine
@@ -198,3 +200,63 @@ def test_the_referee_contradicts_what_is_false_alone(tmp_path: Path, change: Any
     reply = change(ENGINE.answer(slide(until)))
     outcome, found = refereed(loaded(tmp_path), slide(until), reply)
     assert (outcome, len(found)) == ((Outcome.DISAGREES, 1) if change in (certified, refused) else (Outcome.AGREES, 0))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_distances_of_convex_bodies_have_a_second_way(seed: int) -> None:
+    from doubting import hulls
+
+    rng = np.random.default_rng(seed)
+    half, ball = rng.uniform(0.05, 1.0, 3), rng.normal(size=3) * 2.0
+    box, sphere = coal.Box(*(2.0 * half)), coal.Sphere(0.01)
+    there = pin.SE3(np.eye(3), ball)
+    expected = np.linalg.norm(np.maximum(np.abs(ball) - half, 0.0)) - 0.01
+    if expected > 0.0:
+        assert hulls.distance(box, pin.SE3.Identity(), sphere, there) == pytest.approx(expected, abs=1e-12)
+    points = rng.normal(size=(12, 3)) + rng.normal(size=3) * 3.0
+    x = hulls.least_norm(points)
+    found = coal.distance(
+        coal.Convex.convexHull(vector(points), True, "Qt"),
+        coal.Transform3s.Identity(),
+        coal.Sphere(1e-9),
+        coal.Transform3s.Identity(),
+        coal.DistanceRequest(),
+        coal.DistanceResult(),
+    )
+    assert x == pytest.approx(max(0.0, found), abs=1e-6)
+
+
+def vector(points: np.ndarray) -> Any:
+    found = coal.StdVec_Vec3s()
+    for point in points:
+        found.append(point)
+    return found
+
+
+def test_other_words_for_a_motion_are_the_same_curve(tmp_path: Path) -> None:
+    from doubting.asked import free
+    from doubting.compare import asked_curve, planned_curve
+    from doubting.doubted import doubted
+    from doubting.mutants import base_of, rewritten
+
+    known, rng = loaded(tmp_path, catalog="chain_moving_3x260_r25"), np.random.default_rng(3)
+    ends = [free(rng, known, known.movable, {}) for _ in range(2)]
+    request = PlanRequest(
+        known.reference,
+        Scene(name="s"),
+        JointsGoal(ends[1]),
+        start=ends[0],
+        guide_planes=[],
+        recording="off",
+        group=[joint.name for joint in known.movable],
+    )
+    came = doubted(known, request)
+    assert came.found == ()
+    base = base_of(known, request, came.reply, came.sampled, came.judge)
+    other = rewritten(rng, base)
+    assert other is not None
+    assert other.position_names != base.request.position_names
+    curve, planned = asked_curve(known, other), planned_curve(came.reply)
+    assert planned is not None
+    np.testing.assert_allclose(curve.points, planned.points, rtol=0.0, atol=1e-9)
+    assert doubted(known, other).found == ()

@@ -33,6 +33,10 @@ FLOOR = 3e-5
 """What can't be told apart is that close at least [m]."""
 MOVING_FLOOR = 1.1e-3
 """The same of obstacles that move [m]."""
+END = 0.31
+"""At each end so much of the way is left out of the inner clearance, and a little more [rad or m]."""
+COORDINATES = ("", "x", "y", "z", "theta", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
+"""Ends of columns of joints of several coordinates, in their order."""
 KEPT = 1e-6
 """A share of a rate's limit is kept up to this above 1."""
 
@@ -45,6 +49,7 @@ class Kind(enum.StrEnum):
     FIGURE = "a figure is off"
     LIMIT = "a limit is exceeded, or is told wrongly"
     ENDS = "it doesn't begin or end where it should"
+    MEASURE = "Coal and another algorithm measure different distances"
     CRASH = "the request failed with a bug"
 
 
@@ -94,14 +99,28 @@ def asked_curve(loaded: Loaded, request: CertifyRequest) -> Curve:
     """The curve that a certify request is about."""
     assert request.position_names is not None, "columns are named"
     turning = continuous(loaded)
+    names, order = ordered(loaded, request.position_names)
     if request.trajectory is None:
         assert request.path is not None, "there is a motion"
-        return Curve.of(request.position_names, request.path, continuous=turning)
+        return Curve.of(names, [[row[k] for k in order] for row in request.path], continuous=turning)
     given = request.trajectory
+    positions, velocities = [[row[k] for k in order] for row in given.positions], None
+    if given.velocities is not None:
+        assert request.velocity_names is not None, "columns are named"
+        rates = ordered(loaded, request.velocity_names)[1]
+        velocities = [[row[k] for k in rates] for row in given.velocities]
     step = request.time_step or 0.0
     times = [k * step for k in range(len(given.positions))] if given.times is None else given.times
     spline = given.velocities is None and request.interpolation == "spline"
-    return Curve.of(request.position_names, given.positions, times, given.velocities, continuous=turning, spline=spline)
+    return Curve.of(names, positions, times, velocities, continuous=turning, spline=spline)
+
+
+def ordered(loaded: Loaded, names: list[str]) -> tuple[list[str], list[int]]:
+    """Columns in the order of the robot's joints and their coordinates: the names, and where they stood."""
+    joints = {joint.name: k for k, joint in enumerate(loaded.model.joints)}
+    parts = [name.partition(".") for name in names]
+    order = sorted(range(len(names)), key=lambda k: (joints[parts[k][0]], COORDINATES.index(parts[k][2])))
+    return [names[k] for k in order], order
 
 
 def covered_from(covers: str, curve: Curve) -> float:
@@ -143,7 +162,7 @@ def about_plan(
         for rate, share in at.shares.items():
             if share > 1.0 + BEYOND + at.noise[rate]:
                 found.append(Disagreement(Kind.LIMIT, f"a {rate} is {share:.12g} of its limit"))
-        found += _reached(request, reply)
+        found += _reached(request, reply) + _metrics(reply, curve)
     if " after " not in reply.certificate.covers and not unmeasured(reply.warnings):
         found += _clearances(judge, curve, sampled, reply)
     return found, sampled
@@ -163,9 +182,20 @@ def about_certify(
         found.append(Disagreement(Kind.LIMIT, f"refused as beyond limits, but within by {-at.excess:.3g}"))
     else:
         found += _refused(judge, curve, sampled, reply, request)
-    found += _shares(reply, curve, at)
+    found += _shares(reply, curve, at) + measured_otherwise(judge, curve, sampled)
     if not unmeasured(reply.warnings) and " after " not in verdict.covers:
         found += _clearances(judge, curve, sampled, reply)
+    return found
+
+
+def measured_otherwise(judge: Judge, curve: Curve, sampled: Sampled) -> list[Disagreement]:
+    """Nearest pairs of which Coal says another distance than Wolfe's algorithm, beyond what it may be off by."""
+    found = []
+    for nearest in (sampled.obstacle, sampled.own):
+        other = judge.otherwise(curve, nearest)
+        if other is not None and abs(other - nearest.distance) > CLOSER * max(1.0, nearest.distance):
+            said = f"{_told(nearest)}, by another algorithm {other:.9g}"
+            found.append(Disagreement(Kind.MEASURE, said))
     return found
 
 
@@ -308,6 +338,8 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
         ends = [judge.all_at(curve, float(curve.times[k]))[~judge.own].min() for k in (0, -1)]
         if not _near(told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()):
             found.append(Disagreement(Kind.FIGURE, f"clearance.ends is {told.ends:.9g}, it is {min(ends):.9g}"))
+        if told.inner is not None:
+            found += _inner(judge, curve, sampled, told.inner)
     own = reply.self_clearance
     if own is not None and own.minimum is not None and sampled.own.pair is not None:
         found += _minimum("self_clearance.minimum", own.minimum, sampled.own)
@@ -317,6 +349,18 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
                 said = f"self_clearance.minimum is {own.minimum:.9g} of {own.pair}, who keep {closer:.9g}"
                 found.append(Disagreement(Kind.FIGURE, said))
     return found
+
+
+def _inner(judge: Judge, curve: Curve, sampled: Sampled, said: float) -> list[Disagreement]:
+    """That a distance is smaller than the smallest without the ends of the way, some more than those left out."""
+    fine = np.linspace(curve.times[0], curve.times[-1], 1000)
+    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve.chart_at(fine), axis=0), axis=1))]
+    since, until = np.interp([END, travelled[-1] - END], travelled, fine)
+    inside = ((sampled.times > since) & (sampled.times < until))[:, None] & sampled.exact & ~judge.own
+    least = float(sampled.distances[inside].min(initial=np.inf))
+    if least < said - OFF and not (said <= 0.0 and least <= 0.0):
+        return [Disagreement(Kind.FIGURE, f"clearance.inner is {said:.9g}, but there are {least:.9g} m inside")]
+    return []
 
 
 def _minimum(what: str, said: float, nearest: Nearest) -> list[Disagreement]:
@@ -363,6 +407,20 @@ def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
             if joint in asked and not _same(np.atleast_1d(asked[joint]).astype(float), np.array(values)):
                 found.append(Disagreement(Kind.ENDS, f"{joint} is at {values}, the {what} has {asked[joint]}"))
     return found
+
+
+def _metrics(reply: PlanReply, curve: Curve) -> list[Disagreement]:
+    """Length and duration that are off, by a share of 1e-3."""
+    assert reply.metrics is not None, "it is a success"
+    fine = curve.chart_at(np.linspace(curve.times[0], curve.times[-1], 4000))
+    length = float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum())
+    told = {"joint_path_length": (reply.metrics.joint_path_length, length)}
+    told["duration"] = reply.metrics.duration, float(curve.times[-1] - curve.times[0])
+    return [
+        Disagreement(Kind.FIGURE, f"{name} is told as {said:.9g}, it is {there:.9g}")
+        for name, (said, there) in told.items()
+        if abs(said - there) > 1e-3 * there + 1e-9
+    ]
 
 
 def _same(asked: np.ndarray, values: np.ndarray) -> bool:

@@ -15,7 +15,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from doubting import shapes
+from doubting import hulls, shapes
 from doubting.curve import Curve, Values
 from doubting.formula import Formula
 from doubting.solid import encloses
@@ -111,12 +111,14 @@ class Nearest:
         time: Where on the curve.
         pair: Names of the two.
         slack: How far what is judged for them may stand off [m].
+        index: Of the pair.
     """
 
     distance: float
     time: float
     pair: tuple[str, str] | None
     slack: float
+    index: int = -1
 
 
 NONE = Nearest(np.inf, 0.0, None, 0.0)
@@ -162,11 +164,11 @@ class Judge:
         self._scratch = pin.GeometryData(self.geometry)
         self._radii = np.array([_radius(shape.geometry) for shape in self.geometry.geometryObjects])
         self._solids = [*subject.link_solids, *[body.solid for body in added]]
-        hulls = [*subject.link_hulls, *[body.hull for body in added]]
+        around = [*subject.link_hulls, *[body.hull for body in added]]
         self._hulls, meshes = self.geometry.copy(), np.zeros(len(self.names), bool)
         for k, shape in enumerate(self._hulls.geometryObjects):
-            if hulls[k] is not None:
-                shape.geometry, meshes[k] = hulls[k], True
+            if around[k] is not None:
+                shape.geometry, meshes[k] = around[k], True
         self._meshes, self._hull_scratch = meshes[self.pairs].any(axis=1), pin.GeometryData(self._hulls)
 
     def _hold(self, moved: list[frozenset[int]], added: list[shapes.Body]) -> None:
@@ -351,7 +353,7 @@ class Judge:
             best = min(best, (float(distances[at, lowest[at]]), float(inside[at, lowest[at]]), int(which[at])))
             centre, width = inside[np.arange(len(a)), lowest], (b - a) / (CLOSER + 1)
             a, b = np.maximum(low, centre - width), np.minimum(high, centre + width)
-        return Nearest(best[0], best[1], self.pair_names(best[2]), float(self.slacks[best[2]]))
+        return Nearest(best[0], best[1], self.pair_names(best[2]), float(self.slacks[best[2]]), best[2])
 
     def _candidates(
         self, times: np.ndarray, mine: np.ndarray, pairs: np.ndarray
@@ -387,6 +389,16 @@ class Judge:
         return np.array(
             [pin.computeDistance(self.geometry, self._scratch, p).min_distance for p in range(len(self.pairs))]
         )
+
+    def otherwise(self, curve: Curve, nearest: Nearest) -> float | None:
+        """The distance of the nearest pair by another algorithm than Coal's [m]; None where there is none."""
+        if nearest.index < 0 or nearest.distance <= 0.0:
+            return None
+        at = np.array([nearest.time])
+        self.along(curve, at, np.array([nearest.index]))
+        i, j = self.pairs[nearest.index].tolist()
+        bodies = self.geometry.geometryObjects
+        return hulls.distance(bodies[i].geometry, self._scratch.oMg[i], bodies[j].geometry, self._scratch.oMg[j])
 
     def distances_at(self, values: Values) -> np.ndarray:
         """Exact distances of all pairs at values of one row, at rest, shape (pairs,) [m]."""

@@ -59,10 +59,14 @@ def standing(loaded: Loaded, request: Request, curve: Curve) -> Standing:
 
 
 def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndarray) -> list[tuple[float, str]]:
-    """Of each joint that moves, or follows one that does, how far it is beyond its limits."""
+    """Of each joint that moves, or follows one that does, how far it is beyond its limits.
+
+    Where the limits of two followers contradict each other, those of one are not kept, and the robot says so.
+    """
     found = []
     for name, (lower, upper, scale, offset, driver) in ranges(loaded.text).items():
-        if driver in at:
+        known = loaded.model.joint(name)
+        if driver in at and known is not None and np.isfinite([known.lower[0], known.upper[0]]).any():
             ends = scale * low[at[driver]] + offset, scale * high[at[driver]] + offset
             found.append((float(max(lower - min(ends), max(ends) - upper)), name))
     return found

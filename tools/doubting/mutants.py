@@ -11,7 +11,7 @@ import numpy as np
 
 from doubting import scenery
 from doubting.asked import constraint, tip_poses
-from doubting.compare import asked_curve, farthest, names_of
+from doubting.compare import asked_curve, continuous, farthest, names_of
 from doubting.curve import Curve
 from doubting.judge import Judge, Sampled
 from doubting.limits import RATES, standing
@@ -386,6 +386,31 @@ def _rows(base: Base, times: np.ndarray) -> list[list[float]]:
     return rows
 
 
+def rewritten(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """The same motion in other words: columns in another order, whole turns added, quaternions with the other sign."""
+    knots, names = _knots(base), base.request.position_names
+    if knots is None or names is None or base.request.velocity_names is None:
+        return None
+    times, positions, velocities = knots
+    turning = continuous(base.loaded)
+    columns = {name: k for k, name in enumerate(names)}
+    for part in base.curve.parts:
+        rows = rng.random(len(times)) < 0.3
+        if part.name in turning and part.width == 1:
+            positions[rows, columns[part.name]] += 2.0 * np.pi * rng.integers(-2, 3, int(rows.sum()))
+        if part.width >= 4:
+            last = columns[f"{part.name}.qw"]
+            positions[np.ix_(rows, range(last - 3, last + 1))] *= -1.0
+    order, rates = rng.permutation(len(names)), rng.permutation(velocities.shape[1])
+    given = GivenTrajectory(positions[:, order].tolist(), times.tolist(), velocities[:, rates].tolist())
+    return replaced(
+        base.request,
+        trajectory=given,
+        position_names=[names[k] for k in order],
+        velocity_names=[base.request.velocity_names[k] for k in rates],
+    )
+
+
 def wild(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """Another motion altogether: joints somewhere at each knot, with some velocity."""
     knots, scalars = _knots(base), _scalars(base)
@@ -429,6 +454,7 @@ MUTATIONS: dict[str, Mutation] = {
     "resampled": resampled,
     "wild": wild,
     "renamed": renamed,
+    "rewritten": rewritten,
 }
 _WEIGHTS = {
     "shifted": 2.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import random
 import re
@@ -90,11 +91,22 @@ def drawn(rng: np.random.Generator) -> Robot:
     return Robot(text=text, meshes=meshes, root_joint=root)
 
 
+def geared(rng: np.random.Generator, robot: Robot) -> Robot | None:
+    """The same robot, the multiplier of one of its followers changed a little; None without one."""
+    found = list(re.finditer(r'multiplier="([^"]+)"', robot.text))
+    if not found:
+        return None
+    one = found[rng.integers(len(found))]
+    value = float(one.group(1)) + float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-6.0, -1.0))
+    text = f'{robot.text[: one.start()]}multiplier="{value!r}"{robot.text[one.end() :]}'
+    return dataclasses.replace(robot, text=text)
+
+
 def _thickened(text: str, rng: np.random.Generator) -> str:
     """Some shapes are wider, so that links come close to each other."""
 
     def wider(_found: re.Match[str]) -> str:
-        width = round(float(rng.choice([0.015, 0.025, 0.04])), 4)
+        width = round(float(rng.choice([0.002, 0.015, 0.015, 0.025, 0.04])), 4)
         return f'radius="{width}"'
 
     return re.sub(r'radius="0.015"', wider, text)

@@ -20,6 +20,8 @@ from guidefield.messages.values import Placement
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh", "mesh", "cracked", "open", "polygon", "half_space", "cloud")
 AWAY = 0.25
 """How far from a link an obstacle is put, about [m]."""
+THIN, LARGE, DISTANT = 0.15, 0.1, 0.08
+"""Of so many obstacles a side is much shorter, so many are much larger, so many robots stand far from the origin."""
 TRIES = 3
 """How often an obstacle that is too close is pushed away."""
 
@@ -31,6 +33,8 @@ def turned(rng: np.random.Generator) -> tuple[float, ...]:
 
 def obstacle(rng: np.random.Generator, kind: str, name: str, at: np.ndarray, size: float) -> messages.Obstacle:
     """One of a kind about a place [m, world]."""
+    if rng.random() < LARGE:
+        size *= float(10.0 ** rng.uniform(-1.5, 1.5))
     place: dict[str, Any] = {"name": name, "position": tuple(at.tolist()), "quaternion_xyzw": turned(rng)}
     if kind in _MAKERS:
         return _MAKERS[kind](rng, at, size, place)
@@ -46,7 +50,10 @@ def obstacle(rng: np.random.Generator, kind: str, name: str, at: np.ndarray, siz
 
 def _primitive(rng: np.random.Generator, kind: str, size: float, place: dict[str, Any]) -> messages.Obstacle:
     """A box, or a round body."""
-    a, b, c = (size * rng.uniform(0.3, 1.0, 3)).tolist()
+    extents = size * rng.uniform(0.3, 1.0, 3)
+    if rng.random() < THIN:
+        extents[rng.integers(3)] *= 10.0 ** rng.uniform(-4.0, 0.0)
+    a, b, c = extents.tolist()
     if kind == "box":
         return messages.Box(size=(a, b, c), **place)
     if kind == "sphere":
@@ -208,7 +215,8 @@ def placement(rng: np.random.Generator) -> Placement:
     if rng.random() < 0.7:
         return Placement()
     axis = pin.exp3(rng.normal(size=3))
+    away = float(10.0 ** rng.uniform(0.0, 4.0)) if rng.random() < DISTANT / 0.3 else 1.0
     return Placement(
-        tuple(rng.normal(size=3).tolist()),
+        tuple((away * rng.normal(size=3)).tolist()),
         tuple(pin.Quaternion(axis).coeffs().tolist()),  # type: ignore[arg-type]
     )

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from doubting import mutants, robots
@@ -34,6 +35,8 @@ PLANS_REFEREED, MUTANTS_REFEREED = 8, 16
 """Of so many one is put before the referee; of changed motions also each that is refused where samples see room."""
 ROOM = 2e-4
 """What samples see as room [m]."""
+MOST_SHRUNK = 3
+"""So many of a unit are made smaller; the others have the same cause, mostly."""
 NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 """Margins are counted by these [m]."""
 
@@ -86,6 +89,7 @@ class Work:
         if one.request.leave_start_contact and " after " in came.reply.certificate.covers:
             return
         base = mutants.base_of(loaded, one.request, came.reply, came.sampled, came.judge)
+        self._geared(rng, loaded, base.request, origin)
         for number, (kind, request) in enumerate(mutants.drawn(rng, base, changed)):
             if number == 0:
                 asked_too = (self.seed + index) % PLANS_REFEREED == 0
@@ -108,6 +112,19 @@ class Work:
         self.counts[f"mutants {state}"] += 1
         if came.sampled is not None:
             self._count_near(came.sampled, request.min_clearance)
+
+    def _geared(self, rng: np.random.Generator, loaded: Loaded, request: CertifyRequest, origin: str) -> None:
+        """The motion by a robot one of whose followers has another multiplier; once for a robot."""
+        other = robots.geared(rng, loaded.robot)
+        if other is None or "mutant:geared" in self.counts:
+            return
+        try:
+            changed = Loaded.of(other, self.folder / "robots", self.engine)
+        except GuidefieldError as error:
+            self.counts[f"left out:geared robot {type(error).__name__}"] += 1
+            return
+        request = msgspec.structs.replace(request, robot=changed.reference)
+        self._mutant(changed, "geared", request, f"{origin}, geared", asked_too=True)
 
     def _refereed(self, loaded: Loaded, kind: str, request: CertifyRequest, came: Doubted) -> Doubted:
         """The same with what the referee says."""
@@ -150,8 +167,10 @@ class Work:
         if not came.found:
             return
         self.counts["disagreements"] += 1
-        small = shrunk(loaded, request, came.found[0].kind)
-        said = contradicted(loaded, small) or came.found
+        small, said = request, came.found
+        if len(self.files) < MOST_SHRUNK:
+            small = shrunk(loaded, request, came.found[0].kind)
+            said = contradicted(loaded, small) or came.found
         (self.folder / FOUND).mkdir(parents=True, exist_ok=True)
         name = origin.replace("seed ", "").replace(", ", "-").replace(" ", "")
         file = self.folder / FOUND / f"{name}.json"
