@@ -17,6 +17,7 @@ from lxml import etree
 
 from guidefield.collision.world import World
 from guidefield.geometry.closed import boundary, compact
+from guidefield.kept import kept_with
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
 from guidefield.messages.values import Placement
@@ -135,7 +136,7 @@ def _case(motion: Motion) -> dict[str, Any]:
         "min_clearance": motion.min_clearance,
         "path_constraints": _plain(motion.path_constraints),
         "left_out": _left_out(motion),
-        "parts": {"links": _parts_of_links(motion), "objects": _parts_of_objects(motion)},
+        "parts": {"links": _parts_of_links(robot), "objects": _parts_of_objects(motion)},
     }
 
 
@@ -206,12 +207,12 @@ def _left_out(motion: Motion) -> list[list[str]]:
     return [[first, second, why] for (first, second), why in told.items()]
 
 
-def _parts_of_links(motion: Motion) -> dict[str, Any]:
+@kept_with
+def _parts_of_links(robot: RobotModel) -> dict[str, Any]:
     """By collision shape: the hull that contains a mesh, and the mesh closed where it isn't as it is."""
-    held = {one.obstacle.name for one in motion.held}
     parts = {}
-    for shape in motion.world.group.robot.geometry.geometryObjects:
-        if shape.name not in held and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):
+    for shape in robot.geometry.geometryObjects:
+        if shape.meshPath and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):  # what is held has no path
             mesh = shape.geometry
             if isinstance(mesh, coal.Convex):
                 mesh = coal.MeshLoader(coal.BV_OBBRSS).load(shape.meshPath, shape.meshScale)

@@ -52,7 +52,7 @@ def _false_part(case: Case) -> Finding | None:
         for part in body.parts:
             gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in places]
             within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK).all(axis=1)
-        told = [{frozenset(map(tuple, t)) for t in some.tolist()} for some in (body.triangles, body.shell)]
+        told = [{frozenset(map(tuple, t)) for t in a.tolist() if len(body.shell)} for a in (body.triangles, body.shell)]
         whole = {t for t in told[0] if len(t) == 3} <= told[1] and _closed(body.shell)
         if (body.parts and not within.all()) or (len(body.shell) and not whole):
             return Finding(Answer.FALSE_PART, (body.name,))
