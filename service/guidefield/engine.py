@@ -41,6 +41,7 @@ from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
 
 if TYPE_CHECKING:
+    from guidefield.case_file import Motion
     from guidefield.robot.catalog.catalog import Catalog
     from guidefield.robot.model.model import RobotModel
     from guidefield.scene.built import BuiltScenes
@@ -252,6 +253,16 @@ class Engine:
             run.fail(error_reply(unforeseen(error)))
             raise
 
+    def motion_of(self, request: requests.CertifyRequest) -> Motion:
+        """The motion that a certify request is about, for the file that the referee reads.
+
+        Raises:
+            GuidefieldError: if the request is ill-posed.
+        """
+        from guidefield.handlers.certify_case import motion_of
+
+        return motion_of(request, self._robot(request.robot), self._scene(request.scene))
+
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
         from guidefield.handlers.allowance import Allowance
         from guidefield.handlers.kinematics import answer_kinematics
@@ -373,3 +384,12 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Pat
         guidefield.errors.RobotInvalid: there is no robot 'ur55'; did you mean ur5? ...
     """
     return _default().answer(codec.checked(request), record_to=record_to)
+
+
+def motion_of(request: requests.CertifyRequest) -> Motion:
+    """The motion that a certify request is about, for the file that the referee reads.
+
+    Raises:
+        GuidefieldError: if the request is ill-posed.
+    """
+    return _default().motion_of(request)

@@ -13,11 +13,14 @@ from typer.testing import CliRunner
 import guidefield
 from guidefield import run_arrays
 from guidefield.arrays import write_motion
-from guidefield.cli import app
+from guidefield.cli import app, refereeing
 from guidefield.cli.motion_files import fields_of
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject
 from guidefield.messages import codec
+from guidefield.referee.judge import judge
+from guidefield.referee.loading import load
+from guidefield.referee.verdict import Answer, Finding, Verdict
 from guidefield.stores.runs import RunStore
 
 PLAN = {
@@ -133,3 +136,26 @@ def test_what_is_missing_is_told(tmp_path: Path) -> None:
     np.savez(tmp_path / "m.npz", path=np.zeros((2, 1)), position_names=np.array(["elbow_joint"]))
     code, told = run(str(tmp_path / "m.npz"), "--robot", "ur5")
     assert (code, "give --scene" in told) == (2, True)
+
+
+def test_the_referee_judges_as_well(kept: Path, tmp_path: Path) -> None:
+    """A file of the motion is judged alone, too: the one that the command writes."""
+    case = tmp_path / "case.json.xz"
+    code, told = run(str(kept / "motion.csv"), *HERE, "--referee", "--case", str(case))
+    assert code == 0, told
+    assert "referee: free" in told
+    assert "collision-free" in told
+    assert [judge(one).answer for one in load(case)] == [Answer.FREE]
+    code, told = run(str(kept / "motion.csv"), *HERE, "--referee", "--min-clearance", "0.3")
+    assert code == 1
+    assert "referee: closer than required" in told
+    assert "contradict" not in told
+
+
+def test_certifiers_that_contradict_each_other_are_told(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    contact = Verdict(Finding(Answer.CONTACT, ("forearm_link", "board"), 0.5, 0.0))
+    monkeypatch.setattr(refereeing, "judge", lambda case, seconds: contact)
+    code, told = run(str(kept / "motion.csv"), *HERE, "--referee")
+    assert code == 1
+    assert "referee: contact: forearm_link and board at 0.5, 0" in told
+    assert "contradict each other" in told

@@ -24,6 +24,7 @@ from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, RunName, Service, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
+from guidefield.cli.refereeing import refereed
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.tables import certify_table, plan_table
@@ -120,6 +121,12 @@ def certify(
     record: Annotated[
         Path | None, typer.Option(help="Write a recording of the motion here (.rrd).", callback=writable)
     ] = None,
+    referee: Annotated[
+        bool, typer.Option("--referee", help="Ask the second, independent certifier as well; it is slow.")
+    ] = False,
+    case: Annotated[
+        Path | None, typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=writable)
+    ] = None,
     data: Data = None,
     name: Service = "local",
 ) -> None:
@@ -127,7 +134,7 @@ def certify(
 
     Robot, scene and the rest are those of a run, of a recording or of a certify request in JSON, unless given.
 
-    Exit code 0 where it is, 1 where it isn't, 2 for an error.
+    Exit code 0 where it is, 1 where it isn't, 2 for an error. With --referee both certifiers have to say that it is.
     """
     given = {
         "robot": None if robot is None else robot_reference(robot, srdf, package_dir or []),
@@ -139,7 +146,12 @@ def certify(
     }
     request = certify_request(motion, given, allowed_time, data, name)
     compile_kernels(err.print)
-    _report(answer(request, record_to=record), output)
+    reply = answer(request, record_to=record)
+    assert isinstance(reply, CertifyReply), "a certify request was answered"
+    if (referee or case is not None) and not refereed(request, reply, case, asked=referee):
+        _show(reply, output)
+        raise typer.Exit(1)
+    _report(reply, output)
 
 
 @app.command()
@@ -325,14 +337,18 @@ def _read(path: Path) -> requests.Request:
 
 def _report(reply: Reply, output: Path | None) -> NoReturn:
     """Show a reply to a person, write it for a machine, and end with the exit code that it stands for."""
+    _show(reply, output)
+    good = not isinstance(reply, PlanReply | CertifyReply) or reply.status.code == Status.SUCCESS
+    raise typer.Exit(0 if good else 1)
+
+
+def _show(reply: Reply, output: Path | None) -> None:
     if output is not None:
         output.write_text(_as_json(reply) + "\n")
-    if not isinstance(reply, PlanReply | CertifyReply):
-        if output is None:
-            typer.echo(_as_json(reply))
-        raise typer.Exit(0)
-    out.print(plan_table(reply) if isinstance(reply, PlanReply) else certify_table(reply))
-    raise typer.Exit(0 if reply.status.code == Status.SUCCESS else 1)
+    if isinstance(reply, PlanReply | CertifyReply):
+        out.print(plan_table(reply) if isinstance(reply, PlanReply) else certify_table(reply))
+    elif output is None:
+        typer.echo(_as_json(reply))
 
 
 def _as_json(reply: Reply) -> str:
