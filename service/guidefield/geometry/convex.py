@@ -1,4 +1,4 @@
-"""The convex hull of points, and its volume: made by Coal, which does not survive points that are thin or doubled."""
+"""The convex hull of points: made by Coal, which does not survive points that are thin or doubled."""
 
 from __future__ import annotations
 
@@ -24,29 +24,12 @@ def convex_hull(points: Floats) -> Surface:
             neighbours than Coal can count.
     """
     cloud = _distinct(points)
-    rounded, _ = _rounded(cloud)
+    rounded = _rounded(cloud)
     hull = _hull(rounded)
     index = {row.tobytes(): k for k, row in enumerate(rounded)}
     chosen = [index[vertex.tobytes()] for vertex in np.asarray(hull.points())]
     triangles = [[hull.polygons(k)[corner] for corner in range(3)] for k in range(hull.num_polygons)]
     return surface(cloud[chosen], np.array(triangles))
-
-
-def hull_volume(points: Floats) -> float:
-    """Volume of the convex hull of points [m^3], 0 if they lie in a plane.
-
-    Args:
-        points: Shape (n, 3) [m].
-
-    Raises:
-        ValueError: as `convex_hull`, but for points in a plane.
-    """
-    cloud = _distinct(points)
-    try:
-        rounded, unit = _rounded(cloud)
-    except FlatError:
-        return 0.0
-    return float(_hull(rounded).computeVolume()) * unit
 
 
 def convex(vertices: Floats, triangles: np.ndarray) -> Any:
@@ -76,8 +59,8 @@ def _distinct(points: Floats) -> Floats:
     return distinct
 
 
-def _rounded(cloud: Floats) -> tuple[Floats, float]:
-    """The points under a linear map that makes them spread alike in all directions, and what a unit of volume was.
+def _rounded(cloud: Floats) -> Floats:
+    """The points under a linear map that makes them spread alike in all directions.
 
     Their hull has the same triangles; but on a thin plate itself Qhull gives up, and Coal does not survive that.
     """
@@ -86,9 +69,8 @@ def _rounded(cloud: Floats) -> tuple[Floats, float]:
     if len(cloud) < 4 or spread[2] <= _FLAT * spread[0]:
         raise FlatError(f"a convex hull needs points that do not lie in a plane, got {len(cloud)} different ones")
     turn = np.sign(np.linalg.det(axes))
-    scale = np.sqrt(len(cloud))
-    rounded: Floats = turn * offsets @ (axes.T / spread) * scale
-    return rounded, float(np.prod(spread / scale))
+    rounded: Floats = turn * offsets @ (axes.T / spread) * np.sqrt(len(cloud))
+    return rounded
 
 
 def _hull(rounded: Floats) -> Any:

@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings, strategies as st
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import BAND
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.kernels.kinematics.poses import POSE
 from guidefield.messages.requests import UrdfFile, UrdfText
 from guidefield.messages.scene import Scene
 from guidefield.robot.group.group import PlanningGroup

@@ -14,7 +14,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.kernels.collide.layout import BAND
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.kernels.kinematics.poses import POSE
 from guidefield.messages import scene as messages
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select

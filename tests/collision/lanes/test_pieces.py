@@ -12,7 +12,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import BAND
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.packing import packed
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build

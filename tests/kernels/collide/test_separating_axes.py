@@ -12,7 +12,7 @@ from numba import njit
 from guidefield.kernels.collide.gjk import PART, POLYTOPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.separating_axes import away_from_primitive, kept_beyond
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import ALL_LANES, load, store

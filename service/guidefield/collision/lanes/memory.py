@@ -15,7 +15,7 @@ from guidefield.kernels.collide.layout import AXIS_AND_REACH, BALL, GRID_SIDES, 
 from guidefield.kernels.collide.motion_validation import LaneWorld
 from guidefield.kernels.collide.primitive import PRIMITIVE
 from guidefield.kernels.jit.fields import array_types
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words
 from guidefield.kernels.simd.vector_model import LANES

@@ -18,7 +18,7 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
 from guidefield.kernels.distance.point_tree import cloud_of, words_at
 from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import moved
+from guidefield.kernels.kinematics.poses import moved
 from guidefield.kernels.simd.blocks import AROUND
 from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, largest_lane, load, smallest_lane, splat, store
 

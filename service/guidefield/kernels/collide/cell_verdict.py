@@ -15,9 +15,10 @@ from guidefield.kernels.collide.layout import (
     LaneBodies,
     Scratch,
 )
-from guidefield.kernels.collide.separating_axes import no_axis, one_pose, placed
+from guidefield.kernels.collide.separating_axes import no_axis
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.kinematics.poses import one_pose, placed
 from guidefield.kernels.simd.vector import LANES, splat, store
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)

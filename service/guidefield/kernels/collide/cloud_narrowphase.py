@@ -18,7 +18,7 @@ from guidefield.kernels.collide.layout import (
     LaneObstacles,
     Scratch,
 )
-from guidefield.kernels.collide.separating_axes import keep_direction, no_axis, one_pose, placed, turned_back
+from guidefield.kernels.collide.separating_axes import keep_direction, no_axis
 from guidefield.kernels.distance.point_tree import (
     CLOUD_TABLES,
     RADIUS,
@@ -29,6 +29,7 @@ from guidefield.kernels.distance.point_tree import (
     words_at,
 )
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.kinematics.poses import one_pose, placed, turned_back
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector import below, first_lane, load, splat
 

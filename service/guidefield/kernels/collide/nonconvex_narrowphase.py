@@ -32,15 +32,9 @@ from guidefield.kernels.collide.layout import (
     Scratch,
 )
 from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
-from guidefield.kernels.collide.separating_axes import (
-    away_from_primitive,
-    kept_beyond,
-    one_pose,
-    placed,
-    polytope_of,
-    write_separating,
-)
+from guidefield.kernels.collide.separating_axes import away_from_primitive, kept_beyond, polytope_of, write_separating
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.kinematics.poses import one_pose, placed
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector import Vector, first_lane, lane, load, splat
 

@@ -29,11 +29,10 @@ from guidefield.kernels.collide.separating_axes import (
     lowest_ball,
     lowest_vertex,
     no_axis,
-    one_pose,
     polytope_of,
-    turned_axis,
 )
 from guidefield.kernels.jit.signatures import lane_step
+from guidefield.kernels.kinematics.poses import one_pose, turned_axis
 from guidefield.kernels.simd.vector import below, first_lane, lane, splat
 
 

@@ -15,18 +15,9 @@ from guidefield.kernels.collide.layout import (
     LaneBodies,
     Scratch,
 )
-from guidefield.kernels.collide.separating_axes import (
-    keep_axis,
-    lowest_ball,
-    lowest_vertex,
-    no_axis,
-    one_pose,
-    polytope_of,
-    turned_axis,
-    write_turned,
-)
+from guidefield.kernels.collide.separating_axes import keep_axis, lowest_ball, lowest_vertex, no_axis, polytope_of
 from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE, moved
+from guidefield.kernels.kinematics.poses import POSE, moved, one_pose, turned, turned_axis, write_turned
 from guidefield.kernels.simd.vector import below, first_lane, load, splat
 
 
@@ -60,9 +51,7 @@ def _left_of_axis(
         return mask
     x, y, z = np.float32(axes[at]), np.float32(axes[at + 1]), np.float32(axes[at + 2])
     a = joint_a * POSE
-    u = load(poses, a) * x + load(poses, a + 16) * y + load(poses, a + 32) * z
-    v = load(poses, a + 64) * x + load(poses, a + 80) * y + load(poses, a + 96) * z
-    w = load(poses, a + 128) * x + load(poses, a + 144) * y + load(poses, a + 160) * z
+    u, v, w = turned(poses, joint_a, x, y, z)
     lowest = load(poses, a + 48) * u + load(poses, a + 112) * v + load(poses, a + 176) * w - axes[at + 3]
     u, v, w, origin = turned_axis(poses, joint_b, -u, -v, -w)
     lowest, enough = lowest + origin, splat(BAND)

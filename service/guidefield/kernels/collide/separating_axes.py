@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import int64
@@ -12,7 +11,7 @@ from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, POLYTOPE, Parts,
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, LaneBodies
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, HALF_SPACE
 from guidefield.kernels.jit.signatures import Floats, Floats32, Integers, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import POSE
+from guidefield.kernels.kinematics.poses import turned_axis, turned_back
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector import (
     LANES,
@@ -20,7 +19,6 @@ from guidefield.kernels.simd.vector import (
     below,
     f32x16,
     largest_of,
-    load,
     magnitude,
     root,
     smallest_of,
@@ -29,80 +27,10 @@ from guidefield.kernels.simd.vector import (
 
 
 @lane_part
-def one_pose(poses: Floats32, joint: int, chosen: int, pose_out: Floats) -> None:
-    """A joint's placement in one lane.
-
-    Args:
-        poses: Placements in lanes, shape (joints * POSE,).
-        joint: Which joint.
-        chosen: Which lane.
-        pose_out: Rotation and translation [m], row by row, shape (12,).
-    """
-    for entry in range(12):
-        pose_out[entry] = poses[joint * POSE + entry * LANES + chosen]
-
-
-@lane_part
-def placed(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Where a pose (12,) has a point, or sixteen of them [m]."""
-    return (
-        x * pose[0] + y * pose[1] + z * pose[2] + pose[3],
-        x * pose[4] + y * pose[5] + z * pose[6] + pose[7],
-        x * pose[8] + y * pose[9] + z * pose[10] + pose[11],
-    )
-
-
-@lane_part
-def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: int) -> None:
-    """Write the rotation of a pose times three numbers.
-
-    Args:
-        pose: Rotation and translation, row by row, shape (12,).
-        source: The numbers, from `start` on, shape (n,).
-        start: Where they are.
-        target: Gets the product, shape (m,).
-        at: Where.
-    """
-    x, y, z = source[start], source[start + 1], source[start + 2]
-    for r in range(3):
-        target[at + r] = pose[4 * r] * x + pose[4 * r + 1] * y + pose[4 * r + 2] * z
-
-
-@lane_part
-def turned_back(pose: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """The inverse rotation of a pose (12,) times three numbers."""
-    return (
-        pose[0] * x + pose[4] * y + pose[8] * z,
-        pose[1] * x + pose[5] * y + pose[9] * z,
-        pose[2] * x + pose[6] * y + pose[10] * z,
-    )
-
-
-@lane_part
 def polytope_of(parts: Parts, root: int) -> int:
     """The polytope that a body is or is contained in, as a part; -1 if there is none."""
     part = parts.links[3 * root + 2]
     return part if part >= 0 and parts.shapes[3 * part] == POLYTOPE else -1
-
-
-@lane_part
-def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    """An axis in the world in a joint's frame, and the place of that frame's origin along it [m].
-
-    Args:
-        poses: Placements in lanes, shape (joints * POSE,).
-        joint: Which joint.
-        u: The axis' x in the world, with v and w.
-        v: Its y.
-        w: Its z.
-    """
-    at = joint * POSE
-    return (
-        load(poses, at) * u + load(poses, at + 64) * v + load(poses, at + 128) * w,
-        load(poses, at + 16) * u + load(poses, at + 80) * v + load(poses, at + 144) * w,
-        load(poses, at + 32) * u + load(poses, at + 96) * v + load(poses, at + 160) * w,
-        load(poses, at + 48) * u + load(poses, at + 112) * v + load(poses, at + 176) * w,
-    )
 
 
 @lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))

@@ -33,6 +33,7 @@ from guidefield.kernels.jit.signatures import (
     Floats,
     compiled,
 )
+from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 
 BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD = range(7)
 """Kinds of bodies."""
@@ -123,12 +124,7 @@ def body_distance(
         a value that is not below it.
     """
     T = tables.placements[body]
-    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
-    p = (
-        T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz,
-        T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz,
-        T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz,
-    )
+    p = moved_back_by(T, x, y, z)
     gap = box_gap_squared(p[0], p[1], p[2], tables.bounds, body)
     if gap > 0.0 and (cutoff <= 0.0 or gap >= cutoff * cutoff):
         return math.inf, 0.0, 0.0, 0.0
@@ -151,12 +147,8 @@ def body_distance(
         span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
         reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
         d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
-    return (
-        d,
-        T[0, 0] * nx + T[0, 1] * ny + T[0, 2] * nz,
-        T[1, 0] * nx + T[1, 1] * ny + T[1, 2] * nz,
-        T[2, 0] * nx + T[2, 1] * ny + T[2, 2] * nz,
-    )
+    nx, ny, nz = turned_by(T, nx, ny, nz)
+    return d, nx, ny, nz
 
 
 @uncounted
@@ -171,11 +163,7 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
         tables: The bodies.
         reach: Distance [m].
     """
-    T = tables.placements[body]
-    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
-    px = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
-    py = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
-    pz = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
+    px, py, pz = moved_back_by(tables.placements[body], x, y, z)
     return box_gap_squared(px, py, pz, tables.bounds, body) < reach * reach
 
 

@@ -32,6 +32,7 @@ from guidefield.kernels.jit.signatures import (
     optimized,
 )
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements
+from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import lanes_of, load, select, total
 
 
@@ -71,8 +72,7 @@ def place_points(robot: Any, world: Floats, points_out: Floats) -> None:
     for i in range(points_out.shape[1]):
         source = min(i, count - 1)
         T, p = world[robot.point_joints[source]], robot.points[source]
-        for r in range(3):
-            points_out[r, i] = T[r, 0] * p[0] + T[r, 1] * p[1] + T[r, 2] * p[2] + T[r, 3]
+        points_out[0, i], points_out[1, i], points_out[2, i] = moved_by(T, p[0], p[1], p[2])
 
 
 @inlined
@@ -109,13 +109,7 @@ def _first_moving(robot: Any) -> int:
 @inlined
 def ends_at(capsule: Floats, T: Floats) -> Any:
     """A capsule's ends [m], its row of `ChargedRobot.capsules` (7,) moved by its joint's placement (3, 4)."""
-    a0 = T[0, 0] * capsule[0] + T[0, 1] * capsule[1] + T[0, 2] * capsule[2] + T[0, 3]
-    a1 = T[1, 0] * capsule[0] + T[1, 1] * capsule[1] + T[1, 2] * capsule[2] + T[1, 3]
-    a2 = T[2, 0] * capsule[0] + T[2, 1] * capsule[1] + T[2, 2] * capsule[2] + T[2, 3]
-    b0 = T[0, 0] * capsule[3] + T[0, 1] * capsule[4] + T[0, 2] * capsule[5] + T[0, 3]
-    b1 = T[1, 0] * capsule[3] + T[1, 1] * capsule[4] + T[1, 2] * capsule[5] + T[1, 3]
-    b2 = T[2, 0] * capsule[3] + T[2, 1] * capsule[4] + T[2, 2] * capsule[5] + T[2, 3]
-    return a0, a1, a2, b0, b1, b2
+    return moved_by(T, capsule[0], capsule[1], capsule[2]) + moved_by(T, capsule[3], capsule[4], capsule[5])
 
 
 @inlined

@@ -8,12 +8,10 @@ from numba import int64, void
 
 from guidefield.kernels.jit.fields import Indices, Singles, numba_type
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
+from guidefield.kernels.kinematics.poses import POSE, moved_row
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
 from guidefield.kernels.simd.vector import LANES, Vector, load, splat, store
-
-POSE = 12 * LANES
-"""Floats of sixteen placements: rotation and translation row by row, each number in sixteen lanes."""
 
 TURNING, SLIDING, PLANAR, BALL, FLOATING = range(5)
 """Kinds of joints: about z; along z; along x and y and about z; about a point; all of these. The frame of a joint with
@@ -53,25 +51,6 @@ LANE_JOINTS = numba_type(LaneJoints)
 JOINTS = pointed(LANE_JOINTS)
 
 
-@lane_part
-def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
-    """Where a point of a joint's moved frame is in the world, at each of sixteen placements [m].
-
-    Args:
-        poses: Placements in lanes, shape (joints * POSE,).
-        joint: Which joint.
-        x: The point in the joint's frame [m], with y and z.
-        y: See x.
-        z: See x.
-    """
-    at = joint * POSE
-    return (
-        load(poses, at) * x + load(poses, at + 16) * y + load(poses, at + 32) * z + load(poses, at + 48),
-        load(poses, at + 64) * x + load(poses, at + 80) * y + load(poses, at + 96) * z + load(poses, at + 112),
-        load(poses, at + 128) * x + load(poses, at + 144) * y + load(poses, at + 160) * z + load(poses, at + 176),
-    )
-
-
 @lane_step(void(FLOAT_POINTER))
 def _place_world(poses_out: Floats32) -> None:
     """Write the world's own placement, the identity, into the first place."""
@@ -82,9 +61,7 @@ def _place_world(poses_out: Floats32) -> None:
 @lane_part
 def _shifted(poses: Floats32, row: int, numbers: Floats32, base: int) -> Vector:
     """A number of the place of a joint whose parent's placement has its row there."""
-    x, y, z = numbers[base + 3], numbers[base + 7], numbers[base + 11]
-    t = load(poses, row) * x + load(poses, row + 16) * y + load(poses, row + 32) * z
-    return t + load(poses, row + 48)
+    return moved_row(poses, row, numbers[base + 3], numbers[base + 7], numbers[base + 11])
 
 
 @lane_part

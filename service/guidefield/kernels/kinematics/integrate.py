@@ -29,6 +29,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     SPHERICAL,
     JointTable,
 )
+from guidefield.kernels.kinematics.poses import moved_by
 
 _SMALL = 1e-4
 """Below this angle series stand for sine and cosine [rad]: off by less than rounding."""
@@ -188,12 +189,8 @@ def clamp(mover: Mover, q: Floats, scratch: Floats) -> bool:
 @inlined
 def tip_position(mover: Mover, world: Floats) -> Vector3:
     """Where the tip is [m], from placements of joints, shape (n, 3, 4), and in their frame."""
-    T, p = world[mover.tip_joint], mover.tip
-    return (
-        T[0, 0] * p[0, 3] + T[0, 1] * p[1, 3] + T[0, 2] * p[2, 3] + T[0, 3],
-        T[1, 0] * p[0, 3] + T[1, 1] * p[1, 3] + T[1, 2] * p[2, 3] + T[1, 3],
-        T[2, 0] * p[0, 3] + T[2, 1] * p[1, 3] + T[2, 2] * p[2, 3] + T[2, 3],
-    )
+    p = mover.tip
+    return moved_by(world[mover.tip_joint], p[0, 3], p[1, 3], p[2, 3])
 
 
 @inlined

@@ -11,8 +11,9 @@ import math
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, nearest_body
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
+from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.relax.barrier import barrier, deficit
-from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, moved, place, workspace
+from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, place, workspace
 from guidefield.kernels.relax.verlet_list import NearBodies, bodies_that_count, remembered_bodies
 
 
@@ -55,7 +56,7 @@ def obstacle_barrier(
         for i in range(first, last):
             if work.gaps[i] >= farthest * farthest:
                 continue
-            x, y, z = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            x, y, z = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d, nx, ny, nz, body = nearest_body(x, y, z, work.candidates, count, tables, farthest)
             if body < 0:
                 continue
@@ -94,6 +95,6 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
         count = bodies_that_count(robot, tables, g, max(best, 0.0), work)
         T = work.world[robot.groups[g, 0]]
         for i in range(robot.groups[g, 1], robot.groups[g, 2]):
-            x, y, z_ = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            x, y, z_ = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             best = min(best, nearest_body(x, y, z_, work.candidates, count, tables, best)[0])
     return best

@@ -10,9 +10,10 @@ from numba import types
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats, Vector3
+from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements, motion_subspaces
+from guidefield.kernels.kinematics.poses import moved_by
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 
@@ -113,23 +114,6 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
 
 
 @uncounted
-def moved(T: Floats, x: float, y: float, z: float) -> Vector3:
-    """Where a point of a placed frame is in the world [m].
-
-    Args:
-        T: Placement of the frame, shape (3, 4) [m].
-        x: The point in the frame [m], with y and z.
-        y: See x.
-        z: See x.
-    """
-    return (
-        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
-        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
-        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
-    )
-
-
-@uncounted
 def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     """Placements of joints, motion subspaces by the chart of the model, and centres of balls, into the scratch.
 
@@ -154,7 +138,7 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
 @uncounted
 def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
     """The centre of a ball of a placed frame in the world."""
-    centre_out[0], centre_out[1], centre_out[2] = moved(T, ball[0], ball[1], ball[2])
+    centre_out[0], centre_out[1], centre_out[2] = moved_by(T, ball[0], ball[1], ball[2])
 
 
 @uncounted

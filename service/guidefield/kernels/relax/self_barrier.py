@@ -13,13 +13,13 @@ from numba import void
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, body_distance, bounds_near
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled
+from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.relax.barrier import barrier
 from guidefield.kernels.relax.sampled_robot import (
     ROBOT,
     SampledRobot,
     Workspace,
     lower_gaps,
-    moved,
     place,
     place_link,
     workspace,
@@ -57,7 +57,7 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
         for i in range(first, last):
             if work.gaps[i] >= reach * reach:
                 continue
-            p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach, reach)
             if d < reach:
                 value, slope, curvature = barrier(d, reach)
@@ -111,7 +111,7 @@ def _pair_distances(robot: SampledRobot, work: Workspace, distances_out: Floats)
         place_link(robot, other, work)
         distances_out[k] = math.inf
         for i in range(robot.groups[g, 1], robot.groups[g, 3]):
-            p = moved(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d = body_distance(p[0], p[1], p[2], other, links, best, best)[0]
             if d < best:
                 best = d

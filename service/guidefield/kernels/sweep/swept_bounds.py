@@ -21,6 +21,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     JointTable,
     motion_subspaces,
 )
+from guidefield.kernels.kinematics.poses import moved_by
 
 
 class SweptRobot(NamedTuple):
@@ -101,10 +102,9 @@ def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
     """
     for c in range(robot.capsules.shape[0]):
         T = world[robot.carriers[c]]
-        for e in range(2):
-            x, y, z = robot.capsules[c, 3 * e], robot.capsules[c, 3 * e + 1], robot.capsules[c, 3 * e + 2]
-            for r in range(3):
-                ends_out[c, 3 * e + r] = T[r, 0] * x + T[r, 1] * y + T[r, 2] * z + T[r, 3]
+        for e in (0, 3):
+            x, y, z = robot.capsules[c, e], robot.capsules[c, e + 1], robot.capsules[c, e + 2]
+            ends_out[c, e], ends_out[c, e + 1], ends_out[c, e + 2] = moved_by(T, x, y, z)
 
 
 @inlined
