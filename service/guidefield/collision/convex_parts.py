@@ -14,7 +14,20 @@ import pinocchio as pin
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree, spread_points
-from guidefield.kernels.collide.gjk import PART, POLYTOPE, SURFACE, TRIANGLE, Parts
+from guidefield.kernels.collide.parts import (
+    DISC,
+    HALF_LENGTH,
+    LINK,
+    OWN,
+    PART,
+    PLANE_OFFSET,
+    POLYTOPE,
+    ROUND,
+    SHAPE,
+    SURFACE,
+    TRIANGLE,
+    Parts,
+)
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
@@ -54,17 +67,17 @@ class PartsTable:
             corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * np.array(shape.halfSide)
             return self._polytope(_moved(placement, corners))
         if isinstance(shape, coal.Cylinder):
-            numbers[12], numbers[14] = shape.radius, shape.halfLength
+            numbers[DISC], numbers[HALF_LENGTH] = shape.radius, shape.halfLength
             return self._single(CYLINDER, numbers, centre, float(np.hypot(shape.radius, shape.halfLength)))
         if isinstance(shape, coal.Capsule):
-            numbers[14], numbers[15] = shape.halfLength, shape.radius
+            numbers[HALF_LENGTH], numbers[ROUND] = shape.halfLength, shape.radius
             return self._single(CAPSULE, numbers, centre, shape.halfLength + shape.radius)
         if isinstance(shape, coal.Sphere):
-            numbers[15] = shape.radius
+            numbers[ROUND] = shape.radius
             return self._single(CAPSULE, numbers, centre, shape.radius)
         if isinstance(shape, coal.Halfspace):
             normal = placement.rotation @ shape.n
-            numbers[:4] = *normal, shape.d + normal @ centre
+            numbers[: PLANE_OFFSET + 1] = *normal, shape.d + normal @ centre
             return self._single(HALF_SPACE, numbers, centre, np.inf)
         raise UnservedError(type(shape).__name__)
 
@@ -90,7 +103,7 @@ class PartsTable:
     def _mesh(self, mesh: MeshTree, placement: Any) -> int:
         """Add a mesh that stands at a pinocchio.SE3 in its body; the root of its tree."""
         alone, root = _mesh_alone(mesh, placement), self._n_nodes
-        links, shapes = alone.links.reshape(-1, 3), alone.shapes.reshape(-1, 3)
+        links, shapes = alone.links.reshape(-1, LINK), alone.shapes.reshape(-1, SHAPE)
         self._balls.append(alone.balls)
         self._links.append((links + np.where(links >= 0, [root, root, self._n_parts], 0)).ravel())
         self._shapes.append((shapes + np.array([0, self._n_blocks, 0])).ravel())
@@ -113,9 +126,9 @@ class PartsTable:
         self._n_parts, self._n_nodes = count, len(mesh.balls)
         for nodes, members in mesh.clusters:
             corners = corners_of_clusters(mesh.corners, members)
-            links[nodes, 2] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
+            links[nodes, OWN] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
         for node, hull in mesh.hulls.items():
-            links[node, 2] = self._add_hull(POLYTOPE, _moved(placement, hull))
+            links[node, OWN] = self._add_hull(POLYTOPE, _moved(placement, hull))
             if len(mesh.pieces) > 1 and node in mesh.pieces:
                 self._add_hull(SURFACE, _moved(placement, spread_points(mesh, node)))
         self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())

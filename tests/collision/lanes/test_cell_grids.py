@@ -10,8 +10,18 @@ import pytest
 from guidefield.collision.lanes.cell_grids import MOST_LARGEST, ROOM
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, START, TOGETHER, TOUCHING, UNJUDGED, UNKNOWN
-from guidefield.kernels.collide.layout import CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES, LaneBodies
+from guidefield.kernels.collide.cell_verdict import APART, TOUCHING, UNJUDGED, UNKNOWN
+from guidefield.kernels.collide.layout import (
+    CHILDREN,
+    DIVIDED,
+    GRID_NUMBERS,
+    GRID_PLACES,
+    GRID_SIDES,
+    LEVELS,
+    START,
+    TOGETHER,
+    LaneBodies,
+)
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.group import PlanningGroup

@@ -11,7 +11,7 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.world import World
-from guidefield.kernels.collide.gjk import PART
+from guidefield.kernels.collide.parts import PART
 from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import packed

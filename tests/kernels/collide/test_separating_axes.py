@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numba import njit
 
-from guidefield.kernels.collide.gjk import PART, POLYTOPE, Parts
-from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
-from guidefield.kernels.collide.separating_axes import away_from_primitive, kept_beyond
+from guidefield.kernels.collide.parts import PART, POLYTOPE, Parts
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE, away_from_primitive
+from guidefield.kernels.collide.separating_axes import kept_beyond
 from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import pointers

@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.collide.layout import BAND, CHILDREN, GRID_NUMBERS, GRID_PLACES, GRID_SIDES
-from guidefield.kernels.kinematics.batch_forward_kinematics import JOINT, SLIDING, TURNING, LaneJoints
+from guidefield.kernels.kinematics.batch_forward_kinematics import (
+    JOINT,
+    MULTIPLIER,
+    OFFSET,
+    SLIDING,
+    TURNING,
+    LaneJoints,
+)
 
 LARGEST = (1, 1 << 12, 1 << 18, 1 << 18)
 """The largest cells of a grid over so many coordinates, at most."""
@@ -159,15 +166,15 @@ def _sides(
         )  # from the axis of the carrier, which is z
         beyond = float((np.linalg.norm(centres, axis=1) + radii).max())
         for joint in way:
-            driver, factor = int(joints.drivers[joint]), abs(float(numbers[joint, 12]))
+            driver, factor = int(joints.drivers[joint]), abs(float(numbers[joint, MULTIPLIER]))
             turning = joints.kinds[joint] == TURNING
             levers[driver] = levers.get(driver, 0.0) + factor * (reach if turning else 1.0)
             wraps[driver] = wraps.get(driver, True) and bool(turning) and factor == 1.0
             # what the joint above turns is as far from it at most
             beyond += float(np.linalg.norm(numbers[joint, [3, 7, 11]]))
             if not turning:
-                ends = ranges[driver] * numbers[joint, 12] if factor > 0.0 else np.zeros(2)
-                beyond += float(np.abs(ends + numbers[joint, 13]).max())
+                ends = ranges[driver] * numbers[joint, MULTIPLIER] if factor > 0.0 else np.zeros(2)
+                beyond += float(np.abs(ends + numbers[joint, OFFSET]).max())
             reach = beyond
     sides = []
     for driver in sorted(driver for driver in levers if levers[driver] > 0.0):

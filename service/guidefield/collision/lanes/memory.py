@@ -10,9 +10,19 @@ import numpy as np
 from guidefield.collision.lanes.robot_tables import LaneRobot
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE
-from guidefield.kernels.collide.gjk import PART, WORK, Parts
-from guidefield.kernels.collide.layout import AXIS_AND_REACH, BALL, GRID_SIDES, HITS, LaneObstacles, Scratch
+from guidefield.kernels.collide.balls import BALL_ROW
+from guidefield.kernels.collide.gjk import WORK
+from guidefield.kernels.collide.layout import (
+    AXIS_AND_REACH,
+    FOUND,
+    GRID_SIDES,
+    HIT,
+    HITS,
+    LaneObstacles,
+    Scratch,
+)
 from guidefield.kernels.collide.motion_validation import LaneWorld
+from guidefield.kernels.collide.parts import LINK, PART, SHAPE, Parts
 from guidefield.kernels.collide.primitive import PRIMITIVE
 from guidefield.kernels.jit.fields import array_types
 from guidefield.kernels.kinematics.poses import POSE
@@ -61,11 +71,11 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
     lengths = {
         "poses": poses,
         "block": nv * LANES,
-        "centres": robot.bodies.carriers * BALL,
+        "centres": robot.bodies.carriers * BLOCK,
         "places": (GRID_SIDES + 1) * LANES,
-        "hits": 3 * HITS,
+        "hits": HIT * HITS,
         "tested": met,
-        "found": 3 * (met + own_pairs + 1),
+        "found": FOUND * (met + own_pairs + 1),
         "pose_a": 12,
         "pose_b": 12,
         "work": WORK,
@@ -92,9 +102,9 @@ def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
         "primitives": PRIMITIVE * primitives,
         "boxes": -(-obstacles // LANES) * AROUND,
         "clouds": primitives,
-        "balls": 4 * primitives,
-        "links": 3 * primitives,
-        "shapes": 3 * primitives,
+        "balls": BALL_ROW * primitives,
+        "links": LINK * primitives,
+        "shapes": SHAPE * primitives,
         "numbers": PART * primitives,
         "vertices": BLOCK * primitives,
     }

@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.cell_grids import lane_grids
-from guidefield.kernels.collide.gjk import Parts
 from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
+from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 from guidefield.kernels.kinematics import forward_kinematics
 from guidefield.kernels.kinematics.batch_forward_kinematics import (
@@ -25,6 +25,7 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     PARALLEL,
     PLAIN,
     PLANAR,
+    QUATERNION,
     SLIDING,
     SQUARE,
     TURNING,
@@ -237,7 +238,7 @@ def turned_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
     for i in np.flatnonzero(joints.kinds >= BALL).tolist():
         planned = group.space.joints[group.space.getJointId(group.model.names[i])]
         quaternion = group.q_origin[planned.idx_q : planned.idx_q + planned.nq][-4:]
-        numbers[i, 12:] = quaternion / np.linalg.norm(quaternion)
+        numbers[i, QUATERNION:] = quaternion / np.linalg.norm(quaternion)
     numbers.setflags(write=False)
     return joints._replace(numbers=numbers.ravel())
 

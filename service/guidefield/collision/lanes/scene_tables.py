@@ -15,9 +15,10 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.memory import scene_memory
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import SCENE_WORDS
-from guidefield.kernels.collide.gjk import Parts
+from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
-from guidefield.kernels.collide.primitive import BOX, PRIMITIVE
+from guidefield.kernels.collide.parts import LINK, SHAPE, Parts
+from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import PLACED, primitive_tables
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import Words, packed
@@ -154,13 +155,13 @@ def _tables(obstacle: Obstacle) -> _Tables:
     rows = np.array([row for *_, row in stand_ins]).reshape(-1, PRIMITIVE)
     boxes = np.array([_box(row) for *_, row in stand_ins]).reshape(-1, 6)
     return _Tables(
-        (len(places), len(parts.balls) // 4, len(parts.shapes) // 3, len(parts.vertices) // BLOCK),
+        (len(places), len(parts.balls) // BALL_ROW, len(parts.shapes) // SHAPE, len(parts.vertices) // BLOCK),
         places,
         rows.astype(np.float32),
         boxes.astype(np.float32),
         parts.balls,
-        parts.links.reshape(-1, 3),
-        parts.shapes.reshape(-1, 3),
+        parts.links.reshape(-1, LINK),
+        parts.shapes.reshape(-1, SHAPE),
         parts.numbers,
         parts.vertices,
     )
@@ -217,12 +218,13 @@ def _cluster(corners: np.ndarray, table: PartsTable) -> tuple[int, bool, int, np
 
 def _box(row: np.ndarray) -> np.ndarray:
     """The box along the world's axes about a box or ball: the least x, y, z, then the largest."""
-    reach = np.abs(row[:9].reshape(3, 3).T) @ row[12:15] + row[15]
-    return np.concatenate([row[9:12] - reach, row[9:12] + reach])
+    reach = np.abs(row[:CENTRE].reshape(3, 3).T) @ row[HALVES:ROUND] + row[ROUND]
+    centre = row[CENTRE:HALVES]
+    return np.concatenate([centre - reach, centre + reach])
 
 
 def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:
     """The numbers of a primitive, as `collide.primitive` has them."""
     row = np.empty(PRIMITIVE)
-    row[:9], row[9:12], row[12:15], row[15] = axes.ravel(), centre, halves, radius
+    row[:CENTRE], row[CENTRE:HALVES], row[HALVES:ROUND], row[ROUND] = axes.ravel(), centre, halves, radius
     return row

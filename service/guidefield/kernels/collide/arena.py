@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.collide.gjk import Parts
-from guidefield.kernels.collide.layout import HITS, LaneObstacles, Scratch
+from guidefield.kernels.collide.layout import HIT, HITS, LaneObstacles, Scratch
+from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, INDICES_OUT, compiled
 from guidefield.kernels.simd.packing import Words
 
@@ -59,7 +59,7 @@ def lay_out(
     for k in range(MEMORY_WORDS):
         words[first + SCENE_WORDS + k] = start + offsets[1 + k]
     at = (begins + offsets[_HITS]) // 8
-    memory[at : at + 3 * HITS] = -1
+    memory[at : at + HIT * HITS] = -1
     at, count = (begins + offsets[0]) // 8, 0
     for p in range(len(mixed)):
         count = max(count, mixed[p, 1] + 1 - bodies)

@@ -11,41 +11,51 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
+from guidefield.kernels.collide.balls import ball_centre, ball_radius, balls_meet
 from guidefield.kernels.collide.broadphase import (
-    ball_centre,
     boxes_near,
+    carrier_centre,
     near_obstacle,
     near_obstacle_of,
     place_carriers,
 )
 from guidefield.kernels.collide.cloud_narrowphase import meets_cloud
-from guidefield.kernels.collide.gjk import POINTED_PARTS, Parts
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
     BODIES,
+    BODY,
     CLOUD,
+    FOUND,
+    HIT,
     HITS,
+    MASK,
+    OBSTACLE,
     OBSTACLES,
     SCRATCH_MEMORY,
     LaneBodies,
     LaneObstacles,
     Scratch,
+    carriers_of,
+    pair_of,
+    pairs_of,
+    write_found,
 )
 from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_obstacle
+from guidefield.kernels.collide.parts import POINTED_PARTS, Parts
 from guidefield.kernels.collide.self_collision_cache import left_of_cells
 from guidefield.kernels.collide.self_narrowphase import pair_meets
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, Integers, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, load, splat
+from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, splat
 
 
 @lane_part
 def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
     """Move the hits before one of them on to its place, and put another in front."""
-    for k in range(3 * last + 2, 2, -1):
-        hits[k] = hits[k - 3]
-    hits[0], hits[1], hits[2] = body, o, ball
+    for k in range(HIT * last + HIT - 1, HIT - 1, -1):
+        hits[k] = hits[k - HIT]
+    hits[BODY], hits[OBSTACLE], hits[BALL] = body, o, ball
 
 
 @lane_part
@@ -53,11 +63,11 @@ def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
     """Whether one of the inner balls that met an obstacle lately meets the same again."""
     poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
     for k in range(HITS):
-        body, o, ball = hits[3 * k], hits[3 * k + 1], hits[3 * k + 2]
+        body, o, ball = hits[HIT * k + BODY], hits[HIT * k + OBSTACLE], hits[HIT * k + BALL]
         if body < 0:
             return False
         x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
-        if near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, ALL_LANES):
+        if near_obstacle(obstacles, o, x, y, z, ball_radius(inner, ball) + clearance - BAND, ALL_LANES):
             _put_first(hits, body, o, ball, k)
             return True
     return False
@@ -78,17 +88,10 @@ def _met_inside(
     poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = ball_centre(poses, joint, inner, ball)
-        if near & near_obstacle_of(cloudy, obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, near):
+        if near & near_obstacle_of(cloudy, obstacles, o, x, y, z, ball_radius(inner, ball) + clearance - BAND, near):
             _put_first(scratch.hits, body, o, ball, HITS - 1)
             return True
     return False
-
-
-@lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
-def _inner_meets_cloud(
-    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
-) -> bool:
-    return bool(_met_inside(True, bodies, body, obstacles, o, near, clearance, scratch))
 
 
 @lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
@@ -97,7 +100,7 @@ def _inner_meets(
 ) -> bool:
     """Whether a ball inside a body meets an obstacle in any of some lanes."""
     if obstacles.kinds[o] == CLOUD:
-        return bool(_inner_meets_cloud(bodies, body, obstacles, o, near, clearance, scratch))
+        return bool(_met_inside(True, bodies, body, obstacles, o, near, clearance, scratch))
     return bool(_met_inside(False, bodies, body, obstacles, o, near, clearance, scratch))
 
 
@@ -109,8 +112,8 @@ def _near_obstacles(
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
     members, order, count = bodies.members, bodies.order, 0
     for c in range(bodies.moving):
-        x, y, z = load(centres, c * BALL), load(centres, c * BALL + LANES), load(centres, c * BALL + 2 * LANES)
-        reach, several = bodies.around[4 * c + 3] + clearance + BAND, members[c + 1] - members[c] > 1
+        x, y, z = carrier_centre(centres, c)
+        reach, several = ball_radius(bodies.around, c) + clearance + BAND, members[c + 1] - members[c] > 1
         for block in range((n + LANES - 1) // LANES):
             candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
             while candidates:
@@ -126,7 +129,7 @@ def _near_obstacles(
                     near = mask
                     if several:
                         u, v, w = ball_centre(poses, bodies.joints[body], bounds, body)
-                        near &= near_obstacle(obstacles, o, u, v, w, bounds[4 * body + 3] + clearance + BAND, near)
+                        near &= near_obstacle(obstacles, o, u, v, w, ball_radius(bounds, body) + clearance + BAND, near)
                         if near == 0:
                             continue
                     looked_for = likely and obstacles.whole[o]
@@ -136,8 +139,7 @@ def _near_obstacles(
                         near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
                     if near == 0:
                         continue
-                    found[3 * count], found[3 * count + 1], found[3 * count + 2] = body, o, near
-                    count += 1
+                    count = write_found(found, count, body, o, near)
     return count
 
 
@@ -158,22 +160,15 @@ def _met_by_cover(
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
         x, y, z = ball_centre(poses, joint, grouped, group)
         lanes = near & ~mask
-        lanes &= near_obstacle_of(cloudy, obstacles, o, x, y, z, grouped[4 * group + 3] + reach, lanes)
+        lanes &= near_obstacle_of(cloudy, obstacles, o, x, y, z, ball_radius(grouped, group) + reach, lanes)
         if not lanes:
             continue
         for ball in range(covers[group], covers[group + 1]):
             x, y, z = ball_centre(poses, joint, cover, ball)
-            mask |= lanes & near_obstacle_of(cloudy, obstacles, o, x, y, z, cover[4 * ball + 3] + reach, lanes)
+            mask |= lanes & near_obstacle_of(cloudy, obstacles, o, x, y, z, ball_radius(cover, ball) + reach, lanes)
         if mask == near:
             break
     return int(mask)
-
-
-@lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
-def _cover_meets_cloud(
-    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
-) -> int:
-    return int(_met_by_cover(True, bodies, body, obstacles, o, near, clearance, scratch))
 
 
 @lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
@@ -182,7 +177,7 @@ def _cover_meets(
 ) -> int:
     """The lanes of some where a ball of a body's cover meets an obstacle."""
     if obstacles.kinds[o] == CLOUD:
-        return int(_cover_meets_cloud(bodies, body, obstacles, o, near, clearance, scratch))
+        return int(_met_by_cover(True, bodies, body, obstacles, o, near, clearance, scratch))
     return int(_met_by_cover(False, bodies, body, obstacles, o, near, clearance, scratch))
 
 
@@ -193,11 +188,11 @@ def _undecided_obstacles(
     """Keep of what is near only what the covers can't tell apart; how many."""
     found, kept = scratch.found, 0
     for entry in range(count):
-        body, o = found[3 * entry], found[3 * entry + 1]
-        mask = _cover_meets(bodies, body, obstacles, o, found[3 * entry + 2], clearance, scratch)
+        at = FOUND * entry
+        body, o = found[at + BODY], found[at + OBSTACLE]
+        mask = _cover_meets(bodies, body, obstacles, o, found[at + MASK], clearance, scratch)
         if mask:
-            found[3 * kept], found[3 * kept + 1], found[3 * kept + 2] = body, o, mask
-            kept += 1
+            kept = write_found(found, kept, body, o, mask)
     return kept
 
 
@@ -211,11 +206,11 @@ def _near_pairs(
     """
     poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
     for meeting in range(bodies.n_meetings):
-        a, b = bodies.meetings[4 * meeting], bodies.meetings[4 * meeting + 1]
-        x = load(centres, a * BALL) - load(centres, b * BALL)
-        y = load(centres, a * BALL + 16) - load(centres, b * BALL + 16)
-        z = load(centres, a * BALL + 32) - load(centres, b * BALL + 32)
-        reach = bodies.around[4 * a + 3] + bodies.around[4 * b + 3] + BAND
+        a, b = carriers_of(bodies, meeting)
+        x, y, z = carrier_centre(centres, a)
+        u, v, w = carrier_centre(centres, b)
+        x, y, z = x - u, y - v, z - w
+        reach = ball_radius(bodies.around, a) + ball_radius(bodies.around, b) + BAND
         near = below(x * x + y * y + z * z, splat(reach * reach))
         if near:
             near = left_of_cells(joints, bodies, parts, meeting, near, coordinates, scratch)
@@ -223,15 +218,13 @@ def _near_pairs(
                 return -1
         if near == 0:
             continue
-        for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
-            first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
-            x, y, z = ball_centre(poses, bodies.joints[first], bounds, first)
-            u, v, w = ball_centre(poses, bodies.joints[second], bounds, second)
-            x, y, z, reach = x - u, y - v, z - w, bounds[4 * first + 3] + bounds[4 * second + 3] + BAND
-            mask = below(x * x + y * y + z * z, splat(reach * reach)) & near
+        first_pair, past_pair = pairs_of(bodies, meeting)
+        for pair in range(first_pair, past_pair):
+            first, second = pair_of(bodies, pair)
+            joint_a, joint_b = bodies.joints[first], bodies.joints[second]
+            mask = near & balls_meet(poses, joint_a, first, joint_b, second, bounds, BAND)
             if mask:
-                found[3 * count], found[3 * count + 1], found[3 * count + 2] = -1, pair, mask
-                count += 1
+                count = write_found(found, count, -1, pair, mask)
     return count
 
 
@@ -275,7 +268,8 @@ def block_touches(
     count = _undecided_obstacles(bodies, obstacles, clearance, count, scratch)
     count = _near_pairs(joints, bodies, parts, count, coordinates, scratch)
     for entry in range(count):
-        body, other, mask = found[3 * entry], found[3 * entry + 1], found[3 * entry + 2]
+        at = FOUND * entry
+        body, other, mask = found[at + BODY], found[at + OBSTACLE], found[at + MASK]
         if body < 0:
             touches = pair_meets(bodies, parts, other, mask, scratch)
         elif obstacles.kinds[other] == CLOUD:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from numba import int64, types, void
 
+from guidefield.kernels.collide.balls import ball_centre
 from guidefield.kernels.collide.cloud_broadphase import cloud_near
 from guidefield.kernels.collide.layout import (
-    BALL,
     BODIES,
     CLOUD,
     OBSTACLES,
@@ -18,16 +18,8 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
 from guidefield.kernels.distance.point_tree import cloud_of, words_at
 from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
-from guidefield.kernels.kinematics.poses import moved
-from guidefield.kernels.simd.blocks import AROUND
-from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, largest_lane, load, smallest_lane, splat, store
-
-
-@lane_part
-def ball_centre(poses: Floats32, joint: int, balls: Floats32, ball: int) -> tuple[Vector, Vector, Vector]:
-    """Centre of a ball that a joint carries: of `poses`, shape (joints * POSE,), and `balls`, shape (4 * n,)."""
-    at = 4 * ball
-    return moved(poses, joint, balls[at], balls[at + 1], balls[at + 2])
+from guidefield.kernels.simd.blocks import AROUND, BLOCK, points_at
+from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, largest_lane, smallest_lane, splat, store
 
 
 @lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))
@@ -58,19 +50,26 @@ def place_carriers(bodies: LaneBodies, scratch: Scratch) -> None:
     poses, around, carrying, centres = scratch.poses, bodies.around, bodies.carrying, scratch.centres
     for c in range(bodies.carriers):
         x, y, z = ball_centre(poses, carrying[c], around, c)
-        store(centres, c * BALL, x)
-        store(centres, c * BALL + LANES, y)
-        store(centres, c * BALL + 2 * LANES, z)
+        store(centres, c * BLOCK, x)
+        store(centres, c * BLOCK + LANES, y)
+        store(centres, c * BLOCK + 2 * LANES, z)
+
+
+@lane_part
+def carrier_centre(centres: Floats32, c: int) -> tuple[Vector, Vector, Vector]:
+    """The centre of the ball about a carrier, of those that `place_carriers` wrote, shape (m * BLOCK,)."""
+    return points_at(centres, c * BLOCK)
 
 
 @lane_part
 def boxes_near(boxes: Floats32, block: int, x: Vector, y: Vector, z: Vector, reach: float) -> int:
     """Mask of the sixteen obstacles whose boxes, shape (AROUND * blocks,), come near the box about all lanes' balls."""
-    at = block * AROUND
-    near = below(load(boxes, at), splat(largest_lane(x) + reach))
-    near &= below(load(boxes, at + 16), splat(largest_lane(y) + reach))
-    near &= below(load(boxes, at + 32), splat(largest_lane(z) + reach))
-    near &= below(splat(smallest_lane(x) - reach), load(boxes, at + 48))
-    near &= below(splat(smallest_lane(y) - reach), load(boxes, at + 64))
-    near &= below(splat(smallest_lane(z) - reach), load(boxes, at + 80))
+    low_x, low_y, low_z = points_at(boxes, block * AROUND)
+    high_x, high_y, high_z = points_at(boxes, block * AROUND + BLOCK)
+    near = below(low_x, splat(largest_lane(x) + reach))
+    near &= below(low_y, splat(largest_lane(y) + reach))
+    near &= below(low_z, splat(largest_lane(z) + reach))
+    near &= below(splat(smallest_lane(x) - reach), high_x)
+    near &= below(splat(smallest_lane(y) - reach), high_y)
+    near &= below(splat(smallest_lane(z) - reach), high_z)
     return int(near)

@@ -4,21 +4,33 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, parts_apart
+from guidefield.kernels.collide.balls import ball_radius, placed_ball
+from guidefield.kernels.collide.gjk import AXIS, parts_apart, write_axis
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,
+    DIVIDED,
+    DRIVER,
     GRID_NUMBERS,
     GRID_PLACES,
     GRID_SIDES,
+    LEAST,
+    LEVELS,
+    MOVED,
+    PER_LENGTH,
     SCRATCH_MEMORY,
+    SIDE,
     LaneBodies,
     Scratch,
+    carriers_of,
+    pair_of,
+    pairs_of,
 )
+from guidefield.kernels.collide.parts import POINTED_PARTS, Parts, part_of
 from guidefield.kernels.collide.separating_axes import no_axis
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.kinematics.poses import one_pose, placed
+from guidefield.kernels.kinematics.poses import one_pose
 from guidefield.kernels.simd.vector import LANES, splat, store
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
@@ -27,18 +39,14 @@ UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
 A larger number says that neither is known of the cell as a whole, and where its children are.
 """
 
-START, LEVELS, DIVIDED, TOGETHER = range(3 * GRID_SIDES, GRID_PLACES)
-"""Where in a grid's whole numbers it stands where its largest cells begin, how often they are divided, by how much, and
-where it begins what is known of as many of them together."""
-
 
 @lane_part
 def _between(
     balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats
 ) -> tuple[float, float, float]:
     """From the middle of a ball of the second body to that of one of the first, which are placed so (12) [m]."""
-    x, y, z = placed(pose_a, balls[4 * a], balls[4 * a + 1], balls[4 * a + 2])
-    u, v, w = placed(pose_b, others[4 * b], others[4 * b + 1], others[4 * b + 2])
+    x, y, z = placed_ball(pose_a, balls, a)
+    u, v, w = placed_ball(pose_b, others, b)
     return x - u, y - v, z - w
 
 
@@ -48,14 +56,15 @@ def _balls_apart(
 ) -> bool:
     """Whether two balls of bodies that are placed so (12) are farther apart than a margin."""
     x, y, z = _between(balls, a, pose_a, others, b, pose_b)
-    reach = balls[4 * a + 3] + others[4 * b + 3] + margin
+    reach = ball_radius(balls, a) + ball_radius(others, b) + margin
     return bool(x * x + y * y + z * z > reach * reach)
 
 
 @lane_part
 def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floats, work: Floats) -> None:
     """Let GJK begin with the axis between the middles of two balls of bodies that are placed so (12)."""
-    work[AXIS], work[AXIS + 1], work[AXIS + 2] = _between(balls, a, pose_a, balls, b, pose_b)
+    x, y, z = _between(balls, a, pose_a, balls, b, pose_b)
+    write_axis(work, x, y, z)
 
 
 @lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
@@ -65,7 +74,7 @@ def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Flo
     for ball in range(bodies.inners[a], bodies.inners[a + 1]):
         outside = True
         for other in range(first, last):
-            reach = margin - bodies.inner[4 * ball + 3]
+            reach = margin - ball_radius(bodies.inner, ball)
             if not _balls_apart(bodies.inner, ball, pose_a, bodies.cover, other, pose_b, reach):
                 outside = False
                 break
@@ -85,7 +94,7 @@ def _inner_meet(bodies: LaneBodies, first: int, second: int, depth: float, scrat
         return False
     for a in range(bodies.inners[first], bodies.inners[first + 1]):
         for b in range(bodies.inners[second], bodies.inners[second + 1]):
-            if inner[4 * a + 3] + inner[4 * b + 3] <= depth:
+            if ball_radius(inner, a) + ball_radius(inner, b) <= depth:
                 continue
             if not _balls_apart(inner, a, pose_a, inner, b, pose_b, -depth):
                 out = _reaches_out(bodies, first, pose_a, second, pose_b, depth)
@@ -103,7 +112,7 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     pieces, roots = bodies.pieces, bodies.piece_roots
     if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
         return True
-    hull_a, hull_b = parts.links[3 * bodies.roots[first] + 2], parts.links[3 * bodies.roots[second] + 2]
+    hull_a, hull_b = part_of(parts, bodies.roots[first]), part_of(parts, bodies.roots[second])
     if no_axis(work, AXIS):
         _begin_between(bodies.bounds, first, pose_a, second, pose_b, work)
     if hull_a >= 0 and hull_b >= 0 and parts_apart(parts, hull_a, pose_a, parts, hull_b, pose_b, margin, work):
@@ -112,7 +121,7 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
         for b in range(pieces[second], pieces[second + 1]):
             if _balls_apart(bodies.piece_bounds, a, pose_a, bodies.piece_bounds, b, pose_b, margin):
                 continue
-            part_a, part_b = parts.links[3 * roots[a] + 2], parts.links[3 * roots[b] + 2]
+            part_a, part_b = part_of(parts, roots[a]), part_of(parts, roots[b])
             _begin_between(bodies.piece_bounds, a, pose_a, b, pose_b, work)
             if part_a < 0 or part_b < 0 or not parts_apart(parts, part_a, pose_a, parts, part_b, pose_b, margin, work):
                 return False
@@ -148,19 +157,20 @@ def judged(
     """
     grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
     for side in range(GRID_SIDES):
-        n, index = at + 3 * side, a if side == 0 else b if side == 1 else c
-        if numbers[n + 1] > 0.0:
-            middle = ((index >> shift) + 0.5) * (1 << shift)
-            store(scratch.middle, grids[place + 3 * side] * LANES, splat(numbers[n] + middle / numbers[n + 1]))
+        n, index = at + SIDE * side, a if side == 0 else b if side == 1 else c
+        if numbers[n + PER_LENGTH] > 0.0:
+            middle = numbers[n + LEAST] + ((index >> shift) + 0.5) * (1 << shift) / numbers[n + PER_LENGTH]
+            store(scratch.middle, grids[place + SIDE * side + DRIVER] * LANES, splat(middle))
     lane_placements(joints, scratch.middle, scratch.middle_poses)
-    one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting]], 0, scratch.pose_a)
-    one_pose(scratch.middle_poses, bodies.carrying[bodies.meetings[4 * meeting + 1]], 0, scratch.pose_b)
+    first_carrier, second_carrier = carriers_of(bodies, meeting)
+    one_pose(scratch.middle_poses, bodies.carrying[first_carrier], 0, scratch.pose_a)
+    one_pose(scratch.middle_poses, bodies.carrying[second_carrier], 0, scratch.pose_b)
     divisions = grids[place + LEVELS] * grids[place + DIVIDED]
-    verdict, moved = APART, numbers[at + 3 * GRID_SIDES] * (1 << shift) / (1 << divisions) + besides
-    for k in range(3):  # the axis between the last bodies that were apart may do for the next
-        scratch.work[AXIS + k] = 0.0
-    for pair in range(bodies.meetings[4 * meeting + 2], bodies.meetings[4 * meeting + 3]):
-        first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
+    verdict, moved = APART, numbers[at + MOVED] * (1 << shift) / (1 << divisions) + besides
+    write_axis(scratch.work, 0.0, 0.0, 0.0)  # the axis between the last bodies that were apart may do for the next
+    first_pair, past_pair = pairs_of(bodies, meeting)
+    for pair in range(first_pair, past_pair):
+        first, second = pair_of(bodies, pair)
         if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
             continue
         if _inner_meet(bodies, first, second, moved + 2.0 * BAND, scratch):

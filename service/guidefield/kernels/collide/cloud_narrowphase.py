@@ -6,9 +6,9 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, bodies_apart, reach_along
+from guidefield.kernels.collide.balls import ball_radius, lowest_of_ball, placed_ball
+from guidefield.kernels.collide.gjk import AXIS, axis_in, axis_length, bodies_apart, reach_along, write_axis
 from guidefield.kernels.collide.layout import (
-    AXIS_AND_REACH,
     BAND,
     BODIES,
     DECISION_BAND,
@@ -17,7 +17,9 @@ from guidefield.kernels.collide.layout import (
     LaneBodies,
     LaneObstacles,
     Scratch,
+    axis_place,
 )
+from guidefield.kernels.collide.parts import POINTED_PARTS, Parts, part_of
 from guidefield.kernels.collide.separating_axes import keep_direction, no_axis
 from guidefield.kernels.distance.point_tree import (
     CLOUD_TABLES,
@@ -29,22 +31,23 @@ from guidefield.kernels.distance.point_tree import (
     words_at,
 )
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
-from guidefield.kernels.kinematics.poses import one_pose, placed, turned_back
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.vector import below, first_lane, load, splat
+from guidefield.kernels.kinematics.poses import one_pose, turned_back, write_identity
+from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
+from guidefield.kernels.simd.vector import below, first_lane, splat
 
 
 @lane_step(float64(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, DOUBLE_POINTER))
 def _lowest(bodies: LaneBodies, parts: Parts, body: int, pose: Floats, work: Floats) -> float:
     """The least n.x over the points x of a body in a pose, for the axis n in the scratch space [m]."""
-    u, v, w = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
-    origin = work[AXIS] * pose[3] + work[AXIS + 1] * pose[7] + work[AXIS + 2] * pose[11]
-    part = parts.links[3 * bodies.roots[body] + 2]
+    x, y, z = axis_in(work)
+    u, v, w = turned_back(pose, x, y, z)
+    origin = x * pose[3] + y * pose[7] + z * pose[11]
+    part = part_of(parts, bodies.roots[body])
     if part >= 0:
         return float(origin - reach_along(parts, part, work, -u, -v, -w))
     cover, lowest = bodies.cover, math.inf
     for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
-        along = u * cover[4 * ball] + v * cover[4 * ball + 1] + w * cover[4 * ball + 2] - cover[4 * ball + 3]
+        along = lowest_of_ball(cover, ball, u, v, w)
         lowest = min(lowest, along)
     return float(origin + lowest)
 
@@ -52,9 +55,9 @@ def _lowest(bodies: LaneBodies, parts: Parts, body: int, pose: Floats, work: Flo
 @lane_part
 def _beyond(cloud: LaneCloud, block: int, work: Floats, lowest: float, grown: float) -> int:
     """Mask of sixteen points that the axis in the scratch space doesn't keep apart from a body."""
-    at = block * BLOCK
-    along = load(cloud.points, at) * work[AXIS] + load(cloud.points, at + 16) * work[AXIS + 1]
-    along = along + load(cloud.points, at + 32) * work[AXIS + 2]
+    u, v, w = points_at(cloud.points, block * BLOCK)
+    x, y, z = axis_in(work)
+    along = u * x + v * y + w * z
     return int(below(splat(lowest - grown), along))
 
 
@@ -65,8 +68,8 @@ def _in_cover(
     """The points of some of sixteen that are within `grown` of a ball in a group of a body's cover."""
     cover, mask = bodies.cover, 0
     for ball in range(bodies.covers[group], bodies.covers[group + 1]):
-        x, y, z = placed(pose, cover[4 * ball], cover[4 * ball + 1], cover[4 * ball + 2])
-        reach = cover[4 * ball + 3] + grown
+        x, y, z = placed_ball(pose, cover, ball)
+        reach = ball_radius(cover, ball) + grown
         mask |= below(point_gaps(cloud.points, block, x, y, z), splat(reach * reach))
         if mask & near == near:
             break
@@ -93,8 +96,8 @@ def _pose_meets(
     known = not no_axis(work, AXIS)
     lowest = _lowest(bodies, parts, body, pose, work) if known else 0.0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
-        x, y, z = placed(pose, grouped[4 * group], grouped[4 * group + 1], grouped[4 * group + 2])
-        reach, block = grouped[4 * group + 3] + grown, -1
+        x, y, z = placed_ball(pose, grouped, group)
+        reach, block = ball_radius(grouped, group) + grown, -1
         while True:
             block = next_block(cloud, block, x, y, z, reach)
             if block < 0:
@@ -107,15 +110,15 @@ def _pose_meets(
             while left:
                 at = block * BLOCK + first_lane(left)
                 left &= left - 1
-                there[3], there[7], there[11] = cloud.points[at], cloud.points[at + 16], cloud.points[at + 32]
+                there[3], there[7], there[11] = point_at(cloud.points, at)
                 margin = clearance + DECISION_BAND
                 if not bodies_apart(parts, bodies.roots[body], pose, scene, root, there, margin, work):
                     return True
-                length = math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2)
+                length = axis_length(work)
                 known = length > 1e-15
                 if known:
-                    for k in range(3):
-                        work[AXIS + k] /= length
+                    for k in range(AXIS, AXIS + 3):
+                        work[k] /= length
                     lowest = _lowest(bodies, parts, body, pose, work)
                     left &= _beyond(cloud, block, work, lowest, grown)
     return False
@@ -138,11 +141,9 @@ def meets_cloud(
     The axis that kept a ball apart last is where the next decision about body and cloud begins.
     """
     work, pose, axes = scratch.work, scratch.pose_a, scratch.obstacle_axes
-    at, cloud = AXIS_AND_REACH * (body * obstacles.size + obstacle), cloud_of(words_at(obstacles.clouds[obstacle]))
-    for entry in range(12):
-        scratch.pose_b[entry] = 1.0 if entry in (0, 5, 10) else 0.0
-    for k in range(3):
-        work[AXIS + k] = axes[at + k]
+    at, cloud = axis_place(obstacles, body, obstacle), cloud_of(words_at(obstacles.clouds[obstacle]))
+    write_identity(scratch.pose_b)
+    write_axis(work, axes[at], axes[at + 1], axes[at + 2])
     while mask:
         one_pose(scratch.poses, bodies.joints[body], first_lane(mask), pose)
         mask &= mask - 1

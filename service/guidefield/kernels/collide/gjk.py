@@ -8,14 +8,34 @@ that a pair is apart, and only it; what is not known to be apart after `ROUNDS` 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import boolean, types
 
+from guidefield.kernels.collide.balls import ball_radius, placed_ball
 from guidefield.kernels.collide.gjk_simplex import NEAREST, reduced
+from guidefield.kernels.collide.parts import (
+    BLOCKS,
+    DISC,
+    FIRST_BLOCK,
+    HALF_LENGTH,
+    KIND,
+    LEFT,
+    LINK,
+    PART,
+    PLANE_OFFSET,
+    POINTED_PARTS,
+    POLYTOPE,
+    RIGHT,
+    SHAPE,
+    TRIANGLE,
+    Parts,
+    is_flat_sided,
+    kind_of,
+    part_of,
+    rounding,
+)
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
-from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
 from guidefield.kernels.jit.signatures import (
     DOUBLE_POINTER,
     Floats,
@@ -24,20 +44,8 @@ from guidefield.kernels.jit.signatures import (
     lane_part,
     lane_step,
 )
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.packing import pointed
-from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, load, select, splat
-
-POLYTOPE = 4
-"""The kind of a part that is the hull of vertices; the others are a primitive's, but no boxes."""
-
-TRIANGLE, SURFACE = 5, 6
-"""A triangle of a mesh: its corners are its first nine numbers, in the body's frame. Vertices that are points of the
-surface within the polytope before this part: never compared."""
-
-PART = 16
-"""Numbers of a part: placement in the body's frame (12, row by row), half extents (3), radius of what rounds it."""
-
+from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
+from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
 
 ROUNDS, BALL_ROUNDS = 32, 1
 """How long GJK goes on with two parts, and where one of them is but a ball."""
@@ -50,30 +58,26 @@ AXIS, KEPT = 40, 44
 """Where in the scratch space the last separating axis stands, zero where there is none, and one to keep."""
 
 
-class Parts(NamedTuple):
-    """Convex parts of bodies, and trees of balls about them; lengths [m] in the frame of the body.
-
-    Attributes:
-        balls: (4 * nodes,) centre and radius of each node's ball; float64.
-        links: (3 * nodes,) left child, right child, part; a leaf is its part and has no children (-1), of another node
-            the part contains all that is below it, if it has one (else -1).
-        shapes: (3 * parts,) kind, first block of vertices, how many blocks.
-        numbers: (PART * parts,) float64.
-        vertices: (BLOCK * blocks,) float32; unused places repeat a vertex.
-    """
-
-    balls: Row
-    links: Indices
-    shapes: Indices
-    numbers: Row
-    vertices: Singles
-
-
-PARTS = numba_type(Parts)
-POINTED_PARTS = pointed(PARTS)
-
 _PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
 """Tables, a node or part in them, the placement of its body."""
+
+
+@lane_part
+def axis_in(work: Floats) -> tuple[float, float, float]:
+    """The last separating axis in the scratch space, shape (WORK,); all 0 if there is none."""
+    return work[AXIS], work[AXIS + 1], work[AXIS + 2]
+
+
+@lane_part
+def axis_length(work: Floats) -> float:
+    """Length of the axis in the scratch space, shape (WORK,)."""
+    return math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2)
+
+
+@lane_part
+def write_axis(work: Floats, x: float, y: float, z: float) -> None:
+    """Write the axis that the next search in the scratch space, shape (WORK,), begins with."""
+    work[AXIS], work[AXIS + 1], work[AXIS + 2] = x, y, z
 
 
 @lane_part
@@ -84,12 +88,14 @@ def _farthest_vertex(
     best, at = splat(-1e30), splat(0.0)
     for block in range(blocks):
         base = (first + block) * BLOCK
-        along = load(vertices, base) * x + load(vertices, base + 16) * y + load(vertices, base + 32) * z
+        u, v, w = points_at(vertices, base)
+        along = u * x + v * y + w * z
         at = select(best < along, splat(float(block)), at)
         best = select(best < along, along, best)
     winner = first_lane(ALL_LANES & ~below(best, splat(largest_lane(best))))
     place = (first + int(lane(at, winner))) * BLOCK + winner
-    return float(vertices[place]), float(vertices[place + 16]), float(vertices[place + 32])
+    u, v, w = point_at(vertices, place)
+    return float(u), float(v), float(w)
 
 
 @lane_part
@@ -121,16 +127,17 @@ def _support(
     z = work[pose + 2] * dx + work[pose + 6] * dy + work[pose + 10] * dz
     px, py, pz = 0.0, 0.0, 0.0
     if part >= 0:  # else a ball's centre
-        kind, at = shapes[3 * part], part * PART
+        kind, at = shapes[SHAPE * part + KIND], part * PART
         if kind == POLYTOPE:
-            px, py, pz = _farthest_vertex(vertices, shapes[3 * part + 1], shapes[3 * part + 2], x, y, z)
+            first, blocks = shapes[SHAPE * part + FIRST_BLOCK], shapes[SHAPE * part + BLOCKS]
+            px, py, pz = _farthest_vertex(vertices, first, blocks, x, y, z)
         elif kind == TRIANGLE:
             at += _farthest_corner(numbers, at, x, y, z)
             px, py, pz = numbers[at], numbers[at + 1], numbers[at + 2]
         else:
-            pz = math.copysign(numbers[at + 14], z)
+            pz = math.copysign(numbers[at + HALF_LENGTH], z)
             if kind == CYLINDER:
-                scale = numbers[at + 12] / max(math.sqrt(x * x + y * y), 1e-300)
+                scale = numbers[at + DISC] / max(math.sqrt(x * x + y * y), 1e-300)
                 px, py = x * scale, y * scale
     return (
         work[pose] * px + work[pose + 1] * py + work[pose + 2] * pz + work[pose + 3],
@@ -147,12 +154,12 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
     """
     shapes_a, numbers_a, vertices_a = a.shapes, a.numbers, a.vertices
     shapes_b, numbers_b, vertices_b = b.shapes, b.numbers, b.vertices
-    vx, vy, vz = work[AXIS], work[AXIS + 1], work[AXIS + 2]
-    if part_b >= 0 and shapes_b[3 * part_b] == HALF_SPACE:
+    vx, vy, vz = axis_in(work)
+    if part_b >= 0 and shapes_b[SHAPE * part_b + KIND] == HALF_SPACE:
         nx, ny, nz = numbers_b[PART * part_b], numbers_b[PART * part_b + 1], numbers_b[PART * part_b + 2]
         px, py, pz = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -nx, -ny, -nz)
-        work[AXIS], work[AXIS + 1], work[AXIS + 2] = nx, ny, nz
-        return bool(nx * px + ny * py + nz * pz - numbers_b[PART * part_b + 3] > margin)
+        write_axis(work, nx, ny, nz)
+        return bool(nx * px + ny * py + nz * pz - numbers_b[PART * part_b + PLANE_OFFSET] > margin)
     square, count = vx * vx + vy * vy + vz * vz, 0
     if not square > 1e-20:
         vx, vy, vz, square = 1.0, 0.0, 0.0, 1.0
@@ -162,7 +169,7 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
         wx, wy, wz = ax - bx, ay - by, az - bz
         along = vx * wx + vy * wy + vz * wz
         if along > margin * math.sqrt(square):
-            work[AXIS], work[AXIS + 1], work[AXIS + 2] = vx, vy, vz
+            write_axis(work, vx, vy, vz)
             return True
         if rounds > 0 and square - along <= 1e-9 * square:
             return False
@@ -181,7 +188,7 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
 @lane_part
 def _place(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
     """Write the placement of a part whose body is placed so (12)."""
-    if parts.shapes[3 * part] in (POLYTOPE, TRIANGLE):
+    if is_flat_sided(parts, part):
         for k in range(12):
             work[pose + k] = body[k]
         return
@@ -197,11 +204,10 @@ def _place(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> No
 @lane_part
 def _place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
     """Write the placement of a node's ball: the body's rotation, the ball's centre."""
-    x, y, z = parts.balls[4 * node], parts.balls[4 * node + 1], parts.balls[4 * node + 2]
     for r in range(3):
         for c in range(3):
             work[pose + 4 * r + c] = body[4 * r + c]
-        work[pose + 4 * r + 3] = body[4 * r] * x + body[4 * r + 1] * y + body[4 * r + 2] * z + body[4 * r + 3]
+    work[pose + 3], work[pose + 7], work[pose + 11] = placed_ball(body, parts.balls, node)
 
 
 @lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
@@ -211,16 +217,16 @@ def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz:
     Scratch `work` has the shape (WORK,).
     """
     at = PART * part
-    if parts.shapes[3 * part] == HALF_SPACE:
-        return float(parts.numbers[at + 3])
-    if parts.shapes[3 * part] in (POLYTOPE, TRIANGLE):
+    if kind_of(parts, part) == HALF_SPACE:
+        return float(parts.numbers[at + PLANE_OFFSET])
+    if is_flat_sided(parts, part):
         for k in range(12):
             work[_POSE_B + k] = 1.0 if k in (0, 5, 10) else 0.0
     else:
         for k in range(12):
             work[_POSE_B + k] = parts.numbers[at + k]
     x, y, z = _support(parts.shapes, parts.numbers, parts.vertices, part, work, _POSE_B, dx, dy, dz)
-    return float(x * dx + y * dy + z * dz + parts.numbers[at + 15])
+    return float(x * dx + y * dy + z * dz + rounding(parts, part))
 
 
 @lane_part
@@ -253,29 +259,29 @@ def bodies_apart(
     while top > 0:
         top -= 1
         node_a, node_b = int(work[STACK + 2 * top]), int(work[STACK + 2 * top + 1])
-        radius_a, radius_b = a.balls[4 * node_a + 3], b.balls[4 * node_b + 3]
-        part_a, part_b = a.links[3 * node_a + 2], b.links[3 * node_b + 2]
+        radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)
+        part_a, part_b = part_of(a, node_a), part_of(b, node_b)
         _place_ball(a, node_a, pose_a, work, _POSE_A)
         _place_ball(b, node_b, pose_b, work, _POSE_B)
         if radius_b < np.inf and _balls_apart(work, radius_a + radius_b + margin):
             continue
         if part_a >= 0:
             _place(a, part_a, pose_a, work, _POSE_A)
-            radius_a = a.numbers[PART * part_a + 15]
+            radius_a = rounding(a, part_a)
         if part_b >= 0:
             _place(b, part_b, pose_b, work, _POSE_B)
-            radius_b = b.numbers[PART * part_b + 15]
+            radius_b = rounding(b, part_b)
         # a ball alone tells little: its children are soon asked
         most = ROUNDS if part_a >= 0 and part_b >= 0 else BALL_ROUNDS
         if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, radius_a + radius_b + margin, work, most):
             continue
-        leaf_a, leaf_b = a.links[3 * node_a] < 0, b.links[3 * node_b] < 0
+        leaf_a, leaf_b = a.links[LINK * node_a + LEFT] < 0, b.links[LINK * node_b + LEFT] < 0
         if leaf_a and leaf_b:
             return False
-        split_a = leaf_b or (not leaf_a and a.balls[4 * node_a + 3] >= b.balls[4 * node_b + 3])
-        for side in range(2):
-            work[STACK + 2 * top] = a.links[3 * node_a + side] if split_a else node_a
-            work[STACK + 2 * top + 1] = node_b if split_a else b.links[3 * node_b + side]
+        split_a = leaf_b or (not leaf_a and ball_radius(a.balls, node_a) >= ball_radius(b.balls, node_b))
+        for side in (LEFT, RIGHT):
+            work[STACK + 2 * top] = a.links[LINK * node_a + side] if split_a else node_a
+            work[STACK + 2 * top + 1] = node_b if split_a else b.links[LINK * node_b + side]
             top += 1
     return True
 
@@ -287,5 +293,5 @@ def parts_apart(
     """`bodies_apart` for two parts; same shapes."""
     _place(a, part_a, pose_a, work, _POSE_A)
     _place(b, part_b, pose_b, work, _POSE_B)
-    margin += a.numbers[PART * part_a + 15] + b.numbers[PART * part_b + 15]
+    margin += rounding(a, part_a) + rounding(b, part_b)
     return bool(_apart(a, part_a, b, part_b, margin, work, ROUNDS))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 from numba import types
 
 from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, RowOut, Singles, SinglesOut, numba_type
+from guidefield.kernels.jit.signatures import Integers, lane_part
 from guidefield.kernels.simd.packing import pointed
-from guidefield.kernels.simd.vector_model import LANES
 
 BAND = 1e-5
 """Within this of contact [m] either answer may come."""
@@ -16,20 +16,42 @@ BAND = 1e-5
 DECISION_BAND = 2e-6
 """What the exact decision keeps of it [m]: more than the error of a placement in float32."""
 
-BALL = 3 * LANES
-"""Floats of a ball's centre in sixteen lanes."""
-
-AXIS_AND_REACH = 4
+REACH, AXIS_AND_REACH = 3, 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
 HITS = 4
 """How many of the balls that met an obstacle last are tried first."""
 
+BODY, OBSTACLE, BALL, HIT = range(4)
+"""Columns of what met last: a body, an obstacle, the ball inside the body; then how many columns there are."""
+
+MASK, FOUND = 2, 3
+"""Behind the body and the obstacle, or -1 and the pair, of what was found near each other: the mask; then how many
+columns there are."""
+
+CARRIER_A, CARRIER_B, FIRST_PAIR, PAST_PAIR, MEETING = range(5)
+"""Columns of a meeting: its carriers, its first pair of bodies and the one past its last; then how many there are."""
+
+BODY_A, BODY_B, PAIR_AXES, PAIR = range(4)
+"""Columns of a pair: its bodies, and where the axes of its pairs of pieces begin; then how many columns there are."""
+
 GRID_SIDES = 3
 """Coordinates that a grid of cells has at most."""
 
-GRID_PLACES, GRID_NUMBERS = 3 * GRID_SIDES + 4, 3 * GRID_SIDES + 1
-"""Numbers of a grid of cells: whole ones, others."""
+DRIVER, COUNT, STEP, SIDE = range(4)
+"""Whole numbers of each of a grid's sides: the coordinate, how many of the smallest cells are along it, how far such
+children of a cell as follow each other along it are apart; then how many numbers there are."""
+
+START, LEVELS, DIVIDED, TOGETHER, GRID_PLACES = range(SIDE * GRID_SIDES, SIDE * GRID_SIDES + 5)
+"""Behind its sides' whole numbers a grid has where its largest cells begin, how often they are divided, by how many
+powers of 2 along a side, and where it begins what is known of as many of them together; then how many there are."""
+
+LEAST, PER_LENGTH, WRAPS = range(3)
+"""Other numbers of each of a grid's sides: the least value, smallest cells per length, 1 / (2 pi) if it wraps or 0."""
+
+MOVED, GRID_NUMBERS = SIDE * GRID_SIDES, SIDE * GRID_SIDES + 1
+"""Behind them stands how far motions within one of the largest cells move bodies past each other; then how many numbers
+there are."""
 
 CHILDREN = 64
 """Cells that a cell is divided into."""
@@ -60,22 +82,17 @@ class LaneBodies(NamedTuple):
         roots: (n,) its root in the robot's parts.
         pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
         piece_roots: (pieces,) the root of each in the robot's parts.
-        meetings: (4 * n_meetings,) pairs of carriers, and which pairs of bodies are theirs: the first and the last + 1.
-        grids: (GRID_PLACES * n_meetings,) for each three coordinates with how many of the smallest cells are along
-            them and how far such children of a cell as follow each other along them are apart in `cells`; then where
-            the largest cells begin there, how often they are divided, by how many powers of 2 along a side, and where
-            it begins what is known of as many of the largest together. All 0 where bodies' distance hangs on more
-            coordinates.
-        pairs: (3 * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
-        around: (4 * m,) a ball about each carrier's bodies.
-        bounds: (4 * n,) a ball about each body.
-        piece_bounds: (4 * pieces,) a ball about each piece.
-        grouped: (4 * groups,) a ball about each group.
-        cover: (4 * c,) balls that contain the bodies.
-        inner: (4 * i,) balls that are inside them.
-        grid_numbers: (GRID_NUMBERS * n_meetings,) for each of a grid's coordinates its least value, smallest cells per
-            length, and 1 / (2 pi) if it wraps, else 0; then how far motions within one of the largest cells move bodies
-            past each other.
+        meetings: (MEETING * n_meetings,) pairs of carriers, and which pairs of bodies are theirs.
+        grids: (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance hangs on
+            more coordinates.
+        pairs: (PAIR * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
+        around: (BALL_ROW * m,) a ball about each carrier's bodies.
+        bounds: (BALL_ROW * n,) a ball about each body.
+        piece_bounds: (BALL_ROW * pieces,) a ball about each piece.
+        grouped: (BALL_ROW * groups,) a ball about each group.
+        cover: (BALL_ROW * c,) balls that contain the bodies.
+        inner: (BALL_ROW * i,) balls that are inside them.
+        grid_numbers: (GRID_NUMBERS * n_meetings,) its other numbers.
         cells: (n_cells,) what is known of the grids' cells, or where a cell's children begin; int32, written by the
             kernels. The first number says from where on the array is free.
         apart: A bit for each number before those of cells' children, set where one of the largest is known to keep
@@ -142,8 +159,8 @@ class Scratch(NamedTuple):
 
     Attributes:
         poses: (joints * POSE,) placements.
-        centres: (m * BALL,) centres of the balls about carriers.
-        found: (3 * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask.
+        centres: (m * BLOCK,) centres of the balls about carriers.
+        found: (FOUND * (bodies * obstacles + pairs),) what is near what: body, obstacle and mask, or -1, pair and mask.
         obstacle_axes: (AXIS_AND_REACH * bodies * obstacles,) in the world; how far the obstacle reaches along it.
         pair_axes: (AXIS_AND_REACH * pairs of pieces,) in the first one's frame; how far that reaches against it.
         obstacle_places, pair_places: (1 + bodies * obstacles,) and (1 + pairs of pieces,) how many axes there are, then
@@ -152,7 +169,7 @@ class Scratch(NamedTuple):
         work: (WORK,).
         middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
         places: ((GRID_SIDES + 1) * 16,) where on a grid a block's configurations are.
-        hits: (3 * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
+        hits: (HIT * HITS,) the last inner balls that met an obstacle: body, obstacle, ball; -1 where there is none yet.
     """
 
     poses: SinglesOut
@@ -178,3 +195,35 @@ LANE_OBSTACLES = numba_type(LaneObstacles)
 SCRATCH = numba_type(Scratch)
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)
+
+
+@lane_part
+def pair_of(bodies: LaneBodies, pair: int) -> tuple[int, int]:
+    """The bodies of a pair."""
+    return bodies.pairs[PAIR * pair + BODY_A], bodies.pairs[PAIR * pair + BODY_B]
+
+
+@lane_part
+def carriers_of(bodies: LaneBodies, meeting: int) -> tuple[int, int]:
+    """The carriers of a meeting."""
+    return bodies.meetings[MEETING * meeting + CARRIER_A], bodies.meetings[MEETING * meeting + CARRIER_B]
+
+
+@lane_part
+def pairs_of(bodies: LaneBodies, meeting: int) -> tuple[int, int]:
+    """The first pair of bodies of a meeting, and the one past its last."""
+    return bodies.meetings[MEETING * meeting + FIRST_PAIR], bodies.meetings[MEETING * meeting + PAST_PAIR]
+
+
+@lane_part
+def axis_place(obstacles: LaneObstacles, body: int, obstacle: int) -> int:
+    """Where the separating axis of a body and an obstacle is kept."""
+    return AXIS_AND_REACH * (body * obstacles.size + obstacle)
+
+
+@lane_part
+def write_found(found: Integers, count: int, body: int, other: int, mask: int) -> int:
+    """Write what is near behind `count` such rows, (FOUND * n,); how many there are then."""
+    at = FOUND * count
+    found[at + BODY], found[at + OBSTACLE], found[at + MASK] = body, other, mask
+    return count + 1

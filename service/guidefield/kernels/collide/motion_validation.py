@@ -9,13 +9,14 @@ import numpy as np
 from numba import boolean, int64, types, void
 
 from guidefield.kernels.collide.batch_collision import block_touches
-from guidefield.kernels.collide.gjk import Parts
 from guidefield.kernels.collide.layout import (
+    HIT,
     HITS,
     LaneBodies,
     LaneObstacles,
     Scratch,
 )
+from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.collide.separating_axes import forget_axes
 from guidefield.kernels.jit.fields import Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
@@ -120,7 +121,7 @@ def forget(world: LaneWorld) -> None:
     scratch = world.scratch
     forget_axes(scratch.obstacle_axes, scratch.obstacle_places)
     forget_axes(scratch.pair_axes, scratch.pair_places)
-    for k in range(3 * HITS):
+    for k in range(HIT * HITS):
         scratch.hits[k] = -1
 
 

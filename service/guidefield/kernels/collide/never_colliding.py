@@ -7,9 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types, void
 
-from guidefield.kernels.collide.cell_verdict import APART, DIVIDED, LEVELS, TOUCHING, judged
-from guidefield.kernels.collide.gjk import Parts
-from guidefield.kernels.collide.layout import GRID_PLACES, GRID_SIDES, LaneBodies, Scratch
+from guidefield.kernels.collide.cell_verdict import APART, TOUCHING, judged
+from guidefield.kernels.collide.layout import (
+    COUNT,
+    DIVIDED,
+    GRID_PLACES,
+    GRID_SIDES,
+    LEVELS,
+    SIDE,
+    LaneBodies,
+    Scratch,
+    pairs_of,
+)
+from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, INTEGER_POINTER, Integers, lane_kernel, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
@@ -47,7 +57,7 @@ def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
     grids, place = robot.bodies.grids, GRID_PLACES * meeting
     largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):
-        while 1 << longest < grids[place + 3 * side + 1]:
+        while 1 << longest < grids[place + SIDE * side + COUNT]:
             longest += 1
     stack[0], stack[1], stack[2], stack[3] = 0, 0, 0, longest
     top = 1
@@ -63,7 +73,8 @@ def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
         half = 1 << shift - 1
         for child in range(1 << GRID_SIDES):
             u, v, w = a + half * (child & 1), b + half * (child >> 1 & 1), c + half * (child >> 2)
-            if u < grids[place + 1] and v < grids[place + 4] and w < grids[place + 7]:
+            inside = u < grids[place + COUNT] and v < grids[place + SIDE + COUNT]
+            if inside and w < grids[place + 2 * SIDE + COUNT]:
                 at = CELL * top
                 stack[at], stack[at + 1], stack[at + 2], stack[at + 3] = u, v, w, shift - 1
                 top += 1
@@ -86,6 +97,6 @@ def never_touching(words: Words, most: int, stack: Integers, never_out: np.ndarr
     """
     robot = _alone_of(pointers(words))
     for meeting in range(len(never_out)):
-        pairs = robot.bodies.meetings[4 * meeting + 3] - robot.bodies.meetings[4 * meeting + 2]
-        gridded = robot.bodies.grids[GRID_PLACES * meeting + 1] > 0
-        never_out[meeting] = gridded and _never(robot, meeting, most // pairs, pointers(stack))
+        first, past = pairs_of(robot.bodies, meeting)
+        gridded = robot.bodies.grids[GRID_PLACES * meeting + COUNT] > 0
+        never_out[meeting] = gridded and _never(robot, meeting, most // (past - first), pointers(stack))

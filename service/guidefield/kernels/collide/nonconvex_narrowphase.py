@@ -9,34 +9,40 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.collide.broadphase import ball_centre
-from guidefield.kernels.collide.gjk import (
-    AXIS,
-    KEPT,
-    POINTED_PARTS,
-    POLYTOPE,
-    STACK,
-    SURFACE,
-    Parts,
-    bodies_apart,
-    parts_apart,
-)
+from guidefield.kernels.collide.balls import ball_centre, ball_radius, placed_ball
+from guidefield.kernels.collide.gjk import KEPT, STACK, bodies_apart, parts_apart, write_axis
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,
     DECISION_BAND,
     OBSTACLES,
+    REACH,
     SCRATCH_MEMORY,
     LaneBodies,
     LaneObstacles,
     Scratch,
 )
-from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
-from guidefield.kernels.collide.separating_axes import away_from_primitive, kept_beyond, polytope_of, write_separating
+from guidefield.kernels.collide.parts import (
+    BLOCKS,
+    FIRST_BLOCK,
+    LEFT,
+    LINK,
+    POINTED_PARTS,
+    POLYTOPE,
+    RIGHT,
+    SHAPE,
+    SURFACE,
+    Parts,
+    kind_of,
+    part_of,
+    polytope_of,
+)
+from guidefield.kernels.collide.primitive import PRIMITIVE, away_from_primitive, near_primitive
+from guidefield.kernels.collide.separating_axes import kept_beyond, write_separating
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
 from guidefield.kernels.kinematics.poses import one_pose, placed
-from guidefield.kernels.simd.blocks import BLOCK
-from guidefield.kernels.simd.vector import Vector, first_lane, lane, load, splat
+from guidefield.kernels.simd.blocks import BLOCK, points_at
+from guidefield.kernels.simd.vector import Vector, first_lane, lane, splat
 
 
 @lane_part
@@ -45,17 +51,16 @@ def _near_piece(
 ) -> tuple[int, Vector, Vector, Vector]:
     """Mask of the lanes where the ball about a piece meets the obstacle's primitive; the ball's middle."""
     x, y, z = ball_centre(scratch.poses, joint, bodies.piece_bounds, piece)
-    reach = bodies.piece_bounds[4 * piece + 3] + clearance + BAND
+    reach = ball_radius(bodies.piece_bounds, piece) + clearance + BAND
     return near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach), x, y, z
 
 
 @lane_step(boolean(POINTED_PARTS, int64, DOUBLE_POINTER, OBSTACLES, int64, types.float64))
 def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacles, o: int, reach: float) -> bool:
     """Whether any of the points of a part, of a body that is placed so (12), are nearer to a primitive than `reach`."""
-    vertices, first = parts.vertices, parts.shapes[3 * part + 1]
-    for block in range(first, first + parts.shapes[3 * part + 2]):
-        at = block * BLOCK
-        x, y, z = load(vertices, at), load(vertices, at + 16), load(vertices, at + 32)
+    vertices, first = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK]
+    for block in range(first, first + parts.shapes[SHAPE * part + BLOCKS]):
+        x, y, z = points_at(vertices, block * BLOCK)
         u, v, w = placed(pose, x, y, z)
         if near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
             return True
@@ -77,7 +82,7 @@ def _points_meet(
     joint = bodies.joints[body]
     for piece in range(bodies.pieces[body], bodies.pieces[body + 1]):
         points = polytope_of(parts, bodies.piece_roots[piece]) + 1
-        if points == 0 or parts.shapes[3 * points] != SURFACE:
+        if points == 0 or kind_of(parts, points) != SURFACE:
             continue
         near, _, _, _ = _near_piece(bodies, piece, joint, obstacles, o, clearance, scratch)
         near &= mask
@@ -118,26 +123,26 @@ def _piece_meets(
     A polytope below the root has corners of triangles for its vertices: one in the obstacle is a contact.
     """
     balls, links, top = parts.balls, parts.links, 1
-    other = scene.links[3 * obstacles.roots[o] + 2]
+    other = part_of(scene, obstacles.roots[o])
     work[STACK] = root
     while top > 0:
         top -= 1
         node = int(work[STACK + top])
-        x, y, z = placed(pose, balls[4 * node], balls[4 * node + 1], balls[4 * node + 2])
-        u, v, w, reach = splat(x), splat(y), splat(z), balls[4 * node + 3] + margin + BAND
+        x, y, z = placed_ball(pose, balls, node)
+        u, v, w, reach = splat(x), splat(y), splat(z), ball_radius(balls, node) + margin + BAND
         if not near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
             continue
-        part, leaf = links[3 * node + 2], links[3 * node] < 0
+        part, leaf = part_of(parts, node), links[LINK * node + LEFT] < 0
         if part >= 0:
-            of_corners = node != root and parts.shapes[3 * part] == POLYTOPE
+            of_corners = node != root and kind_of(parts, part) == POLYTOPE
             if of_corners and _surface_meets(parts, part, pose, obstacles, o, margin):
                 return True
             if parts_apart(parts, part, pose, scene, other, pose_b, margin, work):
                 continue
             if leaf:
                 return True
-        for side in range(2):
-            work[STACK + top] = links[3 * node + side]
+        for side in (LEFT, RIGHT):
+            work[STACK + top] = links[LINK * node + side]
             top += 1
     return False
 
@@ -176,7 +181,7 @@ def pieces_meet(
             chosen = first_lane(near)
             near &= near - 1
             one_pose(poses, joint, chosen, pose)
-            work[AXIS], work[AXIS + 1], work[AXIS + 2] = lane(u, chosen), lane(v, chosen), lane(w, chosen)
+            write_axis(work, lane(u, chosen), lane(v, chosen), lane(w, chosen))
             if obstacles.whole[o]:
                 meets = _piece_meets(parts, own, pose, obstacles, o, scene, pose_b, margin, work)
             else:
@@ -185,6 +190,7 @@ def pieces_meet(
                 return True
             if near and part >= 0:  # the axis that it left behind
                 write_separating(scene, root, work, pose_b, 1.0, work, KEPT)
-                a, b, c, far = splat(work[KEPT]), splat(work[KEPT + 1]), splat(work[KEPT + 2]), splat(work[KEPT + 3])
+                a, b, c = splat(work[KEPT]), splat(work[KEPT + 1]), splat(work[KEPT + 2])
+                far = splat(work[KEPT + REACH])
                 near &= kept_beyond(parts, part, poses, joint, a, b, c, far, clearance + BAND)
     return False

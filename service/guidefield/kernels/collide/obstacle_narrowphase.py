@@ -7,32 +7,26 @@ from __future__ import annotations
 
 from numba import boolean, int64, types
 
-from guidefield.kernels.collide.broadphase import ball_centre
-from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, bodies_apart
+from guidefield.kernels.collide.balls import ball_centre
+from guidefield.kernels.collide.gjk import bodies_apart, write_axis
 from guidefield.kernels.collide.layout import (
-    AXIS_AND_REACH,
     BAND,
     BODIES,
     DECISION_BAND,
     OBSTACLES,
+    REACH,
     SCRATCH_MEMORY,
     LaneBodies,
     LaneObstacles,
     Scratch,
+    axis_place,
 )
 from guidefield.kernels.collide.nonconvex_narrowphase import pieces_meet
-from guidefield.kernels.collide.primitive import PRIMITIVE
-from guidefield.kernels.collide.separating_axes import (
-    away_from_primitive,
-    keep_axis,
-    kept_beyond,
-    lowest_ball,
-    lowest_vertex,
-    no_axis,
-    polytope_of,
-)
+from guidefield.kernels.collide.parts import POINTED_PARTS, Parts, polytope_of
+from guidefield.kernels.collide.primitive import PRIMITIVE, away_from_primitive
+from guidefield.kernels.collide.separating_axes import keep_axis, kept_beyond, lowest_ball, lowest_vertex, no_axis
 from guidefield.kernels.jit.signatures import lane_step
-from guidefield.kernels.kinematics.poses import one_pose, turned_axis
+from guidefield.kernels.kinematics.poses import one_pose, turned_axis, write_identity
 from guidefield.kernels.simd.vector import below, first_lane, lane, splat
 
 
@@ -52,11 +46,11 @@ def left_of_obstacle(
 
     By the balls of the body's cover; `closely` also by the vertices of its hull.
     """
-    axes, at = scratch.obstacle_axes, AXIS_AND_REACH * (body * obstacles.size + obstacle)
+    axes, at = scratch.obstacle_axes, axis_place(obstacles, body, obstacle)
     if no_axis(axes, at):
         return mask
     x, y, z = axes[at], axes[at + 1], axes[at + 2]
-    enough = splat(axes[at + 3] + clearance + BAND)
+    enough = splat(axes[at + REACH] + clearance + BAND)
     u, v, w, origin = turned_axis(scratch.poses, bodies.joints[body], splat(x), splat(y), splat(z))
     left = mask & below(lowest_ball(bodies, body, u, v, w) + origin, enough)
     part = polytope_of(parts, bodies.roots[body])
@@ -82,13 +76,12 @@ def meets_obstacle(
     Each lane that is judged leaves an axis behind, which mostly separates the others too.
     """
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.obstacle_axes
-    at, margin = AXIS_AND_REACH * (body * obstacles.size + obstacle), clearance + DECISION_BAND
+    at, margin = axis_place(obstacles, body, obstacle), clearance + DECISION_BAND
     own, root, joint = bodies.roots[body], obstacles.roots[obstacle], bodies.joints[body]
     mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
     if mask == 0:
         return False
-    for entry in range(12):
-        pose_b[entry] = 1.0 if entry in (0, 5, 10) else 0.0
+    write_identity(pose_b)
     hull = polytope_of(parts, own)
     if hull >= 0:
         kind, primitives = obstacles.kinds[obstacle], obstacles.primitives
@@ -97,7 +90,7 @@ def meets_obstacle(
         apart = mask & ~kept_beyond(parts, hull, scratch.poses, joint, u, v, w, reach, clearance + BAND)
         if apart:
             chosen = first_lane(apart)
-            work[AXIS], work[AXIS + 1], work[AXIS + 2] = lane(u, chosen), lane(v, chosen), lane(w, chosen)
+            write_axis(work, lane(u, chosen), lane(v, chosen), lane(w, chosen))
             keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)
             mask &= ~apart
             if mask == 0:
@@ -107,8 +100,7 @@ def meets_obstacle(
     while mask:
         one_pose(scratch.poses, joint, first_lane(mask), pose_a)
         mask &= mask - 1
-        for k in range(3):
-            work[AXIS + k] = axes[at + k]
+        write_axis(work, axes[at], axes[at + 1], axes[at + 2])
         if not bodies_apart(parts, own, pose_a, scene, root, pose_b, margin, work):
             return True
         keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)

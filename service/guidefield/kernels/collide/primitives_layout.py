@@ -10,9 +10,37 @@ import numpy as np
 from numba import int64
 
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
-from guidefield.kernels.collide.gjk import PART, POLYTOPE, Parts
+from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
 from guidefield.kernels.collide.layout import LaneObstacles
-from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE, PRIMITIVE
+from guidefield.kernels.collide.parts import (
+    BLOCKS,
+    DISC,
+    FIRST_BLOCK,
+    HALF_LENGTH as PART_LENGTH,
+    KIND,
+    LEFT,
+    LINK,
+    OWN,
+    PART,
+    PLANE_OFFSET,
+    POLYTOPE,
+    RIGHT,
+    ROUND as PART_ROUND,
+    SHAPE,
+    Parts,
+)
+from guidefield.kernels.collide.primitive import (
+    AXES,
+    BOX,
+    CAPSULE,
+    CENTRE,
+    CYLINDER,
+    HALF_LENGTH,
+    HALF_SPACE,
+    HALVES,
+    PRIMITIVE,
+    ROUND,
+)
 from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, VECTOR, Floats, Floats32, compiled, inlined
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
@@ -27,6 +55,9 @@ PLACED = struct.Struct("12d")
 `PRIMITIVE`; of a half-space the normal is in the place of half extents."""
 
 _PLACED = PLACED.size // 8
+
+NORMAL = AXES + 6
+"""Where the third axis of a primitive is; of a half-space it is the normal."""
 
 
 class _Scene(NamedTuple):
@@ -44,15 +75,16 @@ def _box_about(kind: int, row: Floats, boxes: Floats32, place: int) -> None:
     """Write the box along the world's axes, coordinate by coordinate sixteen places apart."""
     for k in range(3):
         if kind == HALF_SPACE:
-            low = row[9 + k] if row[6 + k] == -1.0 else -math.inf
-            high = row[9 + k] if row[6 + k] == 1.0 else math.inf
+            low = row[CENTRE + k] if row[NORMAL + k] == -1.0 else -math.inf
+            high = row[CENTRE + k] if row[NORMAL + k] == 1.0 else math.inf
         else:
-            reach = row[12] * abs(row[k]) + row[13] * abs(row[3 + k]) + row[14] * abs(row[6 + k])
+            reach = row[HALVES] * abs(row[k]) + row[HALVES + 1] * abs(row[3 + k])
+            reach += row[HALVES + 2] * abs(row[NORMAL + k])
             if kind == CAPSULE:
-                reach += row[15]
+                reach += row[ROUND]
             elif kind == CYLINDER:
-                reach += row[15] * math.sqrt(max(1.0 - row[6 + k] * row[6 + k], 0.0))
-            low, high = row[9 + k] - reach, row[9 + k] + reach
+                reach += row[ROUND] * math.sqrt(max(1.0 - row[NORMAL + k] * row[NORMAL + k], 0.0))
+            low, high = row[CENTRE + k] - reach, row[CENTRE + k] + reach
         boxes[place + LANES * k], boxes[place + LANES * (3 + k)] = low, high
 
 
@@ -62,10 +94,10 @@ def _radius(kind: int, row: Floats) -> float:
     if kind == HALF_SPACE:
         return math.inf
     if kind == CAPSULE:
-        return float(row[14] + row[15])
+        return float(row[HALF_LENGTH] + row[ROUND])
     if kind == CYLINDER:
-        return math.sqrt(row[15] * row[15] + row[14] * row[14])
-    return math.sqrt(row[12] * row[12] + row[13] * row[13] + row[14] * row[14])
+        return math.sqrt(row[ROUND] * row[ROUND] + row[HALF_LENGTH] * row[HALF_LENGTH])
+    return math.sqrt(row[HALVES] ** 2 + row[HALVES + 1] ** 2 + row[HALVES + 2] ** 2)
 
 
 @inlined
@@ -74,10 +106,10 @@ def _corners(row: Floats, vertices: Floats32, place: int) -> None:
     for lane in range(LANES):
         corner = lane if lane < CORNERS else 0
         for k in range(3):
-            at = row[9 + k]
+            at = row[CENTRE + k]
             for axis in range(3):
                 side = 1.0 if corner >> (2 - axis) & 1 else -1.0
-                at += side * row[12 + axis] * row[3 * axis + k]
+                at += side * row[HALVES + axis] * row[3 * axis + k]
             vertices[place + LANES * k + lane] = at
 
 
@@ -86,15 +118,15 @@ def _round(kind: int, row: Floats, numbers: Floats, place: int) -> None:
     """Write the numbers of a cylinder, a capsule or a half-space as a part."""
     if kind == HALF_SPACE:
         for k in range(3):
-            numbers[place + k] = row[6 + k]
-            numbers[place + 3] += row[6 + k] * row[9 + k]
+            numbers[place + k] = row[NORMAL + k]
+            numbers[place + PLANE_OFFSET] += row[NORMAL + k] * row[CENTRE + k]
         return
     for k in range(3):
         for axis in range(3):
             numbers[place + 4 * k + axis] = row[3 * axis + k]
-        numbers[place + 4 * k + 3] = row[9 + k]
-    numbers[place + 14] = row[14]
-    numbers[place + (12 if kind == CYLINDER else 15)] = row[15]
+        numbers[place + 4 * k + 3] = row[CENTRE + k]
+    numbers[place + PART_LENGTH] = row[HALF_LENGTH]
+    numbers[place + (DISC if kind == CYLINDER else PART_ROUND)] = row[ROUND]
 
 
 @inlined
@@ -110,11 +142,11 @@ def _write_row(kind: int, placed: Floats, at: int, row: Floats) -> None:
     """Write the numbers of a primitive, as `PRIMITIVE` has them."""
     _write_axes(placed[at + 1], placed[at + 2], placed[at + 3], placed[at + 4], row)
     for k in range(7):
-        row[9 + k] = placed[at + 5 + k]
+        row[CENTRE + k] = placed[at + 5 + k]
     if kind == HALF_SPACE:
         for k in range(3):
-            row[k] = row[3 + k] = row[12 + k] = 0.0
-            row[6 + k] = placed[at + 8 + k]
+            row[k] = row[3 + k] = row[HALVES + k] = 0.0
+            row[NORMAL + k] = placed[at + 8 + k]
 
 
 @compiled(int64(VECTOR, INDICES, INDICES_OUT, INDICES_OUT))
@@ -148,12 +180,13 @@ def primitive_tables(placed: Floats, offsets: Words, memory: Words, words: Words
             obstacles.primitives[PRIMITIVE * i + k] = row[k]
         _box_about(kind, row, boxes, AROUND * (i // LANES) + i % LANES)
         for k in range(3):
-            parts.balls[4 * i + k] = row[9 + k]
-        parts.balls[4 * i + 3] = _radius(kind, row)
-        parts.links[3 * i], parts.links[3 * i + 1], parts.links[3 * i + 2] = -1, -1, i
-        parts.shapes[3 * i], parts.shapes[3 * i + 1], parts.shapes[3 * i + 2] = kind, blocks, 0
+            parts.balls[BALL_ROW * i + k] = row[CENTRE + k]
+        parts.balls[BALL_ROW * i + RADIUS] = _radius(kind, row)
+        node, shape = LINK * i, SHAPE * i
+        parts.links[node + LEFT], parts.links[node + RIGHT], parts.links[node + OWN] = -1, -1, i
+        parts.shapes[shape + KIND] = POLYTOPE if kind == BOX else kind
+        parts.shapes[shape + FIRST_BLOCK], parts.shapes[shape + BLOCKS] = blocks, 1 if kind == BOX else 0
         if kind == BOX:
-            parts.shapes[3 * i], parts.shapes[3 * i + 2] = POLYTOPE, 1
             _corners(row, parts.vertices, BLOCK * blocks)
             blocks += 1
         else:

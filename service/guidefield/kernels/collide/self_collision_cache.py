@@ -15,29 +15,30 @@ from typing import Any
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.collide.cell_verdict import (
-    APART,
-    DIVIDED,
-    LEVELS,
-    START,
-    TOGETHER,
-    TOUCHING,
-    UNJUDGED,
-    UNKNOWN,
-    judged,
-)
-from guidefield.kernels.collide.gjk import POINTED_PARTS, Parts
+from guidefield.kernels.collide.cell_verdict import APART, TOUCHING, UNJUDGED, UNKNOWN, judged
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,
     CHILDREN,
+    COUNT,
+    DIVIDED,
+    DRIVER,
     GRID_NUMBERS,
     GRID_PLACES,
     GRID_SIDES,
+    LEAST,
+    LEVELS,
+    PER_LENGTH,
     SCRATCH_MEMORY,
+    SIDE,
+    START,
+    STEP,
+    TOGETHER,
+    WRAPS,
     LaneBodies,
     Scratch,
 )
+from guidefield.kernels.collide.parts import POINTED_PARTS, Parts
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints
 from guidefield.kernels.simd.atomic_allocator import claimed
@@ -67,7 +68,7 @@ def _judged_first(
     larger, at = shift + grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):
         index = a if side == 0 else b if side == 1 else c
-        at = at * ((grids[place + 3 * side + 1] - 1 >> larger) + 1) + (index >> larger)
+        at = at * ((grids[place + SIDE * side + COUNT] - 1 >> larger) + 1) + (index >> larger)
     at += grids[place + TOGETHER]
     if cells[at] == UNJUDGED:
         cells[at] = judged(joints, bodies, parts, meeting, a, b, c, larger, BAND, scratch)
@@ -98,8 +99,8 @@ def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, c
                 bodies.apart[at >> 5] |= np.uint32(1) << np.uint32(at & 31)
             return known
         shift -= divided
-        at = known + grids[place + 2] * (a >> shift & last)
-        at += grids[place + 5] * (b >> shift & last) + grids[place + 8] * (c >> shift & last)
+        at = known + grids[place + STEP] * (a >> shift & last)
+        at += grids[place + SIDE + STEP] * (b >> shift & last) + grids[place + 2 * SIDE + STEP] * (c >> shift & last)
 
 
 @lane_part
@@ -128,14 +129,14 @@ def left_of_cells(
     """
     grids, numbers, places = bodies.grids, bodies.grid_numbers, scratch.places
     place, at, cells, inside = GRID_PLACES * meeting, GRID_NUMBERS * meeting, splat(0.0), mask
-    if grids[place + 1] == 0:
+    if grids[place + COUNT] == 0:
         return mask
     divisions = 1 << grids[place + LEVELS] * grids[place + DIVIDED]
     share, down = 1.0 / divisions, 0.5 / divisions - 0.5
     for side in range(GRID_SIDES):
-        count, n = float(grids[place + 3 * side + 1]), at + 3 * side
-        value = load(coordinates, grids[place + 3 * side] * LANES)
-        along = (value - rint(value * numbers[n + 2]) * _TURN - numbers[n]) * numbers[n + 1]
+        count, n = float(grids[place + SIDE * side + COUNT]), at + SIDE * side
+        value = load(coordinates, grids[place + SIDE * side + DRIVER] * LANES)
+        along = (value - rint(value * numbers[n + WRAPS]) * _TURN - numbers[n + LEAST]) * numbers[n + PER_LENGTH]
         inside &= below(along, splat(count)) & ~below(along, splat(0.0))
         index = smallest_of(largest_of(rint(along - 0.5), splat(0.0)), splat(count - 1.0))
         store(places, side * LANES, index)

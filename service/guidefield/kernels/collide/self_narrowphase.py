@@ -5,29 +5,26 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, int64
 
-from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, Parts, bodies_apart, parts_apart
+from guidefield.kernels.collide.balls import balls_meet
+from guidefield.kernels.collide.gjk import AXIS, bodies_apart, parts_apart
 from guidefield.kernels.collide.layout import (
     AXIS_AND_REACH,
     BAND,
     BODIES,
     DECISION_BAND,
+    PAIR,
+    PAIR_AXES,
+    REACH,
     SCRATCH_MEMORY,
     LaneBodies,
     Scratch,
+    pair_of,
 )
-from guidefield.kernels.collide.separating_axes import keep_axis, lowest_ball, lowest_vertex, no_axis, polytope_of
-from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
-from guidefield.kernels.kinematics.poses import POSE, moved, one_pose, turned, turned_axis, write_turned
-from guidefield.kernels.simd.vector import below, first_lane, load, splat
-
-
-@lane_part
-def _near_each_other(poses: Floats32, joint_a: int, a: int, joint_b: int, b: int, balls: Floats32) -> int:
-    """Mask of the lanes where two balls meet that two joints carry."""
-    x, y, z = moved(poses, joint_a, balls[4 * a], balls[4 * a + 1], balls[4 * a + 2])
-    u, v, w = moved(poses, joint_b, balls[4 * b], balls[4 * b + 1], balls[4 * b + 2])
-    u, v, w, reach = u - x, v - y, w - z, balls[4 * a + 3] + balls[4 * b + 3] + BAND
-    return int(below(u * u + v * v + w * w, splat(reach * reach)))
+from guidefield.kernels.collide.parts import POINTED_PARTS, Parts, polytope_of
+from guidefield.kernels.collide.separating_axes import keep_axis, lowest_ball, lowest_vertex, no_axis
+from guidefield.kernels.jit.signatures import lane_step
+from guidefield.kernels.kinematics.poses import POSE, column_along, one_pose, turned, turned_axis, write_turned
+from guidefield.kernels.simd.vector import LANES, below, first_lane, splat
 
 
 @lane_step(int64(BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
@@ -50,9 +47,8 @@ def _left_of_axis(
     if no_axis(axes, at):
         return mask
     x, y, z = np.float32(axes[at]), np.float32(axes[at + 1]), np.float32(axes[at + 2])
-    a = joint_a * POSE
     u, v, w = turned(poses, joint_a, x, y, z)
-    lowest = load(poses, a + 48) * u + load(poses, a + 112) * v + load(poses, a + 176) * w - axes[at + 3]
+    lowest = column_along(poses, joint_a * POSE + 3 * LANES, u, v, w) - axes[at + REACH]
     u, v, w, origin = turned_axis(poses, joint_b, -u, -v, -w)
     lowest, enough = lowest + origin, splat(BAND)
     if body_b >= 0:
@@ -121,8 +117,9 @@ def _left_of_hulls(
 def pair_meets(bodies: LaneBodies, parts: Parts, pair: int, mask: int, scratch: Scratch) -> bool:
     """Whether the bodies of a pair touch in any lane of a mask: the hulls first, then piece by piece."""
     poses, bounds, pieces, roots = scratch.poses, bodies.piece_bounds, bodies.pieces, bodies.piece_roots
-    first, second = bodies.pairs[3 * pair], bodies.pairs[3 * pair + 1]
-    at, joint_a, joint_b = AXIS_AND_REACH * bodies.pairs[3 * pair + 2], bodies.joints[first], bodies.joints[second]
+    first, second = pair_of(bodies, pair)
+    joint_a, joint_b = bodies.joints[first], bodies.joints[second]
+    at = AXIS_AND_REACH * bodies.pairs[PAIR * pair + PAIR_AXES]
     if pieces[first + 1] - pieces[first] == 1 and pieces[second + 1] - pieces[second] == 1:
         root_a, root_b = bodies.roots[first], bodies.roots[second]
         return bool(_nodes_meet(bodies, parts, root_a, joint_a, root_b, joint_b, second, at, mask, scratch))
@@ -132,7 +129,7 @@ def pair_meets(bodies: LaneBodies, parts: Parts, pair: int, mask: int, scratch: 
     for a in range(pieces[first], pieces[first + 1]):
         for b in range(pieces[second], pieces[second + 1]):
             at += AXIS_AND_REACH
-            near = mask & _near_each_other(poses, joint_a, a, joint_b, b, bounds)
+            near = mask & balls_meet(poses, joint_a, a, joint_b, b, bounds, BAND)
             if near and _nodes_meet(bodies, parts, roots[a], joint_a, roots[b], joint_b, -1, at, near, scratch):
                 return True
     return False

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.collide.gjk import AXIS, POINTED_PARTS, POLYTOPE, Parts, reach_along
-from guidefield.kernels.collide.layout import AXIS_AND_REACH, LaneBodies
-from guidefield.kernels.collide.primitive import BOX, CAPSULE, HALF_SPACE
+from guidefield.kernels.collide.balls import lowest_of_ball
+from guidefield.kernels.collide.gjk import AXIS, axis_in, axis_length, reach_along
+from guidefield.kernels.collide.layout import AXIS_AND_REACH, REACH, LaneBodies
+from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, POINTED_PARTS, SHAPE, Parts, part_of
 from guidefield.kernels.jit.signatures import Floats, Floats32, Integers, lane_part, lane_step
 from guidefield.kernels.kinematics.poses import turned_axis, turned_back
 from guidefield.kernels.simd.blocks import BLOCK
@@ -18,90 +17,21 @@ from guidefield.kernels.simd.vector import (
     Vector,
     below,
     f32x16,
-    largest_of,
-    magnitude,
     root,
     smallest_of,
     splat,
 )
 
 
-@lane_part
-def polytope_of(parts: Parts, root: int) -> int:
-    """The polytope that a body is or is contained in, as a part; -1 if there is none."""
-    part = parts.links[3 * root + 2]
-    return part if part >= 0 and parts.shapes[3 * part] == POLYTOPE else -1
-
-
 @lane_step(f32x16(POINTED_PARTS, int64, f32x16, f32x16, f32x16))
 def lowest_vertex(parts: Parts, part: int, x: Vector, y: Vector, z: Vector) -> Vector:
     """The least n.v over the vertices v of a polytope, for an axis n = (x, y, z) in its frame."""
-    vertices, first, lowest = parts.vertices, parts.shapes[3 * part + 1], splat(1e30)
-    for block in range(first, first + parts.shapes[3 * part + 2]):
+    vertices, first, lowest = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK], splat(1e30)
+    for block in range(first, first + parts.shapes[SHAPE * part + BLOCKS]):
         for corner in range(block * BLOCK, block * BLOCK + LANES):
-            along = x * vertices[corner] + y * vertices[corner + 16] + z * vertices[corner + 32]
+            along = x * vertices[corner] + y * vertices[corner + LANES] + z * vertices[corner + 2 * LANES]
             lowest = smallest_of(lowest, along)
     return lowest
-
-
-@lane_part
-def _beyond(value: Vector, half: float) -> Vector:
-    """What of a value is beyond +-half."""
-    return value - largest_of(smallest_of(value, splat(half)), splat(-half))
-
-
-@lane_part
-def away_from_primitive(
-    kind: int, primitives: Floats32, at: int, x: Vector, y: Vector, z: Vector
-) -> tuple[Vector, Vector, Vector, Vector]:
-    """Axes that point from a primitive to points, and how far it reaches along them.
-
-    Args:
-        kind: Of the primitive.
-        primitives: Numbers of all primitives, shape (PRIMITIVE * n,).
-        at: Where its numbers begin.
-        x: Sixteen points in the world [m], with y and z.
-        y: See x.
-        z: See x.
-
-    Returns:
-        The axes n in the world, of any length, 0 from points in a box or cylinder; the largest n.p over the points p of
-        the primitive.
-    """
-    cx, cy, cz = primitives[at + 9], primitives[at + 10], primitives[at + 11]
-    ax, ay, az = primitives[at + 6], primitives[at + 7], primitives[at + 8]
-    dx, dy, dz = x - cx, y - cy, z - cz
-    w = dx * ax + dy * ay + dz * az
-    if kind == HALF_SPACE:
-        one = splat(1.0)
-        nx, ny, nz, reach = one * ax, one * ay, one * az, splat(0.0)
-    elif kind == BOX:
-        hu, hv, hw = primitives[at + 12], primitives[at + 13], primitives[at + 14]
-        u = _beyond(dx * primitives[at] + dy * primitives[at + 1] + dz * primitives[at + 2], hu)
-        v = _beyond(dx * primitives[at + 3] + dy * primitives[at + 4] + dz * primitives[at + 5], hv)
-        w = _beyond(w, hw)
-        nx = u * primitives[at] + v * primitives[at + 3] + w * ax
-        ny = u * primitives[at + 1] + v * primitives[at + 4] + w * ay
-        nz = u * primitives[at + 2] + v * primitives[at + 5] + w * az
-        reach = magnitude(u) * hu + magnitude(v) * hv + magnitude(w) * hw
-    else:
-        half, radius = primitives[at + 14], primitives[at + 15]
-        beyond = _beyond(w, half)
-        along = w - beyond if kind == CAPSULE else w
-        nx, ny, nz = dx - along * ax, dy - along * ay, dz - along * az
-        off = nx * ax + ny * ay + nz * az  # what rounding leaves along the axis, which counts `half` times
-        if kind == CAPSULE:
-            beyond = off
-        else:
-            nx, ny, nz = nx - off * ax, ny - off * ay, nz - off * az
-        length = root(nx * nx + ny * ny + nz * nz)
-        reach = magnitude(beyond) * half + length * radius
-        if kind != CAPSULE:  # a cylinder: all times `length`
-            out = largest_of(length - radius, splat(0.0))
-            beyond = beyond * length
-            nx, ny, nz = nx * out + beyond * ax, ny * out + beyond * ay, nz * out + beyond * az
-            reach = magnitude(beyond) * half + length * out * radius
-    return nx, ny, nz, reach + nx * cx + ny * cy + nz * cz
 
 
 @lane_part
@@ -131,7 +61,7 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
     """The least n.x over the points x of a body's cover, for an axis n = (x, y, z) in its joint's frame."""
     cover, lowest = bodies.cover, splat(1e30)
     for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
-        along = x * cover[4 * ball] + y * cover[4 * ball + 1] + z * cover[4 * ball + 2] - cover[4 * ball + 3]
+        along = lowest_of_ball(cover, ball, x, y, z)
         lowest = smallest_of(lowest, along)
     return lowest
 
@@ -181,14 +111,15 @@ def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: f
         axes: Gets axis and reach, shape (n,).
         at: Where in it.
     """
-    length = max(math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2), 1e-30)
-    for k in range(3):
-        work[AXIS + k] /= length
-    axes[at], axes[at + 1], axes[at + 2] = turned_back(pose, work[AXIS], work[AXIS + 1], work[AXIS + 2])
-    part = parts.links[3 * root + 2]
-    axes[at + 3] = np.inf
+    length = max(axis_length(work), 1e-30)
+    for k in range(AXIS, AXIS + 3):
+        work[k] /= length
+    x, y, z = axis_in(work)
+    axes[at], axes[at + 1], axes[at + 2] = turned_back(pose, x, y, z)
+    part = part_of(parts, root)
+    axes[at + REACH] = np.inf
     if part >= 0:
-        axes[at + 3] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
+        axes[at + REACH] = reach_along(parts, part, work, way * axes[at], way * axes[at + 1], way * axes[at + 2])
 
 
 @lane_part

@@ -20,7 +20,7 @@ from guidefield.kernels.jit.signatures import (
     lane_part,
     lane_step,
 )
-from guidefield.kernels.simd.blocks import AROUND, BLOCK
+from guidefield.kernels.simd.blocks import AROUND, BLOCK, point_at, points_at
 from guidefield.kernels.simd.packing import pointed, unpacked
 from guidefield.kernels.simd.vector import (
     ALL_LANES,
@@ -30,7 +30,6 @@ from guidefield.kernels.simd.vector import (
     f32x16,
     first_lane,
     largest_of,
-    load,
     smallest_lane,
     splat,
 )
@@ -105,10 +104,12 @@ def _only(typing: Any, mask: Any, value: Any, otherwise: Any) -> Any:
 @lane_part
 def _box_gaps(boxes: Floats32, block: int, x: float, y: float, z: float) -> Vector:
     """Squares of the distances of a point to sixteen boxes [m^2]."""
-    at, zero = block * AROUND, splat(0.0)
-    dx = largest_of(largest_of(load(boxes, at) - x, x - load(boxes, at + 48)), zero)
-    dy = largest_of(largest_of(load(boxes, at + 16) - y, y - load(boxes, at + 64)), zero)
-    dz = largest_of(largest_of(load(boxes, at + 32) - z, z - load(boxes, at + 80)), zero)
+    zero = splat(0.0)
+    low_x, low_y, low_z = points_at(boxes, block * AROUND)
+    high_x, high_y, high_z = points_at(boxes, block * AROUND + BLOCK)
+    dx = largest_of(largest_of(low_x - x, x - high_x), zero)
+    dy = largest_of(largest_of(low_y - y, y - high_y), zero)
+    dz = largest_of(largest_of(low_z - z, z - high_z), zero)
     return dx * dx + dy * dy + dz * dz
 
 
@@ -123,8 +124,8 @@ def point_gaps(points: Floats32, block: int, x: float, y: float, z: float) -> Ve
         y: See x.
         z: See x.
     """
-    at = block * BLOCK
-    dx, dy, dz = load(points, at) - x, load(points, at + 16) - y, load(points, at + 32) - z
+    px, py, pz = points_at(points, block * BLOCK)
+    dx, dy, dz = px - x, py - y, pz - z
     return dx * dx + dy * dy + dz * dz
 
 
@@ -221,6 +222,6 @@ def nearest_distance(cloud: LaneCloud, x: float, y: float, z: float) -> float:
         y: See x.
         z: See x.
     """
-    at = nearest_point(cloud, x, y, z, 1e15)
-    dx, dy, dz = x - cloud.points[at], y - cloud.points[at + 16], z - cloud.points[at + 32]
+    px, py, pz = point_at(cloud.points, nearest_point(cloud, x, y, z, 1e15))
+    dx, dy, dz = x - px, y - py, z - pz
     return math.sqrt(dx * dx + dy * dy + dz * dz)

@@ -8,7 +8,8 @@ from numba import int64, void
 
 from guidefield.kernels.jit.fields import Indices, Singles, numba_type
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
-from guidefield.kernels.kinematics.poses import POSE, moved_row
+from guidefield.kernels.kinematics.poses import POSE, ROW, moved_row, row_along
+from guidefield.kernels.simd.blocks import points_at
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
 from guidefield.kernels.simd.vector import LANES, Vector, load, splat, store
@@ -21,9 +22,9 @@ PLAIN, SQUARE, PARALLEL, GROUNDED = range(4)
 """Forms of the placement of a joint in its parent's frame: any; turned about x by a right angle, or not at all, of a
 turning joint; any in the world, of one that turns or slides."""
 
-JOINT = 16
-"""Numbers of a joint: placement in the parent's frame (12, row by row), then multiplier and offset of its value, or the
-quaternion (x, y, z, w) that its rotation vector starts from."""
+MULTIPLIER, OFFSET, QUATERNION, JOINT = 12, 13, 12, 16
+"""Numbers of a joint: behind its placement in the parent's frame (12, row by row) multiplier and offset of its value,
+or the quaternion (x, y, z, w) that its rotation vector starts from; then how many numbers there are."""
 
 
 class LaneJoints(NamedTuple):
@@ -65,21 +66,36 @@ def _shifted(poses: Floats32, row: int, numbers: Floats32, base: int) -> Vector:
 
 
 @lane_part
+def _turned_row(poses: Floats32, row: int, numbers: Floats32, base: int) -> tuple[Vector, Vector, Vector]:
+    """A row of the rotation of a joint before it moves, whose parent's placement has its row there."""
+    return (
+        row_along(poses, row, numbers[base], numbers[base + 4], numbers[base + 8]),
+        row_along(poses, row, numbers[base + 1], numbers[base + 5], numbers[base + 9]),
+        row_along(poses, row, numbers[base + 2], numbers[base + 6], numbers[base + 10]),
+    )
+
+
+@lane_part
+def _write_row(poses_out: Floats32, row: int, r0: Vector, r1: Vector, r2: Vector, t: Vector) -> None:
+    """Write a row of placements: of their rotations, and their translation's number."""
+    store(poses_out, row, r0)
+    store(poses_out, row + LANES, r1)
+    store(poses_out, row + 2 * LANES, r2)
+    store(poses_out, row + 3 * LANES, t)
+
+
+@lane_part
 def _place_grounded(
     turning: bool, numbers: Floats32, base: int, value: Vector, c: Vector, s: Vector, poses_out: Floats32, here: int
 ) -> None:
     """Write placements of a joint that turns in the world, by angles with these cosines and sines, or slides in it."""
     for r in range(3):
-        row, at = here + r * 4 * LANES, base + 4 * r
+        row, at = here + r * ROW, base + 4 * r
+        n0, n1, n2, t = numbers[at], numbers[at + 1], splat(numbers[at + 2]), numbers[at + 3]
         if turning:
-            store(poses_out, row, c * numbers[at] + s * numbers[at + 1])
-            store(poses_out, row + 16, c * numbers[at + 1] - s * numbers[at])
-            store(poses_out, row + 48, splat(numbers[at + 3]))
+            _write_row(poses_out, row, c * n0 + s * n1, c * n1 - s * n0, n2, splat(t))
         else:
-            store(poses_out, row, splat(numbers[at]))
-            store(poses_out, row + 16, splat(numbers[at + 1]))
-            store(poses_out, row + 48, value * numbers[at + 2] + numbers[at + 3])
-        store(poses_out, row + 32, splat(numbers[at + 2]))
+            _write_row(poses_out, row, splat(n0), splat(n1), n2, value * numbers[at + 2] + t)
 
 
 @lane_part
@@ -88,12 +104,10 @@ def _place_square(
 ) -> None:
     """Write placements of a joint whose axis is at right angles to its parent's."""
     for r in range(3):
-        row, at = there + r * 4 * LANES, here + r * 4 * LANES
-        p0, p2 = load(poses_out, row), load(poses_out, row + 32)
-        store(poses_out, at, p0 * c + p2 * s)
-        store(poses_out, at + 16, p2 * c - p0 * s)
-        store(poses_out, at + 32, -load(poses_out, row + 16))
-        store(poses_out, at + 48, _shifted(poses_out, row, numbers, base))
+        row = there + r * ROW
+        p0, p1, p2 = points_at(poses_out, row)
+        t = _shifted(poses_out, row, numbers, base)
+        _write_row(poses_out, here + r * ROW, p0 * c + p2 * s, p2 * c - p0 * s, -p1, t)
 
 
 @lane_part
@@ -102,12 +116,10 @@ def _place_parallel(
 ) -> None:
     """Write placements of a joint whose axis is parallel to its parent's."""
     for r in range(3):
-        row, at = there + r * 4 * LANES, here + r * 4 * LANES
-        p0, p1 = load(poses_out, row), load(poses_out, row + 16)
-        store(poses_out, at, p0 * c + p1 * s)
-        store(poses_out, at + 16, p1 * c - p0 * s)
-        store(poses_out, at + 32, load(poses_out, row + 32))
-        store(poses_out, at + 48, _shifted(poses_out, row, numbers, base))
+        row = there + r * ROW
+        p0, p1, p2 = points_at(poses_out, row)
+        t = _shifted(poses_out, row, numbers, base)
+        _write_row(poses_out, here + r * ROW, p0 * c + p1 * s, p1 * c - p0 * s, p2, t)
 
 
 @lane_part
@@ -124,16 +136,10 @@ def _place_plain(
 ) -> None:
     """Write placements of any joint with one degree of freedom."""
     for r in range(3):
-        row, at = there + r * 4 * LANES, here + r * 4 * LANES
-        p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
-        r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
-        r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
-        r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+        row = there + r * ROW
+        r0, r1, r2 = _turned_row(poses_out, row, numbers, base)
         t = _shifted(poses_out, row, numbers, base)
-        store(poses_out, at, r0 * c + r1 * s)
-        store(poses_out, at + 16, r1 * c - r0 * s)
-        store(poses_out, at + 32, r2)
-        store(poses_out, at + 48, t if turning else t + r2 * value)
+        _write_row(poses_out, here + r * ROW, r0 * c + r1 * s, r1 * c - r0 * s, r2, t if turning else t + r2 * value)
 
 
 @lane_part
@@ -155,8 +161,10 @@ def _entries(x: Vector, y: Vector, z: Vector, w: Vector) -> tuple[Vector, ...]:
 @lane_part
 def _turned(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tuple[Vector, ...]:
     """Rotation, row by row, of a joint that turns about a point: that it starts from, then its rotation vector's."""
-    ex, ey, ez, ew = quaternion_of_vector(load(coordinates, at), load(coordinates, at + 16), load(coordinates, at + 32))
-    x, y, z, w = numbers[base + 12], numbers[base + 13], numbers[base + 14], numbers[base + 15]
+    vx, vy, vz = points_at(coordinates, at)
+    ex, ey, ez, ew = quaternion_of_vector(vx, vy, vz)
+    first = base + QUATERNION
+    x, y, z, w = numbers[first], numbers[first + 1], numbers[first + 2], numbers[first + 3]
     return _entries(
         ex * w + ew * x + ez * y - ey * z,
         ey * w - ez * x + ew * y + ex * z,
@@ -172,28 +180,22 @@ def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Fl
     here, there, kind = i * POSE, joints.parents[i] * POSE, joints.kinds[i]
     x, y, z = splat(0.0), splat(0.0), splat(0.0)
     if kind != BALL:
-        x, y = load(coordinates, at), load(coordinates, at + 16)
+        x, y = load(coordinates, at), load(coordinates, at + LANES)
     if kind == FLOATING:
-        z = load(coordinates, at + 32)
+        z = load(coordinates, at + 2 * LANES)
         at += 3 * LANES
     a, b, c, d, e, f, g, h, k = _entries(splat(0.0), splat(0.0), splat(0.0), splat(1.0))
     if kind == PLANAR:
-        a, d = cosine_and_sine(load(coordinates, at + 32))
+        a, d = cosine_and_sine(load(coordinates, at + 2 * LANES))
         b, e = -d, a
     else:
         a, b, c, d, e, f, g, h, k = _turned(numbers, base, coordinates, at)
     for r in range(3):
-        row = there + r * 4 * LANES
-        p0, p1, p2 = load(poses_out, row), load(poses_out, row + 16), load(poses_out, row + 32)
-        r0 = p0 * numbers[base] + p1 * numbers[base + 4] + p2 * numbers[base + 8]
-        r1 = p0 * numbers[base + 1] + p1 * numbers[base + 5] + p2 * numbers[base + 9]
-        r2 = p0 * numbers[base + 2] + p1 * numbers[base + 6] + p2 * numbers[base + 10]
+        row = there + r * ROW
+        r0, r1, r2 = _turned_row(poses_out, row, numbers, base)
         t = _shifted(poses_out, row, numbers, base) + r0 * x + r1 * y + r2 * z
-        row = here + r * 4 * LANES
-        store(poses_out, row, r0 * a + r1 * d + r2 * g)
-        store(poses_out, row + 16, r0 * b + r1 * e + r2 * h)
-        store(poses_out, row + 32, r0 * c + r1 * f + r2 * k)
-        store(poses_out, row + 48, t)
+        p0, p1, p2 = r0 * a + r1 * d + r2 * g, r0 * b + r1 * e + r2 * h, r0 * c + r1 * f + r2 * k
+        _write_row(poses_out, here + r * ROW, p0, p1, p2, t)
 
 
 @lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))
@@ -212,7 +214,7 @@ def lane_placements(joints: LaneJoints, coordinates: Floats32, poses_out: Floats
         _place_world(poses_out)
     for i in range(1, size):
         base, here, there, form = i * JOINT, i * POSE, parents[i] * POSE, forms[i]
-        value = load(coordinates, drivers[i] * LANES) * numbers[base + 12] + numbers[base + 13]
+        value = load(coordinates, drivers[i] * LANES) * numbers[base + MULTIPLIER] + numbers[base + OFFSET]
         turning = kinds[i] == TURNING
         c, s = splat(1.0), splat(0.0)
         if turning:

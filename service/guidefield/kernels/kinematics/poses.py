@@ -114,7 +114,7 @@ def row_along(poses: Floats32, row: int, x: Any, y: Any, z: Any) -> Vector:
 
 @lane_part
 def moved_row(poses: Floats32, row: int, x: Any, y: Any, z: Any) -> Vector:
-    """The same, and the translation added: a coordinate of moved points [m]."""
+    """`row_along`, and the translation added: a coordinate of moved points [m]."""
     return row_along(poses, row, x, y, z) + load(poses, row + 3 * LANES)
 
 
@@ -141,8 +141,8 @@ def turned(poses: Floats32, joint: int, x: Any, y: Any, z: Any) -> tuple[Vector,
 
 
 @lane_part
-def _column_along(poses: Floats32, column: int, u: Vector, v: Vector, w: Vector) -> Vector:
-    """A column of poses, which begins there, times three vectors."""
+def column_along(poses: Floats32, column: int, u: Vector, v: Vector, w: Vector) -> Vector:
+    """A column of `poses` (joints * POSE,), which begins there, times three vectors."""
     return load(poses, column) * u + load(poses, column + ROW) * v + load(poses, column + 2 * ROW) * w
 
 
@@ -159,8 +159,8 @@ def turned_axis(poses: Floats32, joint: int, u: Vector, v: Vector, w: Vector) ->
     """
     at = joint * POSE
     return (
-        _column_along(poses, at, u, v, w),
-        _column_along(poses, at + LANES, u, v, w),
-        _column_along(poses, at + 2 * LANES, u, v, w),
-        _column_along(poses, at + 3 * LANES, u, v, w),
+        column_along(poses, at, u, v, w),
+        column_along(poses, at + LANES, u, v, w),
+        column_along(poses, at + 2 * LANES, u, v, w),
+        column_along(poses, at + 3 * LANES, u, v, w),
     )

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from numba import int64, types
 
-from guidefield.kernels.collide.broadphase import ball_centre, boxes_near, near_obstacle, place_carriers
+from guidefield.kernels.collide.balls import ball_centre, ball_radius
+from guidefield.kernels.collide.broadphase import boxes_near, carrier_centre, near_obstacle, place_carriers
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
     BODIES,
+    BODY,
+    HIT,
+    OBSTACLE,
     OBSTACLES,
     SCRATCH_MEMORY,
     LaneBodies,
@@ -21,7 +25,7 @@ from guidefield.kernels.collide.layout import (
 )
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, INTEGER_POINTER, Floats32, Integers, lane_part, lane_step
 from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
-from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane, load
+from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane
 
 SIEVE = 32
 """How many of the inner balls that met an obstacle are tried before any other."""
@@ -35,19 +39,20 @@ def _hit_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
     """The lanes where one of the balls that met an obstacle lately does so again; such a ball moves on by a place."""
     poses, inner, mask = scratch.poses, bodies.inner, 0
     for k in range(SIEVE):
-        body, o, ball = hits[3 * k], hits[3 * k + 1], hits[3 * k + 2]
+        body, o, ball = hits[HIT * k + BODY], hits[HIT * k + OBSTACLE], hits[HIT * k + BALL]
         if body < 0:
             break
         x, y, z = ball_centre(poses, bodies.joints[body], inner, ball)
-        new = near_obstacle(obstacles, o, x, y, z, inner[4 * ball + 3] + clearance - BAND, ALL_LANES & ~mask) & ~mask
+        reach, left = ball_radius(inner, ball) + clearance - BAND, ALL_LANES & ~mask
+        new = left & near_obstacle(obstacles, o, x, y, z, reach, left)
         if new == 0:
             continue
         mask |= new
         if mask == ALL_LANES:
             break
         if k > 0:
-            for i in range(3 * k, 3 * k + 3):
-                hits[i - 3], hits[i] = hits[i], hits[i - 3]
+            for i in range(HIT * k, HIT * k + HIT):
+                hits[i - HIT], hits[i] = hits[i], hits[i - HIT]
     return int(mask)
 
 
@@ -67,12 +72,12 @@ def _hits_of(
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = ball_centre(scratch.poses, bodies.joints[body], bodies.inner, ball)
         left = near & ~mask
-        new = left & near_obstacle(obstacles, o, x, y, z, bodies.inner[4 * ball + 3] + clearance - BAND, left)
+        new = left & near_obstacle(obstacles, o, x, y, z, ball_radius(bodies.inner, ball) + clearance - BAND, left)
         if new:
             mask |= new
-            for i in range(3 * SIEVE - 1, 2, -1):
-                hits[i] = hits[i - 3]
-            hits[0], hits[1], hits[2] = body, o, ball
+            for i in range(HIT * SIEVE - 1, HIT - 1, -1):
+                hits[i] = hits[i - HIT]
+            hits[BODY], hits[OBSTACLE], hits[BALL] = body, o, ball
     return int(mask)
 
 
@@ -103,7 +108,7 @@ def certain_hits(
         clearance: What it has to keep from obstacles [m], >= 0.
         coordinates: Sixteen values of each chart coordinate, flat, (nv * 16).
         scratch: Memory.
-        hits: (3 * SIEVE,) balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
+        hits: (HIT * SIEVE,) balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
     """
     lane_placements(joints, coordinates, scratch.poses)
     mask = _hit_again(bodies, obstacles, clearance, scratch, hits)
@@ -112,8 +117,8 @@ def certain_hits(
     place_carriers(bodies, scratch)
     poses, centres, members, n = scratch.poses, scratch.centres, bodies.members, obstacles.size
     for c in range(bodies.moving):
-        x, y, z = load(centres, c * BALL), load(centres, c * BALL + LANES), load(centres, c * BALL + 2 * LANES)
-        reach, several = bodies.around[4 * c + 3] + clearance, members[c + 1] - members[c] > 1
+        x, y, z = carrier_centre(centres, c)
+        reach, several = ball_radius(bodies.around, c) + clearance, members[c + 1] - members[c] > 1
         for block in range((n + LANES - 1) // LANES):
             candidates = boxes_near(obstacles.boxes, block, x, y, z, reach)
             while candidates:
@@ -126,7 +131,7 @@ def certain_hits(
                     body, near = bodies.order[k], about & ~mask
                     if near and several:
                         u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
-                        near &= near_obstacle(obstacles, o, u, v, w, bodies.bounds[4 * body + 3] + clearance, near)
+                        near &= near_obstacle(obstacles, o, u, v, w, ball_radius(bodies.bounds, body) + clearance, near)
                     if near and obstacles.tested[body * n + o]:
                         mask |= _hits_of(bodies, body, obstacles, o, near, clearance, scratch, hits)
                 if mask == ALL_LANES:
