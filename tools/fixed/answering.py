@@ -57,7 +57,8 @@ def outcome(answer: dict[str, Any]) -> str:
     if "error" in answer:
         return f"{answer['error']}: {answer['message'][:100]}"
     if "status" in answer:
-        return f"{answer['status']['name']}, {len(answer['path'])} waypoints"
+        made = f"{len(answer['path'])} waypoints" if "path" in answer else answer["certificate"]["reason"]
+        return f"{answer['status']['name']}, {made}"
     return ", ".join(sorted(answer)[:4])
 
 

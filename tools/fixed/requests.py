@@ -208,6 +208,34 @@ def refused() -> dict[str, Request]:
     }
 
 
+def judged() -> dict[str, Request]:
+    """Motions that are given: a path, samples in time, knots of a base that drives, one among what moves."""
+    names = list(READY)
+    home, turned = list(READY.values()), list(TURNED.values())
+    into = [home[0], 0.9, home[2], -1.2, *home[4:]]
+    late = {"allowed_time": 600.0, "recording": "off"}
+    asked_for = {"type": "certify", "robot": "panda", "position_names": names, **late}
+    drive = [[0.4 * i, 0.1 * i * i, 2.9 + 0.2 * i, 0.1 * i] for i in range(4)]
+    rates = [[0.4, 0.05, 0.2, 0.1]] * 4
+    base = [f"root_joint.{name}" for name in ("x", "y", "theta")]
+    samples = {"positions": [home, turned, home], "times": [0.0, 1.5, 3.2]}
+    return {
+        "judged path": {**asked_for, "scene": "table", "path": [home, turned, into]},
+        "judged near": {**asked_for, "scene": scene("posted", POST), "path": [home, turned], "min_clearance": 0.02},
+        "judged samples": {**asked_for, "scene": "table", "trajectory": samples},
+        "judged cone": {**asked_for, "scene": "table", "path": [home, turned, into], "path_constraints": [CONE]},
+        "judged among what moves": {**asked_for, "scene": scene("moved", MOVER), "trajectory": samples},
+        "judged drive": {
+            "type": "certify",
+            "robot": WHEELED,
+            "scene": scene("posted", POST),
+            "trajectory": {"positions": drive, "velocities": rates, "times": [0.0, 1.0, 2.0, 3.0]},
+            "position_names": [*base, "turn"],
+            **late,
+        },
+    }
+
+
 def asked() -> dict[str, Request]:
     """Kinematics, clearance, potentials."""
     somewhere = [{}, READY, TURNED, {**TURNED, "panda_joint6": 2.4}]
@@ -262,6 +290,7 @@ REQUESTS: dict[str, Request] = {
     **searched(),
     **constrained(),
     **refused(),
+    **judged(),
     **told(),
 }
 """By name, in the order in which they are answered."""
