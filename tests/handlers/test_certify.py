@@ -13,6 +13,7 @@ from hypothesis import given, settings, strategies as st
 
 import guidefield
 from guidefield.cli.motion_files import recorded_fields
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.handlers.certify import answer_certify
@@ -414,3 +415,31 @@ def test_a_long_motion_is_refused_at_its_place() -> None:
     assert reply.certificate.reason == "contact"
     assert 2_500.0 < reply.certificate.free_until.row <= reply.certificate.place.row < 2_501.0
     assert 2_500.0 < reply.clearance.row <= 2_501.0
+
+
+@pytest.mark.parametrize("interpolation", ["spline", "linear"])
+def test_times_are_those_of_the_scene_and_arrays_may_stand_for_rows(interpolation: str) -> None:
+    places = [{"position": [0.45, y, 0.5]} for y in (-0.8, 0.8)]
+    mover = {"type": "sphere", "name": "mover", "radius": 0.08}
+    scene = {"name": "m", "obstacles": [{**mover, "trajectory": {"times": [10.0, 14.0], "placements": places}}]}
+    rows = np.array([HOME, TURN, HOME])
+    given_ = requests.GivenTrajectory(positions=rows, times=np.array([11.0, 12.0, 13.5]))
+    request = requests.CertifyRequest(
+        "panda", msgspec.convert(scene, messages.Scene), trajectory=given_, position_names=NAMES,
+        interpolation=interpolation, recording="off", allowed_time=60.0,
+    )  # fmt: skip
+    reply = guidefield.answer(request)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.certificate.free_until.time == 13.5
+    problem, _ = certify_problem(codec.checked(request), robot("panda"), build(request.scene), Budget())
+    times = np.linspace(11.0, 13.5, 150)
+    zs = problem.motion.scheduled.evaluate(times)[0]
+    sampled = []
+    for moment, z in zip(times.tolist(), zs, strict=True):
+        world = World.build(problem.group, problem.scene.at(moment))
+        q = problem.group.expand_from_chart(z)
+        sampled.append(clearance_at(world, q).obstacle_distance)
+    assert min(sampled) - 5e-3 <= reply.clearance.minimum <= min(sampled) + 1e-4
+    assert reply.clearance.time == pytest.approx(times[int(np.argmin(sampled))], abs=0.05)
+    early = guidefield.answer(msgspec.structs.replace(request, trajectory=None, path=rows.tolist(), scene="table"))
+    assert early.clearance.time is None
