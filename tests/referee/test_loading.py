@@ -93,9 +93,12 @@ def test_a_file_is_judged_by_a_program_of_its_own(tmp_path):
     assert run.returncode == 2
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
+@pytest.mark.parametrize("name", ["panda", "iris", "ur3_gripper", "chain_universal_moving_6x180_r25"])
 def test_bodies_stand_where_the_robot_has_them(name):
-    """Every collision shape, at random configurations and a random root, by Pinocchio on the model that plans."""
+    """Every collision shape, at a random configuration and root, by Pinocchio on the model that plans.
+
+    Among the joints are balls, a floating root, and followers.
+    """
     rng = np.random.default_rng(5)
     model = robot(name)
     x, y, z, w = (q := rng.normal(size=4)) / np.linalg.norm(q)
@@ -106,7 +109,9 @@ def test_bodies_stand_where_the_robot_has_them(name):
     point = planned.chart(planned.random(rng))
     motion = case_file.Motion(world, root, (), None, np.array([point, point]), None)
     case = read(motion)
-    q = pin.integrate(case.model, pin.neutral(case.model), case.spread @ point + case.offset)
+    q, values = pin.neutral(case.model), case.spread @ point + case.offset
+    for step in (np.where(case.turning, 0.0, values), case.turned, np.where(case.turning, values, 0.0)):
+        q = pin.integrate(case.model, q, step)
     data = case.model.createData()
     pin.forwardKinematics(case.model, data, q)
     pin.updateGeometryPlacements(
