@@ -108,15 +108,15 @@ def certify(
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="A folder that holds packages of a .urdf file's meshes; can be repeated.")
     ] = None,
-    time_step: Annotated[float | None, typer.Option(help="Between rows, where the file has no times [s].")] = None,
+    time_step: Annotated[float | None, typer.Option(help="Between rows, where the file has no times, in seconds.")] = None,
     interpolation: Annotated[
         str | None, typer.Option(help="Which curve goes through samples: spline, or linear.")
     ] = None,
-    min_clearance: Annotated[float | None, typer.Option(help="What links have to keep from obstacles [m].")] = None,
+    min_clearance: Annotated[float | None, typer.Option(help="What links have to keep from obstacles, in metres.")] = None,
     leave_start_contact: Annotated[
         bool, typer.Option("--leave-start-contact", help="A slight contact at the start may be left.")
     ] = False,
-    allowed_time: Annotated[float, typer.Option(help="How long it may take [s].")] = 60.0,
+    allowed_time: Annotated[float, typer.Option(help="How long it may take, in seconds.")] = 60.0,
     output: ReplyFile = None,
     record: Annotated[
         Path | None, typer.Option(help="Write a recording of the motion here (.rrd).", callback=writable)
