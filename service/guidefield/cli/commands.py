@@ -108,11 +108,15 @@ def certify(
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="A folder that holds packages of a .urdf file's meshes; can be repeated.")
     ] = None,
-    time_step: Annotated[float | None, typer.Option(help="Between rows, where the file has no times, in seconds.")] = None,
+    time_step: Annotated[
+        float | None, typer.Option(help="Between rows, where the file has no times, in seconds.")
+    ] = None,
     interpolation: Annotated[
         str | None, typer.Option(help="Which curve goes through samples: spline, or linear.")
     ] = None,
-    min_clearance: Annotated[float | None, typer.Option(help="What links have to keep from obstacles, in metres.")] = None,
+    min_clearance: Annotated[
+        float | None, typer.Option(help="What links have to keep from obstacles, in metres.")
+    ] = None,
     leave_start_contact: Annotated[
         bool, typer.Option("--leave-start-contact", help="A slight contact at the start may be left.")
     ] = False,
