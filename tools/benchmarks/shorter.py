@@ -61,4 +61,6 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     rounds = Rounds(number, TREE.resolution, MARGIN)
     began = time.thread_time()
     better = shorter(problem, path, z_goal[None], rounds, rng, lambda _: True)
-    return length_of(better.path) / length_of(path), time.thread_time() - began
+    return length_of(better.path, problem.group.units) / length_of(
+        path, problem.group.units
+    ), time.thread_time() - began

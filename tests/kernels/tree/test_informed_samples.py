@@ -52,7 +52,16 @@ def sequence(
     nv = len(lower)
     frequency = np.where(period > 0.0, 1.0 / np.where(period > 0.0, period, 1.0), 0.0).astype(np.float32)
     begin, samples = np.linspace(0.3, 0.7, nv + 1), np.empty((batches, nv * LANES), np.float32)
-    sampling = Sampling(steps_of(nv + 1), lower, width, period.astype(np.float32), frequency, 0, np.zeros(0, np.int64))
+    sampling = Sampling(
+        steps_of(nv + 1),
+        lower,
+        width,
+        period.astype(np.float32),
+        frequency,
+        np.ones(nv, np.float32),
+        0,
+        np.zeros(0, np.int64),
+    )
     drawn(packed(sampling), begin.copy(), ends.astype(np.float32).ravel(), reach, LANES, samples)
     places = (begin + np.arange(1.0, batches * LANES + 1.0)[:, None] * steps_of(nv + 1)) % 1.0
     return samples.reshape(-1, nv, LANES).transpose(0, 2, 1).reshape(-1, nv).astype(float), places
@@ -74,7 +83,7 @@ def test_samples_go_on_where_the_last_that_was_used_is(used: int) -> None:
         np.array([2.0, 1.0, 3.0, 4.0]),
     )
     none = np.zeros(4, np.float32)
-    sampling = Sampling(steps, lower, width, none, none, 0, np.zeros(0, np.int64))
+    sampling = Sampling(steps, lower, width, none, none, np.ones(len(lower), np.float32), 0, np.zeros(0, np.int64))
     begin, samples = np.array([0.1, 0.999, 0.0, 0.6, 0.9]), np.empty((40, 4 * LANES), np.float32)
     drawn(packed(sampling), begin.copy(), np.zeros(8, np.float32), 0.1, used, samples)
     which = used * np.arange(40)[:, None] + np.arange(1, LANES + 1)
@@ -88,7 +97,7 @@ def test_rotations_of_samples_are_drawn_evenly() -> None:
     steps = 1.2207440846057596 ** -np.arange(1.0, 7.0)
     box = np.full(5, -7.0), np.full(5, 3.0)
     none = np.zeros(5, np.float32)
-    sampling = Sampling(steps, *box, none, none, 1, np.array([1]))
+    sampling = Sampling(steps, *box, none, none, np.ones(len(none), np.float32), 1, np.array([1]))
     samples = np.empty((1, 5 * LANES), np.float32)
     drawn(packed(sampling), np.zeros(6), np.full(10, -6.0, np.float32), 0.5, LANES, samples)
     shares, points = (np.arange(1.0, 17.0)[:, None] * steps) % 1.0, samples.reshape(5, LANES).T

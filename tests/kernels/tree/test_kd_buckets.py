@@ -18,7 +18,9 @@ WRAPS = np.array([0.0, 2.0 * np.pi, 0.0, 0.0, 2.0 * np.pi], np.float32)
 def sampling_of(wraps: np.ndarray) -> Sampling:
     nv = len(wraps)
     frequency = np.array([0.0 if period == 0.0 else 1.0 / period for period in wraps], np.float32)
-    return Sampling(np.zeros(nv), np.zeros(nv), np.ones(nv), wraps, frequency, 0, np.zeros(0, np.int64))
+    return Sampling(
+        np.zeros(nv), np.zeros(nv), np.ones(nv), wraps, frequency, np.ones(nv, np.float32), 0, np.zeros(0, np.int64)
+    )
 
 
 def apart(a: np.ndarray, b: np.ndarray, wraps: np.ndarray) -> np.ndarray:

@@ -43,9 +43,9 @@ def test_more_rounds_make_no_longer_paths_with_the_same_ends() -> None:
     for number in (0, 1, 3, 10):
         better, path = improved(number)
         np.testing.assert_array_equal(better.path[[0, -1]], path[[0, -1]])
-        lengths.append(length_of(better.path))
+        lengths.append(length_of(better.path, np.ones(7)))
         assert better.rounds == number
-    assert lengths[0] == length_of(path)
+    assert lengths[0] == length_of(path, np.ones(7))
     assert (np.diff(lengths) <= 0.0).all()
     assert lengths[-1] < (1.0 - ROUNDS.least) * lengths[0]
 
@@ -74,7 +74,7 @@ def test_time_ends_the_rounds() -> None:
     better, path = improved(1_000_000, deadline=time.monotonic() + 0.2)
     assert better.rounds < 1_000_000
     assert "of 1000000: time ended them" in better.message
-    assert length_of(better.path) <= length_of(path)
+    assert length_of(better.path, np.ones(7)) <= length_of(path, np.ones(7))
 
 
 def test_a_connection_that_is_asked_for_more_is_shorter_and_certified() -> None:
@@ -82,7 +82,7 @@ def test_a_connection_that_is_asked_for_more_is_shorter_and_certified() -> None:
     asked = problem("panda", made.scene, optimization_iterations=8)
     plain, more = (connect(one, start, goal[None], np.random.default_rng(2)) for one in (made, asked))
     assert more.status is Status.SUCCESS
-    assert length_of(more.path) <= length_of(plain.path)
+    assert length_of(more.path, np.ones(7)) <= length_of(plain.path, np.ones(7))
     assert "shorter in 8 rounds" in more.message
     assert "rounds" not in plain.message
     assert densely_free(asked, more.path)
@@ -94,11 +94,11 @@ def test_a_point_on_a_path_that_is_short_enough_is_in_the_box(seed: int, more: f
     planned = grouped(box_arm("continuous x oblique-continuous slide", 4)) if wraps else group("panda")
     rng, sources = np.random.default_rng(seed), sources_of(planned)
     start, goal, via = (planned.chart(planned.random(rng)) for _ in range(3))
-    goal = planned.unwrapped(goal, start)
+    goal, units = planned.unwrapped(goal, start), planned.units
     via = start + rng.random() * (planned.unwrapped(via, start) - start)
-    length = sum(np.linalg.norm(b - planned.unwrapped(a, b)) for a, b in ((start, via), (goal, via)))
-    box = sources.between(start[None], goal[None], more * length).sampling
-    above = via - box.lower
+    length = sum(np.linalg.norm((b - planned.unwrapped(a, b)) / units) for a, b in ((start, via), (goal, via)))
+    box = sources.between((start / units)[None], (goal / units)[None], more * length).sampling
+    above = via / units - box.lower
     turns = box.period > 0.0
     above[turns] %= box.period[turns]
     assert (above >= -1e-9).all()

@@ -17,7 +17,7 @@ from guidefield.collision.world import World
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, lane_kernel
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector_model import LANES
-from guidefield.kernels.tree.nodes import PLANTED, search_of
+from guidefield.kernels.tree.nodes import PLANTED, RANGE, search_of
 from guidefield.kernels.tree.rrt_connect import way_of
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
@@ -73,6 +73,31 @@ def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before()
     np.testing.assert_array_equal(paths[0], paths[1])
     np.testing.assert_array_equal(paths[0], paths[2])
     assert not np.array_equal(paths[0], search(4)[0].path)
+
+
+@pytest.mark.parametrize("joints", ["slide y y", "slide x slide"])
+def test_trees_grow_in_chart_points_by_steps_of_the_metric(joints: str) -> None:
+    arm = grouped(box_arm(joints, 3))
+    post = messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))
+    lanes = BatchCollision.build(World.build(arm, scene_of(post)))
+    rng, free = np.random.default_rng(1), []
+    while len(free) < 12:
+        zs = np.array([arm.chart(arm.random(rng)) for _ in range(64)])
+        free += list(zs[~lanes.touching(zs)])
+    grown, longest = 0, 0.0
+    for start, goal in zip(free[:12:2], free[1:12:2], strict=True):
+        found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget(), most_motions=2000)
+        if found.path is not None:
+            np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
+            assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
+        for (nodes, parents), root in zip(found.trees(), (start, goal), strict=True):
+            np.testing.assert_allclose(nodes[0], root, atol=1e-6)
+            steps = (nodes[1:] - nodes[parents[1:]]) / arm.units
+            lengths = np.linalg.norm(steps, axis=1)
+            assert (lengths <= RANGE * (1.0 + 1e-5)).all()
+            grown, longest = grown + len(steps), max(longest, lengths.max(initial=0.0))
+    assert grown > 6
+    assert longest > 0.9 * RANGE
 
 
 def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.group.tip_chain import DISTINCT_ANGLE, chain_to_tip
+from guidefield.robot.group.tip_chain import DISTINCT, chain_to_tip
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
@@ -75,7 +75,7 @@ def test_solutions_reach_the_pose_by_the_whole_robots_kinematics(name, seed):
         for joint in planned.joints:
             if joint.nq == 2:
                 turn[joint.idx_v] = math.remainder(turn[joint.idx_v], math.tau)
-        assert np.abs(turn).max() > DISTINCT_ANGLE
+        assert np.abs(turn).max() > DISTINCT
 
 
 def test_a_redundant_arm_has_as_many_as_are_asked():
@@ -319,7 +319,7 @@ def test_whole_turns_come_last():
     many = found(planned, goal, [q], count=20).solutions
     assert len(many) == 20
     for a, b in itertools.combinations(many, 2):
-        assert np.abs(a - b).max() > DISTINCT_ANGLE
+        assert np.abs(a - b).max() > DISTINCT
     for q in many:
         assert (np.abs(q) <= 7.0).all()
         assert goal.is_reached(tip(planned, q))

@@ -73,6 +73,8 @@ class Sampling(NamedTuple):
         lower, width: (nv,) the box that samples fill.
         period: (nv,) 2 pi for coordinates that wrap, else 0; float32.
         frequency: (nv,) 1 / (2 pi) for those, else 0; float32.
+        units: (nv,) what counts as one radian, a power of two, so that nothing is rounded; 1 for angles; float32. All
+            else here, and nodes and samples of a search, are chart points divided by them.
         n_rotations: How many joints turn about a point.
         rotations: (n_rotations,) where their rotation vectors begin: these are of rotations drawn evenly.
     """
@@ -82,6 +84,7 @@ class Sampling(NamedTuple):
     width: Row
     period: Singles
     frequency: Singles
+    units: Singles
     n_rotations: int
     rotations: Indices
 

@@ -21,7 +21,7 @@ from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling
 from guidefield.kernels.tree.kd_buckets import STATE, Buckets, short_way
 
 RANGE = 1.0
-"""Longest extension of a tree [rad or m]."""
+"""Longest extension of a tree, by the metric [rad]."""
 
 LATE = 1024
 """So many nodes of a tree are looked at one by one before they go into buckets, which pay for more."""
@@ -39,18 +39,21 @@ class TreeSearch(NamedTuple):
     Attributes:
         nv: Coordinates of a chart point.
         capacity: Nodes that each tree has room for.
-        nodes: (2 * nv * capacity,) chart points, coordinate by coordinate.
+        nodes: (2 * nv * capacity,) chart points in units of `Sampling`, coordinate by coordinate: samples too, and all
+            else but what is called a chart point. Distances between these are distances by the group's metric.
         parents: (2 * capacity,) -1 for roots.
         domains: (2 * capacity,) radius of each node's domain; infinite until an extension fails.
         failed: (2 * capacity,) how many of each node's extensions were not free.
         places: (nv + 1,) where in its box the last sample was, as shares of its sides, and which box that was.
         counters: (COUNTERS,).
         sample, target, origin, reached: (nv,) memory.
+        first, last: (nv,) chart points: the ends of the motion that is judged.
         samples: (nv * 16,) samples, coordinate by coordinate.
         near: (2 * 16,) how far each is from the node nearest to it, squared; then those nodes.
         grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
         longest: (16,) how long they may be; then which share of the ways to their samples they are.
         origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate.
+        judged: (nv * 16,) chart points: where they end.
         hits: (3 * SIEVE,) what the sieve of a batch tries first.
         path: (2 * nv * capacity,) the path once the trees have met, chart point by chart point.
         buckets: Where the older nodes of large trees are.
@@ -68,12 +71,15 @@ class TreeSearch(NamedTuple):
     target: SinglesOut
     origin: SinglesOut
     reached: SinglesOut
+    first: SinglesOut
+    last: SinglesOut
     samples: SinglesOut
     near: SinglesOut
     grown: IndicesOut
     longest: SinglesOut
     origins: SinglesOut
     ends: SinglesOut
+    judged: SinglesOut
     hits: IndicesOut
     path: RowOut
     buckets: Buckets

@@ -17,7 +17,7 @@ from numba import boolean, int64, types
 from guidefield.kernels.collide.motion_validation import WORLD, LaneWorld, forget, motion_free, world_of
 from guidefield.kernels.jit.signatures import INDICES, lane_kernel, lane_part, lane_step
 from guidefield.kernels.simd.packing import Words, pointers
-from guidefield.kernels.simd.vector import LANES, first_lane, lane, load
+from guidefield.kernels.simd.vector import LANES, first_lane, lane, load, store
 from guidefield.kernels.tree.informed_samples import SAMPLING, Sampling, Way, next_samples, pass_samples, sampling_of
 from guidefield.kernels.tree.nearest import nearest, nearest_to_each
 from guidefield.kernels.tree.nodes import (
@@ -72,6 +72,15 @@ MET, FULL, GOING_ON = range(3)
 """How a call ended: the trees met; a tree is full; its iterations were done."""
 
 
+@lane_part
+def _is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float) -> bool:
+    """Whether the straight motion from the origin to what is reached is free."""
+    for j in range(search.nv):
+        search.first[j] = search.origin[j] * sampling.units[j]
+        search.last[j] = search.reached[j] * sampling.units[j]
+    return bool(motion_free(world, clearance, search.first, search.last, resolution))
+
+
 @lane_step(boolean(WORLD, SAMPLING, SEARCH, types.float64, types.float64, int64))
 def _connected(
     world: LaneWorld,
@@ -87,7 +96,7 @@ def _connected(
     while counters[SIZE + tree] < search.capacity:
         distance = step_towards(search, tree, node, search.target, sampling, RANGE)
         counters[MOTIONS] += 1
-        if not motion_free(world, clearance, search.origin, search.reached, resolution):
+        if not _is_free(world, sampling, search, clearance, resolution):
             return False
         if distance <= RANGE:
             counters[MEETING + tree] = node
@@ -157,12 +166,14 @@ def _choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
 
 
 @lane_part
-def _extension_free(world: LaneWorld, search: TreeSearch, clearance: float, resolution: float, slot: int) -> bool:
+def _extension_free(
+    world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int
+) -> bool:
     """Whether an extension of the batch is free; what it reaches is then what is reached."""
     for j in range(search.nv):
         search.origin[j] = search.origins[j * LANES + slot]
         search.reached[j] = search.ends[j * LANES + slot]
-    return bool(motion_free(world, clearance, search.origin, search.reached, resolution))
+    return bool(_is_free(world, sampling, search, clearance, resolution))
 
 
 @lane_part
@@ -198,7 +209,7 @@ def _gone_on(
         search.target[j] = search.origin[j] + (search.reached[j] - search.origin[j]) / share
     step_towards(search, tree, node, search.target, sampling, RANGE)
     search.counters[MOTIONS] += 1
-    if not motion_free(world, clearance, search.origin, search.reached, resolution):
+    if not _is_free(world, sampling, search, clearance, resolution):
         return node
     return int(add_reached(search, tree, node))
 
@@ -222,8 +233,10 @@ def _grown(
             batch = LANES
         counters[ITERATION] += _choose(sampling, search, batch)
         if batch > 1:
+            for j in range(search.nv):
+                store(search.judged, j * LANES, load(search.ends, j * LANES) * sampling.units[j])
             hit = certain_hits(
-                world.joints, world.bodies, world.obstacles, clearance, search.ends, world.scratch, search.hits
+                world.joints, world.bodies, world.obstacles, clearance, search.judged, world.scratch, search.hits
             )
         for slot in range(batch):
             tree, node = grown[2 * slot], grown[2 * slot + 1]
@@ -232,7 +245,7 @@ def _grown(
             counters[MOTIONS] += 1
             counters[TRIED + tree] += 1
             at = tree * capacity + node
-            if hit >> slot & 1 or not _extension_free(world, search, clearance, resolution, slot):
+            if hit >> slot & 1 or not _extension_free(world, sampling, search, clearance, resolution, slot):
                 search.failed[at] += 1
                 domains[at] = domain if domains[at] == np.inf else max(domains[at] * (1.0 - DOMAIN_STEP), LEAST_DOMAIN)
                 continue
@@ -266,7 +279,7 @@ def grow(
         world: Robot and obstacles, a packed `LaneWorld`.
         sampling: Where samples come from, a packed `Sampling`.
         search: The trees, a packed `TreeSearch`; changed. Its places say where the sequence of samples begins.
-        starts: Roots of the first tree, chart points, shape (k, nv).
+        starts: Roots of the first tree, chart points in units of the sampling, shape (k, nv).
         goals: Roots of the second, shape (m, nv).
         clearance: What to keep from obstacles [m].
         resolution: Samples per length in the chart [1/rad or 1/m].

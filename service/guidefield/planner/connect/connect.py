@@ -58,7 +58,7 @@ def connect(
     """
     lanes, clearance = problem.lanes, problem.min_clearance
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
-    for goal in near[np.argsort(np.linalg.norm(near - z_start, axis=1))]:
+    for goal in near[np.argsort(np.linalg.norm((near - z_start) / problem.group.units, axis=1))]:
         way = np.array([z_start, goal])
         if lanes.free_until(way, TREE.resolution, clearance) and (not prove or _certified(problem, way)):
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)

@@ -149,6 +149,7 @@ def _grown(tree: Tree, node: int, steps: list[ChartPoint]) -> int:
 
 def _shortened(keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
     """The path with detours between random waypoints left out where steps lead across."""
+    units = keeper.problem.group.units
     for _ in range(CONSTRAINED.shortcuts):
         if len(path) < 4 or keeper.problem.budget.spent():
             break
@@ -157,6 +158,6 @@ def _shortened(keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> C
         if not across or not np.array_equal(across[-1], path[last]):
             continue
         way = np.array([path[first], *across])
-        if length_of(way) < length_of(path[first : last + 1]) - 1e-9:
+        if length_of(way, units) < length_of(path[first : last + 1], units) - 1e-9:
             path = np.concatenate([path[:first], way, path[last + 1 :]])
     return path

@@ -17,7 +17,7 @@ from guidefield.robot.model.spaces import ChartPoints
 
 @dataclass(frozen=True, eq=False)
 class Sources(ReadOnly):
-    """Where samples of a group come from.
+    """Where samples of a group come from: chart points in the group's units.
 
     Attributes:
         sampling: The box that they fill.
@@ -38,7 +38,7 @@ class Sources(ReadOnly):
         return cls(sampling, packed(sampling), roams, around)
 
     def about(self, roots: ChartPoints) -> Sources:
-        """Where coordinates roam, a box with `around` beside all of some chart points (n, nv)."""
+        """Where coordinates roam, a box with `around` beside all of some roots, such points, shape (n, nv)."""
         if len(self.roams) == 0:
             return self
         lower, width = self.sampling.lower.copy(), self.sampling.width.copy()
@@ -94,7 +94,9 @@ def sources_of(group: PlanningGroup) -> Sources:
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
     vectors = np.array(rotations, np.int64)
-    sampling = Sampling(_steps(group.nv + 1), lower, upper - lower, period, frequency, len(vectors), vectors)
+    lower, upper, reach = lower / group.units, upper / group.units, reach / group.units
+    steps, units = _steps(group.nv + 1), group.units.astype(np.float32)
+    sampling = Sampling(steps, lower, upper - lower, period, frequency, units, len(vectors), vectors)
     roams = np.flatnonzero(endless & (lengths | group.winds))
     return Sources.of(sampling, roams, reach[roams])
 

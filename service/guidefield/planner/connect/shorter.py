@@ -70,11 +70,12 @@ def shorter(
         rng: Shifts each round's samples.
         accepted: Whether a path (n, nv) that is shorter may be taken.
     """
-    budget, before, done = _part_of(problem.budget), length_of(path), 0
+    units = problem.group.units
+    budget, before, done = _part_of(problem.budget), length_of(path, units), 0
     lanes, clearance, start = problem.lanes, problem.min_clearance, path[:1]
     while done < rounds.number and not budget.spent():
-        bound = (1.0 - ROUNDS.least) * length_of(path)
-        within = goals[np.linalg.norm(goals - start, axis=1) < bound]
+        bound = (1.0 - ROUNDS.least) * length_of(path, units)
+        within = goals[np.linalg.norm((goals - start) / units, axis=1) < bound]
         if len(within) == 0:
             break
         found = tree_search.grow(
@@ -84,10 +85,10 @@ def shorter(
         problem.counters.collision_checks += found.motions
         if found.path is not None:
             candidate = lanes.shortened(found.path, rounds.resolution, clearance + rounds.margin)
-            if length_of(candidate) < bound and accepted(candidate):
+            if length_of(candidate, units) < bound and accepted(candidate):
                 path = candidate
         done += 1
-    share = 1.0 - length_of(path) / before
+    share = 1.0 - length_of(path, units) / before
     message = f"made {share:.1%} shorter in {done} rounds"
     if budget.spent():
         message += f" of {rounds.number}: time ended them"

@@ -34,12 +34,14 @@ class FoundPath(ReadOnly):
         path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
         counters: What the search counted, see lane_nodes.
         search: Its trees, until this thread begins another search.
+        units: What counts as one radian in each coordinate of their nodes, shape (nv,).
         enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
     """
 
     path: ChartPoints | None
     counters: np.ndarray
     search: lane_nodes.TreeSearch
+    units: np.ndarray
     enclosed: int | None = None
 
     @property
@@ -67,7 +69,7 @@ class FoundPath(ReadOnly):
     def trees(self) -> tuple[tuple[ChartPoints, np.ndarray], ...]:
         """Of both trees, chart points of the nodes, shape (n, nv), and each one's parent, shape (n,); -1 for a root."""
         held = zip(*held_by(self.search)[:2], self.sizes, strict=True)
-        return tuple((nodes[:, :size].T.astype(float), parents[:size].copy()) for nodes, parents, size in held)
+        return tuple((nodes[:, :size].T * self.units, parents[:size].copy()) for nodes, parents, size in held)
 
 
 def grow(
@@ -92,16 +94,22 @@ def grow(
         clearance: What to keep from obstacles [m].
         rng: Shifts the sequence of samples.
         budget: How long.
-        within: Samples come from where a path of at most this length [rad or m] may lead.
+        within: Samples come from where a path of at most this length by the group's metric [rad] may lead.
         most_motions: After so many motions it ends.
+
+    Raises:
+        ValueError: if a root hasn't as many coordinates as the robot.
     """
-    nv = starts.shape[1]
-    place = _place(lanes.world.group, nv)
+    group, nv = lanes.world.group, lanes.world.group.nv
+    if not starts.shape[1] == goals.shape[1] == nv:
+        raise ValueError(f"roots of a tree have {nv} coordinates here, got {starts.shape[1]} and {goals.shape[1]}")
+    place = _place(group, nv)
     sources, room = place.sources, place.room
+    first, second = starts / group.units, goals / group.units
     if sources.roams.size:
-        sources = sources.about(np.concatenate([starts, goals]))
+        sources = sources.about(np.concatenate([first, second]))
     if within != math.inf:
-        sources = sources.between(starts, goals, within)
+        sources = sources.between(first, second, within)
     most_roots = max(len(starts), len(goals))
     if 2 * most_roots > TREE.first_capacity:
         room = _Room.build(nv, 2 * most_roots)
@@ -109,11 +117,11 @@ def grow(
     begins, suspected, counters = True, [0, 1], room.search.counters
     while True:
         piece = TREE.piece if budget.spent() is None else 0
-        ended = kernel.grow(lanes.words, sources.words, room.words, starts, goals, clearance, resolution, piece, begins)
+        ended = kernel.grow(lanes.words, sources.words, room.words, first, second, clearance, resolution, piece, begins)
         if ended == kernel.MET:
             # samples are float32: rounding may take one beyond a limit
-            path = np.clip(room.path[: counters[lane_nodes.ROWS]], lanes.world.group.lower, lanes.world.group.upper)
-            return FoundPath(path, counters.copy(), room.search)
+            path = np.clip(room.path[: counters[lane_nodes.ROWS]] * group.units, group.lower, group.upper)
+            return FoundPath(path, counters.copy(), room.search, group.units)
         begins = False
         if ended == kernel.FULL:
             room = room.roomier()
@@ -122,13 +130,13 @@ def grow(
             suspected.remove(tried)
             roots, size = (starts, goals)[tried], counters[lane_nodes.SIZE + tried]
             if size == len(roots) and not can_be_left(lanes, roots, clearance, resolution, rng):
-                return FoundPath(None, counters.copy(), room.search, tried)
+                return FoundPath(None, counters.copy(), room.search, group.units, tried)
         if (
             piece == 0
             or counters[lane_nodes.ITERATION] >= TREE.most_iterations
             or counters[lane_nodes.MOTIONS] >= most_motions
         ):
-            return FoundPath(None, counters.copy(), room.search)
+            return FoundPath(None, counters.copy(), room.search, group.units)
 
 
 def held_by(search: lane_nodes.TreeSearch) -> tuple[np.ndarray, ...]:
@@ -162,8 +170,8 @@ class _Room:
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
         """Room for so many nodes in each tree."""
-        ends_of = np.cumsum((nv, nv, nv, 2)) * LANES
-        samples, origins, ends, near, longest = np.split(_from_a_line((3 * nv + 3) * LANES), ends_of)
+        ends_of = np.cumsum((nv, nv, nv, nv, 2)) * LANES
+        samples, origins, ends, judged, near, longest = np.split(_from_a_line((4 * nv + 3) * LANES), ends_of)
         # sixteen more: the nearest node is looked for sixteen at a time
         search = lane_nodes.TreeSearch(
             nv=nv,
@@ -178,12 +186,15 @@ class _Room:
             target=np.zeros(nv, np.float32),
             origin=np.zeros(nv, np.float32),
             reached=np.zeros(nv, np.float32),
+            first=np.zeros(nv, np.float32),
+            last=np.zeros(nv, np.float32),
             samples=samples,
             near=near,
             grown=np.zeros(2 * LANES, np.int64),
             longest=longest,
             origins=origins,
             ends=ends,
+            judged=judged,
             hits=np.full(3 * SIEVE, -1, np.int64),
             path=np.empty(2 * nv * capacity),
             buckets=buckets_for(nv, capacity if capacity > lane_nodes.LATE else 0),

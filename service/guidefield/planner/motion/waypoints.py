@@ -7,9 +7,9 @@ import numpy as np
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 
-def length_of(path: ChartPoints) -> float:
-    """Length of a path of chart points (n, nv) [rad or m]."""
-    along = path[1:] - path[:-1]
+def length_of(path: ChartPoints, units: np.ndarray | float = 1.0) -> float:
+    """Length of a path of chart points (n, nv), by a group's metric where its units (nv,) are given [rad or m]."""
+    along = (path[1:] - path[:-1]) / units
     return float(np.sqrt(np.einsum("ij,ij->i", along, along)).sum())
 
 

@@ -19,13 +19,9 @@ from guidefield.planner.relax.path_samples import path_samples
 from guidefield.planner.relax.settings import BARRIER, RELAXATION
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables
-
-SLIDING_UNIT = 0.5
-"""How far a joint slides for what counts as one radian [m]: a turning joint's lever on the middle of an arm."""
 
 
 class WaypointKeeper(Protocol):
@@ -71,12 +67,12 @@ class WaypointChain(ReadOnly):
     """What a chain of waypoints descends, and how it may move.
 
     Attributes:
-        length: Of the path when the chain was made: its unit of length [rad or m].
+        length: Of the path in the chart when the chain was made: its unit of length [rad or m].
         robot: Points and links.
         tables: Obstacles.
         samples: Where distances are taken.
         stiffness: Of the stretch energy between two waypoints, shape (nv,).
-        units: What counts as one radian of each joint, shape (nv,).
+        units: What counts as one radian in each coordinate, shape (nv,).
         clearance: Distance from obstacles at which the barrier's wall stands [m].
         floor: Distance from obstacles below which points cost more [m].
         lower, upper: Chart limits, shape (nv,).
@@ -117,10 +113,7 @@ class WaypointChain(ReadOnly):
             held: Those that stay, the first and the last among them.
             crossings: What keeps waypoints where they may be, by index.
         """
-        group = problem.group
-        units = np.ones(group.nv)
-        for joint in group.joints:
-            units[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION.get(joint.kind, slice(0))] = SLIDING_UNIT
+        group, units = problem.group, problem.group.units
         segments, length, tables = len(path) - 1, length_of(path), distance_tables(problem.scene)
         kept = min(obstacle_distance(robot, tables, z, BARRIER.farthest_floor) for z in path[held])
         samples = path_samples(segments, held)

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike
+from guidefield.robot.group.metric import units_of
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, WIND
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
@@ -100,6 +101,13 @@ class PlanningGroup:
     def limited(self) -> bool:
         """Whether any coordinate of the chart has a limit."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    @cached_property
+    def units(self) -> np.ndarray:
+        """What counts as one radian in each coordinate of the chart, shape (nv,) [rad or m]: the group's metric."""
+        units = units_of(self.joints)
+        read_only(units)
+        return units
 
     @cached_property
     def winds(self) -> np.ndarray:

@@ -19,9 +19,8 @@ from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import ROTATION
 from guidefield.robot.model.model import JointKind
 
-DISTINCT_ANGLE = 0.1
-DISTINCT_LENGTH = 0.02
-"""Two solutions are distinct if a rotating joint differs by the angle [rad] or a sliding one by the length [m]."""
+DISTINCT = 0.1
+"""Two solutions are distinct if a joint differs by this, by the group's metric [rad]."""
 
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -112,8 +111,7 @@ def _chain(group: PlanningGroup, parts: _Parts) -> ChainToTip:
     moving = np.zeros(group.nv, bool)
     for kind, driver, (scale, _) in zip(parts.kinds, parts.drivers, parts.scales, strict=True):
         moving[driver : driver + (3 if kind == BALL else 1)] |= scale != 0.0
-    slides = [np.full(joint.nv, joint.kind is JointKind.PRISMATIC) for joint in group.joints]
-    units = np.where(np.concatenate(slides), DISTINCT_LENGTH, DISTINCT_ANGLE)
+    units = DISTINCT * group.units
     rotations = [joint.idx_v + ROTATION[joint.kind].start for joint in group.joints if joint.kind in ROTATION]
     measure = Measure(periods, units, np.array(rotations, np.int64))
     turning = np.flatnonzero((periods > 0.0) & (group.upper - group.lower >= periods))

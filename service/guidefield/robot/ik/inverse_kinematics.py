@@ -178,7 +178,7 @@ def _chosen(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: 
         count: How many are asked for.
     """
     if nearest and from_starts == 0:
-        first = int(np.argmin(np.linalg.norm(points - search.base, axis=1)))
+        first = int(np.argmin(np.linalg.norm((points - search.base) / search.chain.measure.units, axis=1)))
         points = np.concatenate([points[first : first + 1], np.delete(points, first, axis=0)])
     order = np.empty(min(count, len(points)), np.int64)
     farthest_apart(search.chain.measure, points, max(from_starts, 1), order)
