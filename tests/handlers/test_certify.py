@@ -27,6 +27,7 @@ from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.examples import example
 from tests.handlers.test_plan import PATIENT, READY, ask as plan, joints
+from tests.planner.problems import closed_shell
 from tests.robots import robot
 
 NAMES = [f"panda_joint{i}" for i in range(1, 8)]
@@ -327,17 +328,27 @@ def test_rows_that_repeat_the_one_before_are_left_out() -> None:
         certify(trajectory={"positions": rows, "times": [-1.0, 0.0, 0.0]}, position_names=NAMES)
 
 
+def a_room() -> dict:
+    """A dented cube about the robot, so that its surface is judged."""
+    return msgspec.to_builtins(msgspec.structs.replace(closed_shell(3.0), name="room"))
+
+
 def test_a_motion_that_begins_inside_of_something_is_refused_at_its_start() -> None:
-    corners = [[x, y, z] for x in (-3.0, 3.0) for y in (-3.0, 3.0) for z in (-3.0, 3.0)]
-    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
-             [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
-    room = {"type": "mesh", "name": "room", "vertices": corners, "triangles": faces}
-    dented = [*corners, [0.0, 0.0, 2.5]]  # not convex, so that its surface is judged
-    room = {**room, "vertices": dented, "triangles": [*faces[:-2], [1, 5, 8], [5, 7, 8], [7, 3, 8], [3, 1, 8]]}
-    reply = certify(scene={"name": "s", "obstacles": [room]}, path=[HOME, TURN], position_names=NAMES)
+    reply = certify(scene={"name": "s", "obstacles": [a_room()]}, path=[HOME, TURN], position_names=NAMES)
     assert reply.certificate.reason == "contact"
     assert reply.certificate.free_until.row == 0.0
     assert "wholly inside the other" in reply.status.message
+
+
+@pytest.mark.parametrize("limit", [0.0, 100.0])
+def test_a_plan_that_fails_inside_of_something_has_no_certificate(limit: float) -> None:
+    goal = joints(panda_joint1=0.5 + limit)  # beyond its limits nothing is looked at
+    scene = {"name": "s", "obstacles": [a_room()]}
+    request = {"robot": "panda", "scene": scene, "start": READY, "goal": goal, "guide_planes": [], **PATIENT}
+    reply = guidefield.answer({**request, "recording": "off"})
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == ("GOAL_STATE_INVALID" if limit else "START_STATE_IN_COLLISION")
+    assert not reply.certificate.collision_free
 
 
 def test_a_slight_contact_at_the_start_may_be_left() -> None:
@@ -357,6 +368,11 @@ def test_a_slight_contact_at_the_start_may_be_left() -> None:
     assert left.certificate.covers.startswith("path after row 0.")
     assert any("the motion begins by leaving it" in warning for warning in left.warnings)
     assert left.clearance.minimum < 0.0
+    inside = {"name": "s", "obstacles": [*scene["obstacles"], a_room()]}
+    enclosed = certify(path=[HOME, away], leave_start_contact=True, **{**asked, "scene": inside})
+    assert enclosed.certificate.reason == "contact"
+    assert "room" in enclosed.certificate.pair
+    assert enclosed.certificate.free_until.row == 0.0
     closer = certify(path=[HOME, into], leave_start_contact=True, **asked)
     assert closer.certificate.reason == "contact"
     assert "doesn't leave it" in closer.status.message

@@ -17,8 +17,9 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.planner import quality
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import END_STRETCH, clearance, clearance_profile
+from guidefield.planner.quality import END_STRETCH, clearance, clearance_profile, figures
 from guidefield.planner.task.conditions import Budget
+from guidefield.robot.group.kinematics import Kinematics
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.planner.problems import problem, scene_of
@@ -192,3 +193,19 @@ def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
     profile = clearance_profile(measured, made)
     assert profile.obstacle_pair[0] == there.obstacle_pair
     np.testing.assert_allclose(profile.witness[0], there.witness)
+
+
+@pytest.mark.parametrize("knots", [1, 2, 30, 300])
+def test_lengths_are_those_of_many_chords(knots: int) -> None:
+    planned, rng = group("panda"), np.random.default_rng(knots)
+    times = np.cumsum(rng.uniform(0.005, 0.2, knots))
+    times -= times[0]
+    rates, phases = rng.uniform(1.0, 9.0, planned.nv), rng.uniform(0.0, 6.0, planned.nv)
+    turns = times[:, None] * rates + phases
+    motion = Trajectory(times, rest(planned) + 0.3 * np.sin(turns), 0.3 * rates * np.cos(turns))
+    kinematics = Kinematics(planned)
+    dense = motion.evaluate(np.unique(np.concatenate([np.linspace(0.0, motion.duration, 20_001), motion.times])))[0]
+    tips = np.array([kinematics.tip_position(planned.expand_from_chart(z)) for z in dense])
+    told = figures(motion, kinematics)
+    for said, way in ((told.joint_path_length, dense), (told.tip_path_length, tips)):
+        assert said == pytest.approx(np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), rel=1e-4, abs=1e-12)

@@ -101,7 +101,8 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
         case Reason.PATH_CONSTRAINT:
             return "the motion violates a path constraint"
         case _:
-            return f"the motion brings {pair} so close that it can't be told whether they touch"
+            kept = f"keep {1000 * problem.min_clearance:g} mm" if problem.min_clearance > 0.0 else "touch"
+            return f"the motion brings {pair} so close that it can't be told whether they {kept}"
 
 
 def _contact(judgement: Judgement, pair: str) -> str:

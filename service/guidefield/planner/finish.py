@@ -28,6 +28,7 @@ from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
 from guidefield.planner.relax.settings import RELAXATION
+from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -101,8 +102,9 @@ def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished
     trajectory, failure = found.trajectory(), found.failure
     whole = "on the exact geometry, in time, between samples too"
     with stages.entered("certify", whole if failure is None else "the motion as far as it got, in time") as stage:
-        verdict = certify_timed(
-            problem.timed_world, trajectory.bezier(), trajectory.piece_times(), problem.min_clearance
+        pieces, times = trajectory.bezier(), trajectory.piece_times()
+        verdict = enclosed_start(problem, pieces[0, 0], float(times[0])) or certify_timed(
+            problem.timed_world, pieces, times, problem.min_clearance
         )
         stage.outcome = verdict.reason.value
     if failure is not None:
@@ -114,7 +116,9 @@ def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished
 def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stages: Stages) -> Finished:
     """The best motion so far, without time, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
-        verdict = certify(problem.world, polyline(found.path), problem.min_clearance)
+        verdict = enclosed_start(problem, found.path[0]) or certify(
+            problem.world, polyline(found.path), problem.min_clearance
+        )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=failure)
 

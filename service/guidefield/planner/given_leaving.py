@@ -14,6 +14,7 @@ import numpy as np
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.contact import Contact, contacts_at
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.minimum.curve import restricted
 from guidefield.collision.world import World
 from guidefield.planner.leaving import APART, CLOSER, SLIGHT, distances_of, touching_pairs
@@ -93,6 +94,9 @@ def _judged(
     leaving = certify(others, out, stopped=stopped)
     if not leaving.free:
         return _on_the_whole(leaving, 0, piece, 0.0, share)
+    z = _part(pieces[piece], share, share)[0]
+    if (inside := enclosed(conditions.world, conditions.group.expand_from_chart(z))) is not None:
+        return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
     rest = np.concatenate([_part(pieces[piece], share, 1.0)[None], pieces[piece + 1 :]])
     left = certify(conditions.world, rest, conditions.min_clearance, stopped=stopped)
     return replace(_on_the_whole(left, piece, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)

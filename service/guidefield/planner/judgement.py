@@ -14,11 +14,10 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
-from guidefield.collision.enclosure import enclosed
-from guidefield.collision.world import World
 from guidefield.planner.given_leaving import Leaving, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
+from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
 from guidefield.robot.model.spaces import Configuration
 
@@ -82,25 +81,15 @@ def judge(problem: GivenProblem) -> Judgement:
         ValueError: if obstacles move and the motion has no times.
     """
     uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
-    if (inside := _enclosed_at_start(problem)) is not None:
-        z = problem.motion.start
-        return Judgement(Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z), uses, enclosed=True)
+    begin = problem.motion.along(0, 0.0)[1] or 0.0
+    if (inside := enclosed_start(problem, problem.motion.start, begin)) is not None:
+        return Judgement(inside, uses, enclosed=True)
     kept, leaving = _constraints(problem), None
     if problem.leave_start_contact:
         leaving = judge_leaving(problem, problem.motion.pieces)
     verdict = first_refused(kept, _freedom(problem, kept) if leaving is None else leaving.verdict)
     problem.counters.collision_checks += verdict.evaluations
     return Judgement(verdict, uses, leaving=leaving)
-
-
-def _enclosed_at_start(problem: GivenProblem) -> tuple[str, str] | None:
-    """A body and an obstacle, one wholly inside the other at the start."""
-    world, motion = problem.world, problem.motion
-    if problem.scene.moves:
-        _, begin = motion.along(0, 0.0)
-        world = World.build(problem.group, problem.scene.at(begin or 0.0), problem.allowed_collisions)
-    q = problem.group.expand_from_chart(motion.start)
-    return None if world.in_collision(q) else enclosed(world, q)
 
 
 def _constraints(problem: GivenProblem) -> Verdict:

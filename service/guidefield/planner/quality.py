@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import Configurations
 
+LENGTH_STEPS = 400
+"""Chords by which the length of a way is measured, at least."""
 SPACING = 0.05
 """Joint distance between samples of the clearance [rad or m]."""
 MOST_SAMPLES = 100
@@ -248,17 +251,30 @@ def _at_rows(
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
-    samples = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 400))[0]
-    steps = np.diff(samples, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
+    samples = trajectory.evaluate(_within_pieces(trajectory))[0]
     tips = np.array([kinematics.tip_position(kinematics.group.expand_from_chart(z)) for z in samples])
     return Figures(
-        joint_path_length=float(lengths.sum()),
-        tip_path_length=float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum()),
+        joint_path_length=_length(samples),
+        tip_path_length=_length(tips),
         duration=trajectory.duration,
         peak_jerk=trajectory.peak_jerk,
         smoothness=_bending(trajectory),
     )
+
+
+def _within_pieces(trajectory: Trajectory) -> np.ndarray:
+    """Times from knot to knot, evenly by an even number of steps, 4 at least and `LENGTH_STEPS` in all."""
+    knots = trajectory.times
+    steps = 2 * math.ceil(max(2.0, 0.5 * LENGTH_STEPS / max(1, len(knots) - 1)))
+    shares = np.arange(steps) / steps
+    times: np.ndarray = np.append((knots[:-1, None] + np.diff(knots)[:, None] * shares).ravel(), knots[-1])
+    return times
+
+
+def _length(points: np.ndarray) -> float:
+    """Length of a smooth way through an odd number of points (n, k), Richardson's extrapolation of its chords."""
+    fine, coarse = (float(np.linalg.norm(np.diff(some, axis=0), axis=1).sum()) for some in (points, points[::2]))
+    return (4.0 * fine - coarse) / 3.0
 
 
 def _samples(
