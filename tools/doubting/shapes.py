@@ -126,7 +126,8 @@ def _mesh(message: messages.Mesh) -> list[Body]:
         mesh = triangle_mesh(vertices, triangles)
         hull, solid = hull_of(mesh), (vertices, triangles) if is_closed(vertices, triangles) else None
         body = Body(mesh, pin.SE3.Identity(), MESH_SLACK, hull, solid)
-        if hull is not None and solid is not None and _fills(vertices, triangles, hull):
+        exactly = hull is not None and is_closed(vertices, triangles, 0.0)
+        if exactly and _fills(vertices, triangles, hull):
             body = Body(hull, pin.SE3.Identity())
         _MESHES[key] = message, body
     return [_MESHES[key][1]]

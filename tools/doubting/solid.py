@@ -5,11 +5,19 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+CRACK = 1e-3
+"""Corners that are no farther apart are at one place [m]."""
 
 
-def is_closed(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+def is_closed(vertices: np.ndarray, triangles: np.ndarray, crack: float = CRACK) -> bool:
     """Whether each edge is run through as often in one sense as in the other, corners at one place being one."""
-    merged = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[triangles]
+    near = cKDTree(vertices).query_pairs(crack, output_type="ndarray")
+    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(vertices), len(vertices)))
+    merged = connected_components(links, directed=False)[1][triangles]
     edges = Counter((int(t[k]), int(t[(k + 1) % 3])) for t in merged for k in range(3))
     return all(edges[b, a] == count for (a, b), count in edges.items() if a != b)
 
