@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
-from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, NODE_COLUMNS
+from guidefield.kernels.field.field_tables import AREA, CHARGE, CHARGE_PER_AREA, MOMENTS, NODE_COLUMNS
 
 LEAF = 48
 """Most faces of a block in a tree, where expansions stand for those that are far."""
@@ -86,9 +86,9 @@ def expansion(corners: Floats, charge: float) -> tuple[Floats, float, float]:
     moments += np.einsum("n,ni,nj->ij", areas * (charge / 12.0), total, total)
     radius = float(np.linalg.norm(v, axis=2).max())
     row = np.zeros(NODE_COLUMNS)
-    row[:3], row[3] = centre, q
-    row[4:10] = moments[np.triu_indices(3)]
-    row[10:13] = across.sum(axis=0)
+    row[:CHARGE], row[CHARGE] = centre, q
+    row[MOMENTS:AREA] = moments[np.triu_indices(3)]
+    row[AREA:CHARGE_PER_AREA] = across.sum(axis=0)
     row[CHARGE_PER_AREA] = charge
     spread = float(np.trace(moments)) / (q * radius**2) if q > 0.0 else 1.0
     return row, radius, spread

@@ -9,10 +9,26 @@ import numpy as np
 from guidefield.geometry.charge_tree import LEAST_FACES, Opening, clusters, expansion, never
 from guidefield.geometry.surfaces import Integers
 from guidefield.kernels.field.box import FAR
-from guidefield.kernels.field.faces import HALF_ROWS, ORDINARY
+from guidefield.kernels.field.faces import (
+    AFTER,
+    EDGES,
+    FIRST_QUAD,
+    FIRST_TRIANGLE,
+    FIRST_VERTEX,
+    FLATTENED,
+    HALF_ROWS,
+    LENGTH,
+    LINK_COLUMNS,
+    LONGEST,
+    ORDINARY,
+    PAST_VERTEX,
+    QUADRUPLE,
+    SQUARED,
+    TAU,
+    THIRD,
+)
 from guidefield.kernels.field.field_tables import (
     CHARGE_PER_AREA,
-    LINK_COLUMNS,
     NODE_COLUMNS,
     QUAD_COLUMNS,
     TRIANGLE_COLUMNS,
@@ -165,7 +181,7 @@ def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.n
     corners: tuple[list[Integers], list[Integers]] = ([np.empty((0, 3), np.int64)], [np.empty((0, 6), np.int64)])
     vertex, counts = 0, [0, 0]
     for m, node in enumerate(nodes):
-        links[m, 0] = node.skip
+        links[m, AFTER] = node.skip
         rows[m, CHARGE_PER_AREA] = charge = float(faces.charge[node.faces[0]])
         here = node.faces[np.argsort(faces.sliver[node.faces], kind="stable")]
         kinds = here[here < count], here[here >= count] - count
@@ -178,14 +194,15 @@ def _blocks(faces: _Faces, owners: Integers, opening: Opening) -> dict[str, np.n
         unique, index = np.unique(used, axis=0, return_inverse=True)
         index = index.reshape(-1)
         vertices.append(unique)
-        links[m, 1:3] = vertex, vertex + len(unique)
+        links[m, [FIRST_VERTEX, PAST_VERTEX]] = vertex, vertex + len(unique)
         vertex += len(unique)
         cut = 3 * len(kinds[0])
         for k, part in enumerate((index[:cut].reshape(-1, 3), index[cut:].reshape(-1, 6))):
             corners[k].append(part)
             order[k].append(kinds[k])
             whole = len(part) - int(faces.sliver[kinds[k] + k * count].sum())
-            links[m, 3 + 3 * k : 6 + 3 * k] = counts[k], counts[k] + whole, counts[k] + len(part)
+            first = (FIRST_TRIANGLE, FIRST_QUAD)[k]
+            links[m, first : first + 3] = counts[k], counts[k] + whole, counts[k] + len(part)
             counts[k] += len(part)
     return {
         "vertices": np.concatenate(vertices),
@@ -216,8 +233,9 @@ def _halves(corners: Floats) -> tuple[Floats, Floats, Floats, np.ndarray]:
     squares = np.stack([_squares(v[:, (i + 2) % 3] - v[:, (i + 1) % 3]) for i in range(3)], axis=1)
     rows = np.zeros((len(v), HALF_ROWS))
     a = 2.0 * twice_area
-    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3:6] = a, a * a, a * FLAT, squares
-    rows[:, 6:9], rows[:, 9], rows[:, 10], rows[:, 11:14] = t, length, tau, arm - tau[:, None] * t
+    rows[:, QUADRUPLE], rows[:, SQUARED], rows[:, FLATTENED], rows[:, EDGES:LONGEST] = a, a * a, a * FLAT, squares
+    rows[:, LONGEST:LENGTH], rows[:, LENGTH], rows[:, TAU] = t, length, tau
+    rows[:, THIRD:] = arm - tau[:, None] * t
     ordinary = twice_area >= ORDINARY * length * length
     return (across / twice_area[:, None]).astype(np.float64), rows, v.astype(np.float64), ordinary
 

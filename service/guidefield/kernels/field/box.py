@@ -16,6 +16,18 @@ FAR = 1.8
 """Distance from the centre, over half the diagonal, from which no face has half a solid angle of pi/8."""
 
 
+CENTRE, AXES, HALVES, CHARGE, FAR_SQUARE, BOX_COLUMNS = 0, 3, 12, 15, 16, 17
+"""Columns of a box: centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3) [m], charge,
+the square of the distance from its centre that is `FAR` [m^2]; then how many columns there are."""
+
+
+@inlined
+def _along(box: Any, axis: int, dx: Any, dy: Any, dz: Any) -> Any:
+    """An offset along one of a box's axes."""
+    at = AXES + 3 * axis
+    return dx * box[at] + dy * box[at + 1] + dz * box[at + 2]
+
+
 @inlined
 def _edges(far: bool, na: Any, fa: Any, r1: Any, l1n: Any, l1f: Any, r2: Any, l2n: Any, l2f: Any) -> tuple[Any, Any]:
     """Products l l' + a.a' of two parallel edges, a and a' vectors to their ends, good beside the edges too."""
@@ -81,15 +93,12 @@ def box_at(x: Any, y: Any, z: Any, box: Any) -> tuple[Any, Any, Any, Any, Any, A
         x: Points [m], with y and z.
         y: See x.
         z: See x.
-        box: Row of a table: centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3) [m];
-            at 16 the square of the distance from its centre that is `FAR` [m^2].
+        box: Row of a table, shape (BOX_COLUMNS,).
     """
-    dx, dy, dz = x - box[0], y - box[1], z - box[2]
-    p1 = dx * box[3] + dy * box[4] + dz * box[5]
-    p2 = dx * box[6] + dy * box[7] + dz * box[8]
-    p3 = dx * box[9] + dy * box[10] + dz * box[11]
-    a1, a2, a3 = box[12], box[13], box[14]
-    far = every(p1 * p1 + p2 * p2 + p3 * p3 > box[16])
+    dx, dy, dz = x - box[CENTRE], y - box[CENTRE + 1], z - box[CENTRE + 2]
+    p1, p2, p3 = _along(box, 0, dx, dy, dz), _along(box, 1, dx, dy, dz), _along(box, 2, dx, dy, dz)
+    a1, a2, a3 = box[HALVES], box[HALVES + 1], box[HALVES + 2]
+    far = every(p1 * p1 + p2 * p2 + p3 * p3 > box[FAR_SQUARE])
     n1, n2, n3 = p1 - a1, p2 - a2, p3 - a3
     f1, f2, f3 = p1 + a1, p2 + a2, p3 + a3
     N1, N2, N3 = n1 * n1, n2 * n2, n3 * n3
@@ -159,9 +168,9 @@ def box_at(x: Any, y: Any, z: Any, box: Any) -> tuple[Any, Any, Any, Any, Any, A
     g1 = -n1 * (cn1 + 0.5 * k1n) - f1 * (cf1 + 0.5 * k1f)
     g2 = -n2 * (cn2 + 0.5 * k2n) - f2 * (cf2 + 0.5 * k2f)
     g3 = -n3 * (cn3 + 0.5 * k3n) - f3 * (cf3 + 0.5 * k3f)
-    gx = g1 * box[3] + g2 * box[6] + g3 * box[9]
-    gy = g1 * box[4] + g2 * box[7] + g3 * box[10]
-    gz = g1 * box[5] + g2 * box[8] + g3 * box[11]
+    gx = g1 * box[AXES] + g2 * box[AXES + 3] + g3 * box[AXES + 6]
+    gy = g1 * box[AXES + 1] + g2 * box[AXES + 4] + g3 * box[AXES + 7]
+    gz = g1 * box[AXES + 2] + g2 * box[AXES + 5] + g3 * box[AXES + 8]
     inside = winding_behind(n1) * winding_behind(-f1) * winding_behind(n2) * winding_behind(-f2)
     inside = inside * (winding_behind(n3) * winding_behind(-f3))
     return phi, gx, gy, gz, k1n + k1f + k2n + k2f + k3n + k3f, inside

@@ -22,11 +22,21 @@ from guidefield.kernels.field.solid_angle import pair_field, single_field
 from guidefield.kernels.jit.signatures import inlined
 from guidefield.kernels.simd.vector import inverse_root, load, select, smallest_gap, store
 
-PLANE_ROWS = 6
-"""Numbers that lead a face's row: a point of its plane (3), its unit normal (3)."""
+POINT, NORMAL, PLANE_ROWS = 0, 3, 6
+"""Numbers that lead a face's row: a point of its plane (3), its unit normal (3); then how many there are."""
 
-HALF_ROWS = 14
-"""Numbers of a triangle: a, a^2, a `FLAT`, L_i^2 (3); t, along the longest edge (3), its length, tau, e (3)."""
+QUADRUPLE, SQUARED, FLATTENED, EDGES, LONGEST, LENGTH, TAU, THIRD, HALF_ROWS = 0, 1, 2, 3, 6, 9, 10, 11, 14
+"""Numbers of a triangle: a, a^2, a `FLAT`, L_i^2 (3); t, along the longest edge (3), its length, tau, e (3); then how
+many there are."""
+
+AFTER, FIRST_VERTEX, PAST_VERTEX, LINK_COLUMNS = 0, 1, 2, 9
+"""Columns of a node's links: the node after all below it, a leaf's vertices; then how many columns there are."""
+
+FIRST_TRIANGLE, FIRST_SLIVER, PAST_TRIANGLE = 3, 4, 5
+"""A leaf's triangles: the ordinary ones, then slivers."""
+
+FIRST_QUAD, FIRST_SLIVER_QUAD, PAST_QUAD = 6, 7, 8
+"""A leaf's quadrilaterals: the ordinary ones, then those with a sliver."""
 
 ORDINARY = 0.25
 """A triangle whose altitude on the longest edge is less than this part of the edge counts as a sliver."""
@@ -40,7 +50,11 @@ def _dot(a: Any, b: Any, at: int) -> Any:
 @inlined
 def _height(p: Any, row: Any) -> Any:
     """Of points over the plane of a face, on the side of its normal."""
-    return (p[0] - row[0]) * row[3] + (p[1] - row[1]) * row[4] + (p[2] - row[2]) * row[5]
+    return (
+        (p[0] - row[POINT]) * row[NORMAL]
+        + (p[1] - row[POINT + 1]) * row[NORMAL + 1]
+        + (p[2] - row[POINT + 2]) * row[NORMAL + 2]
+    )
 
 
 @inlined
@@ -49,12 +63,13 @@ def sliver_part(a1: Any, l1: Any, l2: Any, l3: Any, half: Any) -> Any:
 
     tau = (v3 - v1).t and e = (v3 - v1) - tau t place the third corner.
     """
-    s1 = _dot(a1, half, 6)
-    s2 = s1 + half[9]
-    s3 = s1 + half[10]
-    wx, wy, wz = a1[0] - s1 * half[6], a1[1] - s1 * half[7], a1[2] - s1 * half[8]
+    s1 = _dot(a1, half, LONGEST)
+    s2 = s1 + half[LENGTH]
+    s3 = s1 + half[TAU]
+    tx, ty, tz = half[LONGEST], half[LONGEST + 1], half[LONGEST + 2]
+    wx, wy, wz = a1[0] - s1 * tx, a1[1] - s1 * ty, a1[2] - s1 * tz
     ww = wx * wx + wy * wy + wz * wz
-    ew = wx * half[11] + wy * half[12] + wz * half[13]
+    ew = _dot((wx, wy, wz), half, THIRD)
     along = s1 * s2
     between = along < 0.0
     cross1 = l1 * s2
@@ -65,7 +80,7 @@ def sliver_part(a1: Any, l1: Any, l2: Any, l3: Any, half: Any) -> Any:
     m_conjugate = cross1 - cross2
     r = ww / (k_conjugate * m_conjugate)
     k = ww + select(between, r * m_conjugate * (s1 * s1 + s2 * s2 + ww), l12 + along)
-    m = select(between, r * k_conjugate * half[9] * (s1 + s2), cross1 + cross2)
+    m = select(between, r * k_conjugate * half[LENGTH] * (s1 + s2), cross1 + cross2)
     part = l3 * k + s3 * m + (l1 + l2) * (ww + ew)
     return part + part
 
@@ -74,7 +89,7 @@ def sliver_part(a1: Any, l1: Any, l2: Any, l3: Any, half: Any) -> Any:
 def _part(ordinary: bool, p: Any, v1: Any, l1: Any, l2: Any, l3: Any, half: Any) -> Any:
     """F of a triangle whose first corner is v1."""
     if ordinary:
-        F = (l1 + l2) * ((l2 + l3) * (l3 + l1)) - (half[3] * l1 + half[4] * l2 + half[5] * l3)
+        F = (l1 + l2) * ((l2 + l3) * (l3 + l1)) - _dot((l1, l2, l3), half, EDGES)
     else:
         F = sliver_part((v1[0] - p[0], v1[1] - p[1], v1[2] - p[2]), l1, l2, l3, half)
     return F
@@ -93,9 +108,9 @@ def _gather(
         load(scratch, squares + v2 * step),
         load(scratch, squares + v3 * step),
     )
-    store(scratch, c + v1 * step, (load(scratch, c + v1 * step) + whole) - s * (q1 + half[3]))
-    store(scratch, c + v2 * step, (load(scratch, c + v2 * step) + whole) - s * (q2 + half[4]))
-    store(scratch, c + v3 * step, (load(scratch, c + v3 * step) + whole) - s * (q3 + half[5]))
+    store(scratch, c + v1 * step, (load(scratch, c + v1 * step) + whole) - s * (q1 + half[EDGES]))
+    store(scratch, c + v2 * step, (load(scratch, c + v2 * step) + whole) - s * (q2 + half[EDGES + 1]))
+    store(scratch, c + v3 * step, (load(scratch, c + v3 * step) + whole) - s * (q3 + half[EDGES + 2]))
 
 
 @inlined
@@ -138,40 +153,40 @@ def block_at(  # noqa: PLR0915 - corners, triangles, quads, corners
         store(scratch, squares + v * step, square)
         store(scratch, c + v * step, zero)
         store(scratch, inverses + v * step, inverse)
-    for t in range(link[3], link[5]):
+    for t in range(link[FIRST_TRIANGLE], link[PAST_TRIANGLE]):
         row = triangles[t]
         half = row[PLANE_ROWS:]
         (v1, v2, v3), (l1, l2, l3) = _corners(triangle_corners[t], 0, scratch, step)
-        F = _part(t < link[4], p, vertices[v1], l1, l2, l3, half)
+        F = _part(t < link[FIRST_SLIVER], p, vertices[v1], l1, l2, l3, half)
         height = _height(p, row)
-        term, k, slope = single_field(height, F, half[0], half[1], half[2])
+        term, k, slope = single_field(height, F, half[QUADRUPLE], half[SQUARED], half[FLATTENED])
         _gather(scratch, squares, step, v1, v2, v3, slope, l1, l2, l3, half)
         phi = phi + term
         winding = winding + height * term
         curvature = curvature + k
         k = k * height
-        gx = gx + k * row[3]
-        gy = gy + k * row[4]
-        gz = gz + k * row[5]
-    for t in range(link[6], link[8]):
+        gx = gx + k * row[NORMAL]
+        gy = gy + k * row[NORMAL + 1]
+        gz = gz + k * row[NORMAL + 2]
+    for t in range(link[FIRST_QUAD], link[PAST_QUAD]):
         row = quads[t]
         half1 = row[PLANE_ROWS:]
         half2 = row[PLANE_ROWS + HALF_ROWS :]
         (v1, v2, v3), (l1, l2, l3) = _corners(quad_corners[t], 0, scratch, step)
         (v4, v5, v6), (l4, l5, l6) = _corners(quad_corners[t], 3, scratch, step)
-        F1 = _part(t < link[7], p, vertices[v1], l1, l2, l3, half1)
-        F2 = _part(t < link[7], p, vertices[v4], l4, l5, l6, half2)
+        F1 = _part(t < link[FIRST_SLIVER_QUAD], p, vertices[v1], l1, l2, l3, half1)
+        F2 = _part(t < link[FIRST_SLIVER_QUAD], p, vertices[v4], l4, l5, l6, half2)
         height = _height(p, row)
-        term, k, slope1, slope2 = pair_field(height, F1, F2, half1[0], half2[0])
+        term, k, slope1, slope2 = pair_field(height, F1, F2, half1[QUADRUPLE], half2[QUADRUPLE])
         _gather(scratch, squares, step, v1, v2, v3, slope1, l1, l2, l3, half1)
         _gather(scratch, squares, step, v4, v5, v6, slope2, l4, l5, l6, half2)
         phi = phi + term
         winding = winding + height * term
         curvature = curvature + k
         k = k * height
-        gx = gx + k * row[3]
-        gy = gy + k * row[4]
-        gz = gz + k * row[5]
+        gx = gx + k * row[NORMAL]
+        gy = gy + k * row[NORMAL + 1]
+        gz = gz + k * row[NORMAL + 2]
     gx, gy, gz = -0.5 * gx, -0.5 * gy, -0.5 * gz
     for v in range(n):
         w = load(scratch, c + v * step) * load(scratch, inverses + v * step)
@@ -195,19 +210,19 @@ def block_potential_at(
         dx, dy, dz = x - vertices[v, 0], y - vertices[v, 1], z - vertices[v, 2]
         square = dx * dx + dy * dy + (dz * dz + gap * gap)
         store(scratch, v * step, square * inverse_root(square))
-    for t in range(link[3], link[5]):
+    for t in range(link[FIRST_TRIANGLE], link[PAST_TRIANGLE]):
         row = triangles[t]
         half = row[PLANE_ROWS:]
         v, (l1, l2, l3) = _corners(triangle_corners[t], 0, scratch, step)
-        F = _part(t < link[4], p, vertices[v[0]], l1, l2, l3, half)
-        phi = phi + single_field(_height(p, row), F, half[0], half[1], half[2])[0]
-    for t in range(link[6], link[8]):
+        F = _part(t < link[FIRST_SLIVER], p, vertices[v[0]], l1, l2, l3, half)
+        phi = phi + single_field(_height(p, row), F, half[QUADRUPLE], half[SQUARED], half[FLATTENED])[0]
+    for t in range(link[FIRST_QUAD], link[PAST_QUAD]):
         row = quads[t]
         half1 = row[PLANE_ROWS:]
         half2 = row[PLANE_ROWS + HALF_ROWS :]
         v, (l1, l2, l3) = _corners(quad_corners[t], 0, scratch, step)
         w, (l4, l5, l6) = _corners(quad_corners[t], 3, scratch, step)
-        F1 = _part(t < link[7], p, vertices[v[0]], l1, l2, l3, half1)
-        F2 = _part(t < link[7], p, vertices[w[0]], l4, l5, l6, half2)
-        phi = phi + pair_field(_height(p, row), F1, F2, half1[0], half2[0])[0]
+        F1 = _part(t < link[FIRST_SLIVER_QUAD], p, vertices[v[0]], l1, l2, l3, half1)
+        F2 = _part(t < link[FIRST_SLIVER_QUAD], p, vertices[w[0]], l4, l5, l6, half2)
+        phi = phi + pair_field(_height(p, row), F1, F2, half1[QUADRUPLE], half2[QUADRUPLE])[0]
     return phi

@@ -8,9 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.field.box import box_at
-from guidefield.kernels.field.faces import block_at, block_potential_at
-from guidefield.kernels.field.field_tables import CHARGE_PER_AREA, MATRIX_32, TABLES, TABLES_32, FieldTables
+from guidefield.kernels.field.box import CHARGE as BOX_CHARGE, box_at
+from guidefield.kernels.field.faces import AFTER, FIRST_VERTEX, PAST_VERTEX, block_at, block_potential_at
+from guidefield.kernels.field.field_tables import (
+    AREA,
+    CHARGE,
+    CHARGE_PER_AREA,
+    MATRIX_32,
+    MOMENTS,
+    TABLES,
+    TABLES_32,
+    FieldTables,
+)
 from guidefield.kernels.field.primitives import charged_capsule_at, plane_at, sphere_at
 from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, Floats, compiled, inlined
 from guidefield.kernels.simd.vector import every, inverse_root, lanes_of, load, store
@@ -108,13 +117,15 @@ def _expansion(dx: Any, dy: Any, dz: Any, square: Any, node: Any) -> Any:
     ii = i * i
     i3 = ii * i
     i5 = i3 * ii
-    qx = node[4] * dx + node[5] * dy + node[6] * dz
-    qy = node[5] * dx + node[7] * dy + node[8] * dz
-    qz = node[6] * dx + node[8] * dy + node[9] * dz
-    trace = node[4] + node[7] + node[9]
+    xx, xy, xz = node[MOMENTS], node[MOMENTS + 1], node[MOMENTS + 2]
+    yy, yz, zz = node[MOMENTS + 3], node[MOMENTS + 4], node[MOMENTS + 5]
+    qx = xx * dx + xy * dy + xz * dz
+    qy = xy * dx + yy * dy + yz * dz
+    qz = xz * dx + yz * dy + zz * dz
+    trace = xx + yy + zz
     xqx = (qx * dx + qy * dy + qz * dz) * ii
-    phi = node[3] * i3 + (7.5 * xqx - 1.5 * trace) * i5
-    along = -3.0 * node[3] * i5 + (7.5 * trace - 52.5 * xqx) * (i5 * ii)
+    phi = node[CHARGE] * i3 + (7.5 * xqx - 1.5 * trace) * i5
+    along = -3.0 * node[CHARGE] * i5 + (7.5 * trace - 52.5 * xqx) * (i5 * ii)
     return phi, along, 15.0 * i5 * ii, (qx, qy, qz), i3
 
 
@@ -122,7 +133,7 @@ def _expansion(dx: Any, dy: Any, dz: Any, square: Any, node: Any) -> Any:
 def _largest_block(links: Any) -> int:
     largest = 0
     for m in range(links.shape[0]):
-        largest = max(largest, links[m, 2] - links[m, 1])
+        largest = max(largest, links[m, PAST_VERTEX] - links[m, FIRST_VERTEX])
     return largest
 
 
@@ -147,13 +158,13 @@ def _add_faces(t: Any, p: Any, f: Any, scratch: Any, step: int) -> Any:
             gx = gx + along * dx + across * q[0]
             gy = gy + along * dy + across * q[1]
             gz = gz + along * dz + across * q[2]
-            angle = angle + (dx * node[10] + dy * node[11] + dz * node[12]) * i3
-            m = link[0]
+            angle = angle + (dx * node[AREA] + dy * node[AREA + 1] + dz * node[AREA + 2]) * i3
+            m = link[AFTER]
             continue
-        if link[2] > link[1]:
+        if link[PAST_VERTEX] > link[FIRST_VERTEX]:
             b = block_at(
-                p, scratch, step, t.vertices[link[1] : link[2]], link, t.triangle_corners, t.triangles,
-                t.quad_corners, t.quads,
+                p, scratch, step, t.vertices[link[FIRST_VERTEX] : link[PAST_VERTEX]], link,
+                t.triangle_corners, t.triangles, t.quad_corners, t.quads,
             )  # fmt: skip
             charge = node[CHARGE_PER_AREA]
             phi = phi + charge * b[0]
@@ -176,12 +187,12 @@ def _add_face_potentials(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> A
         square = dx * dx + dy * dy + dz * dz
         if every(square > t.reach[m] * t.reach[m]):
             phi = phi + _expansion(dx, dy, dz, square, node)[0]
-            m = link[0]
+            m = link[AFTER]
             continue
-        if link[2] > link[1]:
+        if link[PAST_VERTEX] > link[FIRST_VERTEX]:
             phi = phi + node[CHARGE_PER_AREA] * block_potential_at(
-                p, scratch, step, t.vertices[link[1] : link[2]], link, t.triangle_corners, t.triangles,
-                t.quad_corners, t.quads,
+                p, scratch, step, t.vertices[link[FIRST_VERTEX] : link[PAST_VERTEX]], link,
+                t.triangle_corners, t.triangles, t.quad_corners, t.quads,
             )  # fmt: skip
         m += 1
     return phi
@@ -200,7 +211,7 @@ def _soft_point(p: Any, row: Any) -> Any:
 def _closed_forms(t: Any, p: Any, f: Any) -> Any:
     """Boxes, spheres, capsules, planes and clouds."""
     for i in range(t.boxes.shape[0]):
-        f = _plus(f, t.boxes[i, 15], box_at(p[0], p[1], p[2], t.boxes[i]))
+        f = _plus(f, t.boxes[i, BOX_CHARGE], box_at(p[0], p[1], p[2], t.boxes[i]))
     for i in range(t.spheres.shape[0]):
         s = t.spheres[i]
         f = _plus(f, s[4], sphere_at(p, (s[0], s[1], s[2]), s[3]))
@@ -258,7 +269,7 @@ def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
         p = (load(x, i), load(y, i), load(z, i))
         phi = _add_face_potentials(t, p, load(potential_out, i), scratch, step)
         for k in range(t.boxes.shape[0]):
-            phi = phi + t.boxes[k, 15] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
+            phi = phi + t.boxes[k, BOX_CHARGE] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
         for k in range(t.spheres.shape[0]):
             s = t.spheres[k]
             phi = phi + s[4] * sphere_at(p, (s[0], s[1], s[2]), s[3])[0]

@@ -10,11 +10,11 @@ from numba import types
 from guidefield.kernels.field.faces import HALF_ROWS, PLANE_ROWS
 from guidefield.kernels.jit.fields import IndexRows, Row, Rows, numba_type
 
-BOX_COLUMNS, NODE_COLUMNS, LINK_COLUMNS = 17, 14, 9
 TRIANGLE_COLUMNS, QUAD_COLUMNS = PLANE_ROWS + HALF_ROWS, PLANE_ROWS + 2 * HALF_ROWS
 
-CHARGE_PER_AREA = 13
-"""Where a node's row has it."""
+CHARGE, MOMENTS, AREA, CHARGE_PER_AREA, NODE_COLUMNS = 3, 4, 10, 13, 14
+"""Columns of a node, behind its centre of charge (3): charge, its second moments xx xy xz yy yz zz, area vector (3),
+charge per area of all faces below; then how many columns there are."""
 
 
 class FieldTables(NamedTuple):
@@ -25,17 +25,14 @@ class FieldTables(NamedTuple):
 
     Attributes:
         origin: What to subtract from points, shape (3,), always in double precision; tables are relative to it.
-        boxes: Centre (3), unit axes from the longest side to the shortest (3 x 3), half sides (3), charge, and what
-            square of a distance is far; shape (b, 17).
+        boxes: As kernels/field/box.py reads them, shape (b, BOX_COLUMNS).
         vertices: Corners of blocks, shape (v, 3).
         triangle_corners: Indices into a block's vertices, shape (t, 3).
-        triangles: As kernels/field/faces.py reads them, shape (t, 20).
+        triangles: As kernels/field/faces.py reads them, shape (t, TRIANGLE_COLUMNS).
         quad_corners: Two triangles each, indices into a block's vertices, shape (q, 6).
-        quads: As kernels/field/faces.py reads them, shape (q, 34).
-        nodes: Centre of charge (3), charge, its second moments xx xy xz yy yz zz, area vector (3), charge per area of
-            all faces below; shape (m, 14).
-        links: The node after all below a node; of a leaf's block first and past vertex; first triangle, first sliver
-            and past; first quad, first with a sliver and past; shape (m, 9).
+        quads: As kernels/field/faces.py reads them, shape (q, QUAD_COLUMNS).
+        nodes: Shape (m, NODE_COLUMNS).
+        links: As kernels/field/faces.py reads them, shape (m, LINK_COLUMNS).
         reach: Distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,).
         spheres: Centre (3), radius, charge; shape (s, 5).
         capsules: Ends of the axis (2 x 3), radius, charge; shape (c, 8).

@@ -13,7 +13,17 @@ from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.relax.barrier import barrier, deficit
-from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, Workspace, lower_gaps, place, workspace
+from guidefield.kernels.relax.sampled_robot import (
+    FIRST,
+    JOINT,
+    PAST,
+    ROBOT,
+    SampledRobot,
+    Workspace,
+    lower_gaps,
+    place,
+    workspace,
+)
 from guidefield.kernels.relax.verlet_list import NearBodies, bodies_that_count, remembered_bodies
 
 
@@ -44,12 +54,12 @@ def obstacle_barrier(
     reach, clearance, floor = walls
     farthest = max(reach + clearance, floor)
     for g in range(robot.groups.shape[0]):
-        joint = robot.groups[g, 0]
+        joint = robot.groups[g, JOINT]
         T = work.world[joint]
         count = remembered_bodies(robot, tables, s, g, farthest, near, work)
         if count == 0:
             continue
-        first, last = robot.groups[g, 1], robot.groups[g, 2]
+        first, last = robot.groups[g, FIRST], robot.groups[g, PAST]
         work.gaps[first:last] = math.inf
         for k in range(count):
             lower_gaps(robot, g, last, tables, work.candidates[k], work)
@@ -93,8 +103,8 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
     best = cutoff
     for g in range(robot.groups.shape[0]):
         count = bodies_that_count(robot, tables, g, max(best, 0.0), work)
-        T = work.world[robot.groups[g, 0]]
-        for i in range(robot.groups[g, 1], robot.groups[g, 2]):
+        T = work.world[robot.groups[g, JOINT]]
+        for i in range(robot.groups[g, FIRST], robot.groups[g, PAST]):
             x, y, z_ = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             best = min(best, nearest_body(x, y, z_, work.candidates, count, tables, best)[0])
     return best

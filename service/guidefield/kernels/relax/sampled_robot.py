@@ -18,6 +18,11 @@ from guidefield.kernels.kinematics.poses import moved_by
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 
 
+JOINT, FIRST, PAST, PAST_FEW = range(4)
+"""Columns of a group of points: their joint, the first point, the one past the last, and the one past the few that
+stand for all against links."""
+
+
 class SampledRobot(NamedTuple):
     """A robot as points on the surface of its links, and as the links themselves.
 
@@ -28,7 +33,7 @@ class SampledRobot(NamedTuple):
         origin: (model nq,) configuration from which the chart's rotation vectors start.
         points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together.
         weights: (p,) how much each counts.
-        groups: (g, 4) joint, first point, one past the last point, one past those that stand for all against links.
+        groups: (g, 4).
         balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
         ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
         links: Bodies of all collision shapes, in the frame of their joint.
@@ -132,7 +137,7 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     for b in range(robot.link_joints.shape[0]):
         _centre(work.world[robot.link_joints[b]], robot.link_balls[b], work.link_centres[b])
     for g in range(robot.groups.shape[0]):
-        _centre(work.world[robot.groups[g, 0]], robot.balls[g], work.centres[g])
+        _centre(work.world[robot.groups[g, JOINT]], robot.balls[g], work.centres[g])
 
 
 @uncounted
@@ -156,7 +161,7 @@ def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
 @uncounted
 def lower_gaps(robot: SampledRobot, g: int, last: int, tables: DistanceTables, body: int, work: Workspace) -> None:
     """Lower the gaps of a group's points up to one to those to the box about a body; a vector loop."""
-    T = work.world[robot.groups[g, 0]]
+    T = work.world[robot.groups[g, JOINT]]
     B, bounds = tables.placements[body], tables.bounds[body]
     r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
     r01 = B[0, 0] * T[0, 1] + B[1, 0] * T[1, 1] + B[2, 0] * T[2, 1]
@@ -173,7 +178,7 @@ def lower_gaps(robot: SampledRobot, g: int, last: int, tables: DistanceTables, b
     tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
     lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
     # slices: an index that might be negative keeps the loop from becoming a vector loop
-    first = robot.groups[g, 1]
+    first = robot.groups[g, FIRST]
     px, py, pz = robot.points[0, first:last], robot.points[1, first:last], robot.points[2, first:last]
     gaps = work.gaps[first:last]
     for i in range(gaps.shape[0]):

@@ -16,6 +16,10 @@ from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, Vector
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.relax.barrier import barrier
 from guidefield.kernels.relax.sampled_robot import (
+    FIRST,
+    JOINT,
+    PAST,
+    PAST_FEW,
     ROBOT,
     SampledRobot,
     Workspace,
@@ -50,8 +54,8 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
         place_link(robot, other, work)
         if not bounds_near(x, y, z, other, links, near):
             continue
-        T = work.world[robot.groups[g, 0]]
-        first, last = robot.groups[g, 1], robot.groups[g, 3]
+        T = work.world[robot.groups[g, JOINT]]
+        first, last = robot.groups[g, FIRST], robot.groups[g, PAST_FEW]
         work.gaps[first:last] = math.inf
         lower_gaps(robot, g, last, links, other, work)
         for i in range(first, last):
@@ -61,9 +65,9 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
             d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach, reach)
             if d < reach:
                 value, slope, curvature = barrier(d, reach)
-                w = share * robot.weights[i] * (robot.groups[g, 2] - first) / (last - first)
+                w = share * robot.weights[i] * (robot.groups[g, PAST] - first) / (last - first)
                 total += w * value
-                _row(robot, robot.groups[g, 0], robot.link_joints[other], p, (nx, ny, nz), work)
+                _row(robot, robot.groups[g, JOINT], robot.link_joints[other], p, (nx, ny, nz), work)
                 _add(w * slope, w * curvature, work)
     return total
 
@@ -107,10 +111,10 @@ def _pair_distances(robot: SampledRobot, work: Workspace, distances_out: Floats)
     links = _placed_links(robot, work)
     for k in range(robot.pairs.shape[0]):
         g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
-        T = work.world[robot.groups[g, 0]]
+        T = work.world[robot.groups[g, JOINT]]
         place_link(robot, other, work)
         distances_out[k] = math.inf
-        for i in range(robot.groups[g, 1], robot.groups[g, 3]):
+        for i in range(robot.groups[g, FIRST], robot.groups[g, PAST_FEW]):
             p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d = body_distance(p[0], p[1], p[2], other, links, best, best)[0]
             if d < best:

@@ -17,6 +17,7 @@ from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, 
 from guidefield.kernels.kinematics.chart import configuration
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.kernels.sweep.swept_bounds import (
+    RADIUS,
     SWEPT,
     SweptRobot,
     capsule_accelerations,
@@ -96,7 +97,7 @@ def _far(robot: SweptRobot, item: int, ends: Floats, shares: Floats, self_margin
         first += (ends[a, 3 + c] - ends[a, c]) ** 2
         second += (ends[b, 3 + c] - ends[b, c]) ** 2
     gap = math.sqrt(between) - 0.5 * (math.sqrt(first) + math.sqrt(second))
-    return bool(gap > robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + shares[a, 0] + shares[b, 0])
+    return bool(gap > robot.capsules[a, RADIUS] + robot.capsules[b, RADIUS] + self_margin + shares[a, 0] + shares[b, 0])
 
 
 @inlined
@@ -107,10 +108,12 @@ def _item_apart(
     """Whether a capsule, or a pair of them, keeps more than its margin and a bound."""
     count = robot.capsules.shape[0]
     if item < count:
-        keep = robot.capsules[item, 6] + margin + bound
+        keep = robot.capsules[item, RADIUS] + margin + bound
         return bool(_keeps(ends, item, keep, tables, candidates, parts))
     a, b = robot.own[item - count, 0], robot.own[item - count, 1]
-    return bool(_segment_distance(ends, a, b) > robot.capsules[a, 6] + robot.capsules[b, 6] + self_margin + bound)
+    return bool(
+        _segment_distance(ends, a, b) > robot.capsules[a, RADIUS] + robot.capsules[b, RADIUS] + self_margin + bound
+    )
 
 
 @inlined

@@ -23,6 +23,9 @@ from guidefield.kernels.kinematics.forward_kinematics import (
 )
 from guidefield.kernels.kinematics.poses import moved_by
 
+FIRST_END, SECOND_END, RADIUS, CAPSULE = 0, 3, 6, 7
+"""Columns of a capsule: the ends of its axis (3 each) and its radius [m]; then how many columns there are."""
+
 
 class SweptRobot(NamedTuple):
     """A robot as capsules that its joints carry.
@@ -30,7 +33,7 @@ class SweptRobot(NamedTuple):
     Attributes:
         joints: The joints of its model.
         origin: (nq,) configuration from which the chart's rotation vectors start.
-        capsules: (c, 7) ends and radius in the frame of their joint [m].
+        capsules: (c, CAPSULE) ends and radius in the frame of their joint [m].
         carriers: (c,) the joint of each; 0 stands still.
         moved: (c, n) 1 where a joint moves a capsule.
         own: (k, 2) capsules that must not touch each other.
@@ -102,7 +105,7 @@ def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
     """
     for c in range(robot.capsules.shape[0]):
         T = world[robot.carriers[c]]
-        for e in (0, 3):
+        for e in (FIRST_END, SECOND_END):
             x, y, z = robot.capsules[c, e], robot.capsules[c, e + 1], robot.capsules[c, e + 2]
             ends_out[c, e], ends_out[c, e + 1], ends_out[c, e + 2] = moved_by(T, x, y, z)
 
@@ -123,7 +126,7 @@ def joint_shares(
         shares_out: Shape (c, n) [m]; in the first column, which is the world's, stands what they do together.
     """
     for c in range(robot.capsules.shape[0]):
-        radius = robot.capsules[c, 6]
+        radius = robot.capsules[c, RADIUS]
         shares_out[c, 0] = 0.0
         for j in range(1, robot.joints.parents.shape[0]):
             share = 0.0
@@ -151,7 +154,9 @@ def capsule_accelerations(robot: SweptRobot, turns: Floats, slides: Floats, out:
     """
     for c in range(robot.capsules.shape[0]):
         row = robot.capsules[c]
-        r = row[6] + math.sqrt(max(row[0] ** 2 + row[1] ** 2 + row[2] ** 2, row[3] ** 2 + row[4] ** 2 + row[5] ** 2))
+        x, y, z = row[FIRST_END], row[FIRST_END + 1], row[FIRST_END + 2]
+        u, v, w = row[SECOND_END], row[SECOND_END + 1], row[SECOND_END + 2]
+        r = row[RADIUS] + math.sqrt(max(x * x + y * y + z * z, u * u + v * v + w * w))
         v, a = 0.0, 0.0
         j = robot.carriers[c]
         while j > 0:
@@ -201,7 +206,7 @@ def capsule_speeds(
             vx, vy, vz = t[0] + t[4] * u - t[5] * y, t[1] + t[5] * x - t[3] * u, t[2] + t[3] * y - t[4] * x
             fastest = max(fastest, vx * vx + vy * vy + vz * vz)
         spin = math.sqrt(t[3] * t[3] + t[4] * t[4] + t[5] * t[5])
-        speeds_out[c] = math.sqrt(fastest) + robot.capsules[c, 6] * spin
+        speeds_out[c] = math.sqrt(fastest) + robot.capsules[c, RADIUS] * spin
 
 
 @inlined
