@@ -37,7 +37,7 @@ def test_order_of_corners_changes_only_the_side(corners: np.ndarray, point: np.n
         assert other.potential == pytest.approx(whole.potential, rel=1e-13)
         assert other.gradient == pytest.approx(whole.gradient, rel=0.0, abs=1e-12 * np.linalg.norm(whole.gradient))
         assert other.curvature == pytest.approx(whole.curvature, rel=1e-9)
-    assert field(point, corners[::-1][None]).winding == pytest.approx(-whole.winding, abs=1e-15)
+    assert field(point, corners[::-1][None]).winding == pytest.approx(-whole.winding, abs=1e-14)
 
 
 @laws
