@@ -17,7 +17,8 @@ from guidefield.kernels.relax.relaxation import PathSamples, objective
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.self_barrier import pair_distances
 from guidefield.kernels.relax.verlet_list import MARGIN, nothing_remembered
-from guidefield.planner.relax.sampled_robot import LEAST_SELF_RANGE, SELF_RANGE, WEIGHT, sampled_robot
+from guidefield.planner.relax.sampled_robot import sampled_robot
+from guidefield.planner.relax.settings import BARRIER
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables
@@ -74,7 +75,7 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
         placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
         _, first, last, coarse = robot.groups[g]
         apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g][: coarse - first]]
-        w = WEIGHT / robot.points.shape[1] * (last - first) / (coarse - first)
+        w = BARRIER.weight / robot.points.shape[1] * (last - first) / (coarse - first)
         found += [(d, w, float(reach), 0.0) for d in apart]
     return found
 
@@ -244,9 +245,9 @@ def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
     for _ in range(20_000):
         z = made_for.group.chart(made_for.group.random(rng))
         pair_distances(robot, tables, z, closest)
-        if LEAST_SELF_RANGE < closest.min() < 0.5 * SELF_RANGE:
+        if BARRIER.least_self_range < closest.min() < 0.5 * BARRIER.self_range:
             break
-    assert LEAST_SELF_RANGE < closest.min() < 0.5 * SELF_RANGE
+    assert BARRIER.least_self_range < closest.min() < 0.5 * BARRIER.self_range
     strict = Objective(made_for, samples_of((0, 1.0, 1.0)))(at_end(z))[0]
     lenient = Objective(made_for, samples_of((0, 1.0, 1.0)), ends=z[None])(at_end(z))[0]
     assert strict > 0.0
@@ -268,7 +269,7 @@ def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None
     for (g, _), distance in zip(robot.pairs, closest, strict=True):
         count = robot.groups[g, 3] - robot.groups[g, 1]
         smallest = min(own[at : at + count])
-        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SELF_RANGE - 1e-6 else np.inf)
+        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < BARRIER.self_range - 1e-6 else np.inf)
         at += count
 
 
