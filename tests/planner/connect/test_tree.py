@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.planner.connect.tree import Tree
+from tests.robots import box_arm, grouped
 
 
 def test_trees_grow_and_find_what_is_nearest() -> None:
-    tree = Tree(np.array([[3.0, 0.0], [0.0, 0.0]]))
+    tree = Tree(grouped(box_arm("y y", 2)), np.array([[3.0, 0.0], [0.0, 0.0]]))
     assert tree.nearest(np.array([2.0, 0.5])) == 0
     assert tree.nearest(np.array([-3.0, 0.0])) == 1
     for i in range(200):

@@ -70,26 +70,31 @@ class Keeper:
         """Whether a chart point, shape (nv,), keeps the constraints."""
         return bool((self.frames.values(z) <= self.frames.limits).all())
 
+    def apart(self, one: ChartPoint, other: ChartPoint) -> float:
+        """How far apart two chart points are by the group's metric, each of shape (nv,), with no turn taken back."""
+        return float(np.linalg.norm((other - one) / self.problem.group.units))
+
     def steps(self, origin: ChartPoint, target: ChartPoint) -> list[ChartPoint]:
         """Free chart points, a stride apart, from one towards another, as far as they come nearer to it.
 
         Args:
             origin: Where they start, shape (nv,); not among them.
-            target: Where they lead, shape (nv,).
+            target: Where they lead, shape (nv,); an angle that wraps goes there the short way round.
 
         Returns:
-            Each of shape (nv,).
+            Each of shape (nv,), angles unwrapped from the origin on.
         """
         taken, here = [], origin
-        while (left := float(np.linalg.norm(target - here))) > 1e-9:
+        target = self.problem.group.unwrapped(target, origin)
+        while (left := self.apart(here, target)) > 1e-9:
             if left <= CONSTRAINED.stride:
                 there: ChartPoint | None = target
             else:
                 there = self.brought_back(here + (target - here) * (CONSTRAINED.stride / left))
             least = CONSTRAINED.least_gain * min(CONSTRAINED.stride, left)
-            if there is None or left - np.linalg.norm(target - there) < least:
+            if there is None or left - self.apart(there, target) < least:
                 break
-            if np.linalg.norm(there - here) > 2.0 * CONSTRAINED.stride or not self._free(here, there):
+            if self.apart(here, there) > 2.0 * CONSTRAINED.stride or not self._free(here, there):
                 break
             taken.append(there)
             here = there
@@ -116,7 +121,7 @@ def connect_constrained(
     """
     group = problem.group
     near = np.array([group.unwrapped(goal, z_start) for goal in goals])
-    trees = (Tree(z_start[None]), Tree(near))
+    trees = (Tree(group, z_start[None]), Tree(group, near))
     for iteration in range(CONSTRAINED.most_iterations):
         if (spent := problem.budget.spent()) is not None:
             return Connection(spent, "no connection within the path constraints was found in time", z_start[None])
@@ -129,11 +134,13 @@ def connect_constrained(
         point = growing.point(reached).copy()
         node = other.nearest(point)
         met = _grown(other, node, keeper.steps(other.point(node).copy(), point))
-        if np.linalg.norm(other.point(met) - point) > 1e-9:
+        if keeper.apart(point, group.unwrapped(other.point(met), point)) > 1e-9:
             continue
         branches = (growing.branch(reached), other.branch(met))
         first, second = branches if active == 0 else branches[::-1]
-        path = _shortened(keeper, np.array([*first, *second[-2::-1]]), rng)
+        # the second branch on from where the first ends: whole turns away where an angle went round
+        turns = group.unwrapped(second[-1], first[-1]) - second[-1]
+        path = _shortened(keeper, np.array([*first, *(z + turns for z in second[-2::-1])]), rng)
         for z in path[1:]:
             problem.tell(Step(StepKind.TREE, group.from_chart(z), "found within the path constraints"))
         return Connection(Status.SUCCESS, f"found within the path constraints in {iteration + 1} iterations", path)
@@ -155,9 +162,9 @@ def _shortened(keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> C
             break
         first, last = np.sort(rng.choice(len(path), 2, replace=False))
         across = keeper.steps(path[first], path[last])
-        if not across or not np.array_equal(across[-1], path[last]):
+        if not across or keeper.apart(across[-1], path[last]) > 1e-9:  # not there, or there the other way round
             continue
-        way = np.array([path[first], *across])
+        way = np.array([path[first], *across[:-1], path[last]])
         if length_of(way, units) < length_of(path[first : last + 1], units) - 1e-9:
             path = np.concatenate([path[:first], way, path[last + 1 :]])
     return path

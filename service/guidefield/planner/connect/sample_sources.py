@@ -11,7 +11,7 @@ from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.chart import ANGLE, ROAM, ROTATION, TRANSLATION, WIND
+from guidefield.robot.model.chart import ROAM, ROTATION, TRANSLATION, WIND
 from guidefield.robot.model.spaces import ChartPoints
 
 
@@ -79,11 +79,9 @@ class Sources(ReadOnly):
 @kept_with
 def sources_of(group: PlanningGroup) -> Sources:
     """The box that samples of a group fill."""
-    lower, upper, period = group.lower.copy(), group.upper.copy(), np.zeros(group.nv, np.float32)
+    lower, upper, period = group.lower.copy(), group.upper.copy(), group.periods.astype(np.float32)
     lengths, rotations = np.zeros(group.nv, bool), []
     for joint in group.joints:
-        if joint.kind in ANGLE:
-            period[joint.idx_v + ANGLE[joint.kind]] = 2.0 * np.pi
         if joint.kind in TRANSLATION:
             lengths[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION[joint.kind]] = True
         if joint.kind in ROTATION:

@@ -1,16 +1,21 @@
-"""A tree of chart points."""
+"""A tree of chart points, of joints that turn or slide."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 
 class Tree:
-    """A tree of chart points; grows its arrays by doubling."""
+    """A tree of a group's chart points; grows its arrays by doubling.
 
-    def __init__(self, roots: ChartPoints) -> None:
+    Distances are by the group's metric, the short way round where an angle wraps.
+    """
+
+    def __init__(self, group: PlanningGroup, roots: ChartPoints) -> None:
+        self._units, self._periods = group.units, group.periods
         self._points = np.empty((max(64, 2 * len(roots)), roots.shape[1]))
         self._parents = np.full(len(self._points), -1)
         self._points[: len(roots)] = roots
@@ -28,6 +33,9 @@ class Tree:
     def nearest(self, point: ChartPoint) -> int:
         """Index of the node nearest to a chart point, shape (nv,)."""
         apart = self._points[: self.size] - point
+        wraps = self._periods > 0.0
+        apart[:, wraps] -= self._periods[wraps] * np.round(apart[:, wraps] / self._periods[wraps])
+        apart /= self._units
         return int(np.argmin(np.einsum("ij,ij->i", apart, apart)))
 
     def point(self, index: int) -> ChartPoint:

@@ -110,6 +110,16 @@ class PlanningGroup:
         return units
 
     @cached_property
+    def periods(self) -> np.ndarray:
+        """By how much an angle that wraps comes back to where it was, 0 for other coordinates, shape (nv,) [rad]."""
+        periods = np.zeros(self.nv)
+        for joint in self.joints:
+            if joint.kind in chart.ANGLE:
+                periods[joint.idx_v + chart.ANGLE[joint.kind]] = 2.0 * np.pi
+        read_only(periods)
+        return periods
+
+    @cached_property
     def winds(self) -> np.ndarray:
         """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
         turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in self.joints])
