@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, Self
 
@@ -42,6 +43,9 @@ class _Query:
         return self
 
     def __exit__(self, *_about: object) -> None:
+        self.dropped += 1
+
+    def drop(self) -> None:
         self.dropped += 1
 
     def reply(self, key: str, payload: bytes, *, encoding: str) -> None:
@@ -136,3 +140,19 @@ def test_a_future_settles_its_query() -> None:
         assert (len(query.replies), len(query.errors)) == (replies, errors)
         if isinstance(outcome, WorkerCrashed):
             assert msgspec.msgpack.decode(query.errors[0][0])["name"] == "CRASH"
+
+
+def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:
+    for most, name, dropped in ((0, "SERVER_BUSY", 1), (-1, "", 1)):
+        query, counted = _Query("guidefield/local/info"), []  # type: ignore[var-annotated]
+
+        def post(_client: str, size: int, send: Callable[[], None], most: int = most) -> bool:
+            if size <= most:
+                send()
+            return size <= most
+
+        Asked(query, "local", counted.append, post).answer((True, b"large"))  # type: ignore[arg-type]
+        assert query.replies == []
+        assert [json.loads(payload)["name"] for payload, _ in query.errors] == ([name] if name else [])
+        assert counted == ["refused" if name else "dropped"]
+        assert query.dropped == dropped

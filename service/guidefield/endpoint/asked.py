@@ -7,10 +7,11 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from functools import partial
 
 import zenoh
 
-from guidefield.errors import GuidefieldError, MalformedRequest, unforeseen
+from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import error_reply
@@ -18,21 +19,44 @@ from guidefield.pool.waiting import Answer
 
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
 """Zenoh encodings that mean JSON: its own default ones too."""
+RETRY_AFTER = 1.0
+"""When to ask again whose answers wait to be read [s]."""
 LONGEST_CLIENT = 64
 """How much of a client's name counts [bytes]."""
 
 _log = logging.getLogger(__name__)
 
 
-class Asked:
-    """A query that waits for its one answer."""
+Post = Callable[[str, int, Callable[[], None]], bool]
+"""Has an answer sent to a client, of a size [bytes]; whether it will be."""
 
-    def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None]) -> None:
+
+def _at_once(_client: str, _size: int, send: Callable[[], None]) -> bool:
+    send()
+    return True
+
+
+def _unread() -> ServerBusy:
+    return ServerBusy("too much waits to be read by this client already; read that first", retry_after=RETRY_AFTER)
+
+
+class Asked:
+    """A query that waits for its one answer.
+
+    Args:
+        query: As it came.
+        instance: Name of the service.
+        count: Is told whether it was answered, refused or dropped.
+        post: Has the answer sent.
+    """
+
+    def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None], post: Post = _at_once) -> None:
         self._query = query
         self._prefix = f"guidefield/{instance}"
         self._key = str(query.key_expr)
         self._encoding = Encoding.JSON
         self._count = count
+        self._post = post
         self._open = threading.Lock()
 
     def read(self) -> keys.Query:
@@ -73,11 +97,20 @@ class Asked:
             self.answer(future.result())
 
     def answer(self, answer: Answer, encoding: str | None = None) -> None:
-        """Send the answer, unless one was sent."""
+        """Have the answer sent, unless one was sent; an error in its place where too much waits for this client."""
         if not self._open.acquire(blocking=False):
             return
+        client, told = self._client(), "answered" if answer[0] else "refused"
+        if not self._post(client, len(answer[1]), partial(self._send, answer, encoding)):
+            told = "refused"
+            unread = False, codec.encode(error_reply(_unread()), self._encoding)
+            if not self._post(client, 0, partial(self._send, unread, None)):
+                told = "dropped"
+                self._query.drop()
+        self._count(told)
+
+    def _send(self, answer: Answer, encoding: str | None) -> None:
         is_reply, payload = answer
-        self._count("answered" if is_reply else "refused")
         with self._query as query:
             if is_reply:
                 key = "/".join([self._prefix, *self._key.split("/")[2:]])

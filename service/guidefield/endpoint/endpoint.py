@@ -3,7 +3,8 @@
 Theory of operation. One queryable serves every key of the instance, so that a query on any key, known or not, has one
 answerer. Its callback only sorts: what needs a robot, obstacle geometry or a kernel goes to the pool of workers; what
 reads or deletes files goes to a few threads here; the rest is answered at once, or ends a run early. Whoever settles a
-query does so through `Asked`, which answers once and only once, whatever happens.
+query does so through `Asked`, which answers once and only once, whatever happens; the answer goes out by a thread of
+the `Outbox`, so that whoever doesn't read holds up nobody.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import zenoh
 from guidefield.endpoint.asked import Asked
 from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.meter import Meter
+from guidefield.endpoint.outbox import Outbox
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engine import Engine
@@ -54,6 +56,8 @@ KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "info")
 """What queries are timed under, by the first chunk of their key."""
 LATE, LATE_SHARE = 0.02, 0.03
 """How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
+LAST_ANSWERS = 5.0
+"""How long the last answers may take to be read at the end [s]."""
 MOST_READS = 64
 """How many queries for files may wait."""
 
@@ -92,6 +96,7 @@ class Endpoint:
         self._condition = condition
         self._data = data
         self._under_way = UnderWay(pool)
+        self._outbox = Outbox()
         self._readers = ThreadPoolExecutor(2, thread_name_prefix="guidefield-reader")
         self._closed = False
         self._free_reads = threading.Semaphore(MOST_READS)
@@ -103,7 +108,8 @@ class Endpoint:
         received = time.monotonic()
         key = str(query.key_expr)
         end = self._trace(_kind(key), key)
-        asked = Asked(query, self._instance, partial(self._count_answer, _kind(key), received, end))
+        count = partial(self._count_answer, _kind(key), received, end)
+        asked = Asked(query, self._instance, count, self._outbox.post)
         self._meter.count("asked")
         with asked.answering_failures():
             read = asked.read()
@@ -126,9 +132,10 @@ class Endpoint:
             _log.info("client %s is gone: %d requests of it end", client, ended)
 
     def close(self) -> None:
-        """Answer what is being read, and refuse what waits to be."""
+        """Answer what is being read, refuse what waits to be, and send what waits to be sent."""
         self._closed = True
         self._readers.shutdown(wait=True)
+        self._outbox.close(LAST_ANSWERS)
 
     def _count_answer(self, kind: str, received: float, end: End, what: str) -> None:
         end(what)

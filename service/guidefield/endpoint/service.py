@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import logging
+import os
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -31,10 +32,19 @@ from guidefield.worker import EngineSetup
 _log = logging.getLogger(__name__)
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+READ_WITHIN = 15_000_000
+"""How long an answer may take to be read, beside what the system keeps of it, before its link is ended [us]."""
+RUNTIME = "(rx: (worker_threads: 32), tx: (worker_threads: 4), net: (worker_threads: 4), app: (worker_threads: 4))"
+"""Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
+
+Zenoh blocks one of those that receive, for up to `READ_WITHIN`, where a link ends to which something is still being
+sent; of two, the default, the other links would end, too.
+"""
 UNLESS_TOLD = {
     "scouting/multicast/enabled": "false",
     "scouting/gossip/enabled": "false",
     "transport/link/tx/lease": "2000",  # [ms]; a cut link is noticed after it
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": str(READ_WITHIN),
     "transport/link/rx/max_message_size": str(4 * codec.MAX_REQUEST_BYTES),
 }
 """What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end.
@@ -111,6 +121,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         prepare=settings.prepare,
     )
     config = session_config(settings)
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))
         session = opened.enter_context(_opened(config))

@@ -39,8 +39,7 @@ class Figures:
 
 def info(figures: Figures) -> InfoReply:
     """Versions, keys, the JSON Schema of every message, and the figures given."""
-    packages = {package: version(package) for package in PACKAGES}
-    return msgspec.structs.replace(brief_info(figures), packages=packages, keys=list(KEYS), schemas=_schemas())
+    return msgspec.structs.replace(brief_info(figures), packages=_packages(), keys=list(KEYS), schemas=_schemas())
 
 
 def brief_info(figures: Figures) -> InfoReply:
@@ -75,6 +74,11 @@ def disk_of(folder: Path) -> Disk | None:
 @functools.cache
 def _version() -> str:
     return version("guidefield")
+
+
+@functools.cache
+def _packages() -> dict[str, str]:
+    return {package: version(package) for package in PACKAGES}
 
 
 @functools.cache

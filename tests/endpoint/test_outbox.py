@@ -1,0 +1,103 @@
+"""Answers on their way out: whoever doesn't read holds up nobody else, and what waits is bounded."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from guidefield.endpoint import outbox as rooms
+from guidefield.endpoint.outbox import Outbox
+
+PATIENCE = 60.0
+
+
+@pytest.fixture
+def outbox() -> Iterator[Outbox]:
+    box = Outbox()
+    yield box
+    box.close(PATIENCE)
+
+
+class _Reader:
+    """A client: it takes answers, once it reads."""
+
+    def __init__(self) -> None:
+        self.reads, self.begun = threading.Event(), threading.Event()
+        self.taken: list[int] = []
+        self._all = threading.Condition()
+
+    def take(self, number: int) -> None:
+        self.begun.set()
+        assert self.reads.wait(PATIENCE)
+        with self._all:
+            self.taken.append(number)
+            self._all.notify()
+
+    def await_all(self, count: int) -> None:
+        with self._all:
+            assert self._all.wait_for(lambda: len(self.taken) == count, PATIENCE)
+
+
+@pytest.mark.parametrize("name", ["greedy", ""])
+def test_one_that_does_not_read_holds_up_nobody(name: str, outbox: Outbox) -> None:
+    stopped, healthy = _Reader(), _Reader()
+    healthy.reads.set()
+    for number in range(20):
+        assert outbox.post(name, 1, lambda number=number: stopped.take(number))
+    assert stopped.begun.wait(PATIENCE)
+    for number in range(50):
+        assert outbox.post("healthy" if number % 2 else "", 1, lambda number=number: healthy.take(number))
+    healthy.await_all(50)
+    assert not stopped.taken
+    stopped.reads.set()
+    stopped.await_all(20)
+    if name:
+        assert stopped.taken == list(range(20)), "one after the other"
+
+
+def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
+    outbox: Outbox, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rooms, "MOST_BYTES_OF_CLIENT", 100)
+    stopped = _Reader()
+    assert outbox.post("stopped", 10_000, lambda: stopped.take(0))
+    assert not outbox.post("stopped", 1, lambda: stopped.take(1))
+    assert outbox.post("another", 1, lambda: None)
+    stopped.reads.set()
+    stopped.await_all(1)
+
+
+def test_what_waits_for_all_is_bounded(outbox: Outbox, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rooms, "MOST_BYTES", 100)
+    stopped = _Reader()
+    sent = [outbox.post("", 40, lambda: stopped.take(0)) for _ in range(4)]
+    assert sent == [True, True, False, False]
+    stopped.reads.set()
+    stopped.await_all(2)
+
+
+def test_an_answer_that_cannot_be_sent_is_no_end_of_the_others(outbox: Outbox) -> None:
+    reader = _Reader()
+    reader.reads.set()
+
+    def broken() -> None:
+        raise OSError("the link is gone")
+
+    assert outbox.post("a", 1, broken)
+    assert outbox.post("a", 1, lambda: reader.take(1))
+    reader.await_all(1)
+
+
+def test_an_end_waits_for_answers_and_not_for_ever() -> None:
+    reader, box = _Reader(), Outbox()
+    assert box.post("slow", 1, lambda: reader.take(1))
+    box.close(0.05)
+    assert not reader.taken
+    reader.reads.set()
+    reader.await_all(1)
+    sent, quick = threading.Event(), Outbox()
+    assert quick.post("quick", 1, sent.set)
+    quick.close(PATIENCE)
+    assert sent.is_set()
