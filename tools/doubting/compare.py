@@ -7,20 +7,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from doubting.curve import Curve
 from doubting.judge import Judge, Nearest, Sampled
 from doubting.limits import RATES, Standing, standing
 from doubting.loaded import Loaded, as_values
+from doubting.shapes import se3
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import (
     CertifyRequest,
+    GuidePlaneGoal,
     JointsGoal,
     OrientationCone,
     PathConstraint,
     PlaneConstraint,
     PlanRequest,
+    PoseGoal,
 )
+from guidefield.messages.values import Placement
 from guidefield.robot.model.model import JointKind
 
 CLOSER = 2e-6
@@ -33,6 +38,8 @@ FLOOR = 3e-5
 """What can't be told apart is that close at least [m]."""
 MOVING_FLOOR = 1.1e-3
 """The same of obstacles that move [m]."""
+REACHED = 1e-6
+"""The tip may be beyond its goal's tolerance by this [m or rad]."""
 END = 0.31
 """At each end so much of the way is left out of the inner clearance, and a little more [rad or m]."""
 COORDINATES = ("", "x", "y", "z", "theta", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
@@ -162,7 +169,7 @@ def about_plan(
         for rate, share in at.shares.items():
             if share > 1.0 + BEYOND + at.noise[rate]:
                 found.append(Disagreement(Kind.LIMIT, f"a {rate} is {share:.12g} of its limit"))
-        found += _reached(request, reply) + _metrics(reply, curve)
+        found += _reached(request, reply) + _metrics(reply, curve) + _at_goal(judge, request, curve)
     if " after " not in reply.certificate.covers and not unmeasured(reply.warnings):
         found += _clearances(judge, curve, sampled, reply)
     return found, sampled
@@ -182,7 +189,7 @@ def about_certify(
         found.append(Disagreement(Kind.LIMIT, f"refused as beyond limits, but within by {-at.excess:.3g}"))
     else:
         found += _refused(judge, curve, sampled, reply, request)
-    found += _shares(reply, curve, at) + measured_otherwise(judge, curve, sampled)
+    found += _shares(reply, at) + measured_otherwise(judge, curve, sampled)
     if not unmeasured(reply.warnings) and " after " not in verdict.covers:
         found += _clearances(judge, curve, sampled, reply)
     return found
@@ -267,10 +274,10 @@ def _refused(
         and verdict.place is not None
     ):
         when = time_of(curve, verdict.place.row)
-        distances = judge.all_at(curve, when)
-        mine = [p for p in range(len(distances)) if set(judge.pair_names(p)) == set(verdict.pair)]
+        mine = judge.between(verdict.pair)
+        distances = judge.along(curve, np.full(len(mine), when), mine)
         required = 0.0 if verdict.reason == "contact" else judge.required[mine].max(initial=0.0)
-        room = min((float(distances[p] - required - judge.slacks[p]) for p in mine), default=np.inf)
+        room = float((distances - required - judge.slacks[mine]).min(initial=np.inf))
         floor = MOVING_FLOOR if judge.moves else FLOOR
         allowed = floor if verdict.reason == "undecided" else CLOSER
         within = judge.enclosed(curve, when) is not None if verdict.reason == "contact" and room > allowed else False
@@ -294,9 +301,9 @@ def time_of(curve: Curve, row: float) -> float:
     return float(curve.times[k] + (row - k) * (curve.times[k + 1] - curve.times[k]))
 
 
-def _shares(reply: CertifyReply, curve: Curve, at: Standing) -> list[Disagreement]:
+def _shares(reply: CertifyReply, at: Standing) -> list[Disagreement]:
     """Shares of limits that are told wrongly, and a status that they contradict."""
-    found, scalar = [], all(part.width == 1 for part in curve.parts)
+    found: list[Disagreement] = []
     told = {rate: getattr(reply.limits, rate) for rate in RATES}
     if not at.shares:
         return found
@@ -304,10 +311,10 @@ def _shares(reply: CertifyReply, curve: Curve, at: Standing) -> list[Disagreemen
         mine, noise = at.shares[rate], BEYOND * max(1.0, at.shares[rate]) + at.noise[rate]
         share = told[rate].share
         if share is None:
-            if rate != "jerk" and scalar and curve.parts and not told[rate].steps:
+            if rate != "jerk" and not told[rate].steps:
                 found.append(Disagreement(Kind.LIMIT, f"the share of the {rate} is not told, it is {mine:.12g}"))
             continue
-        if share < mine - noise or (scalar and share > mine + noise):
+        if abs(share - mine) > noise:
             found.append(Disagreement(Kind.LIMIT, f"the share of the {rate} is told as {share!r}, it is {mine!r}"))
     if reply.status.name == "SUCCESS":
         over = [rate for rate in RATES if at.shares[rate] > 1.0 + KEPT + BEYOND + at.noise[rate]]
@@ -315,7 +322,6 @@ def _shares(reply: CertifyReply, curve: Curve, at: Standing) -> list[Disagreemen
             found.append(Disagreement(Kind.LIMIT, f"SUCCESS, but {', '.join(over)} beyond limits: {at.shares}"))
     elif (
         reply.certificate.collision_free
-        and scalar
         and reply.status.name == "INVALID_MOTION_PLAN"
         and all(at.shares[rate] <= 1.0 for rate in RATES)
         and not any(told[rate].steps for rate in RATES)
@@ -335,7 +341,7 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
     elif said is not None and nearest.pair is not None:
         found += _minimum("clearance.minimum", said, nearest)
         found += _attained(judge, curve, told)
-        ends = [judge.all_at(curve, float(curve.times[k]))[~judge.own].min() for k in (0, -1)]
+        ends = [judge.least_at(curve, float(curve.times[k])) for k in (0, -1)]
         if not _near(told.ends, min(ends), nearest.slack or judge.slacks[~judge.own].max()):
             found.append(Disagreement(Kind.FIGURE, f"clearance.ends is {told.ends:.9g}, it is {min(ends):.9g}"))
         if told.inner is not None:
@@ -373,10 +379,9 @@ def _minimum(what: str, said: float, nearest: Nearest) -> list[Disagreement]:
 def _attained(judge: Judge, curve: Curve, told: Any) -> list[Disagreement]:
     """That the smallest distance is not what is there, at the time and of the pair that are told."""
     when = told.time if getattr(told, "row", None) is None else time_of(curve, told.row)
-    distances = judge.all_at(curve, when)
-    mine = [p for p in range(len(distances)) if set(judge.pair_names(p)) == set(told.pair)]
-    there = min((float(distances[p]) for p in mine), default=np.inf)
-    slack = max((float(judge.slacks[p]) for p in mine), default=0.0)
+    mine = judge.between(told.pair)
+    there = float(judge.along(curve, np.full(len(mine), when), mine).min(initial=np.inf))
+    slack = float(judge.slacks[mine].max(initial=0.0))
     inside = told.minimum <= 0.0 < there and judge.enclosed(curve, when) is not None
     if not _near(told.minimum, there, slack) and not inside:
         return [
@@ -407,6 +412,31 @@ def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
             if joint in asked and not _same(np.atleast_1d(asked[joint]).astype(float), np.array(values)):
                 found.append(Disagreement(Kind.ENDS, f"{joint} is at {values}, the {what} has {asked[joint]}"))
     return found
+
+
+def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreement]:
+    """That the tip doesn't end at the pose, or on the plane, that was the goal."""
+    goal, frame = request.goal, request.tip or judge.subject.tip
+    if not isinstance(goal, PoseGoal | GuidePlaneGoal):
+        return []
+    (tip,) = judge.frame_placements(curve, curve.times[-1:], frame)
+    if isinstance(goal, PoseGoal):
+        apart = se3(Placement(goal.position, goal.quaternion_xyzw)).actInv(tip)
+        off = [*np.abs(apart.translation), *np.abs(pin.log3(apart.rotation))]
+        allowed = [*goal.position_tolerance, *goal.orientation_tolerance]
+        beyond = [o - a for o, a in zip(off, allowed, strict=True) if a is not None]
+    else:
+        assert isinstance(request.guide_planes, list), "they are given"
+        corners = np.array(request.guide_planes[-1].vertices)
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+        normal /= np.linalg.norm(normal)
+        inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
+        inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+        off = tip.translation - corners
+        beyond = [abs(float(normal @ off[0])), *-(off * inward).sum(axis=1)]
+    if max(beyond, default=0.0) > REACHED:
+        return [Disagreement(Kind.ENDS, f"the tip is {max(beyond):.3g} beyond what the goal allows")]
+    return []
 
 
 def _metrics(reply: PlanReply, curve: Curve) -> list[Disagreement]:

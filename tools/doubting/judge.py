@@ -45,12 +45,14 @@ class Subject:
         left_out: Pairs of links that are not judged, by the robot's own list.
         hulls: Names of shapes for which their hull is judged.
         rest: Values of all joints that follow none.
+        tip: The frame that goals are about, unless a request says otherwise.
     """
 
     formula: Formula
     left_out: frozenset[frozenset[str]]
     hulls: frozenset[str]
     rest: Values
+    tip: str
 
     @cached_property
     def links(self) -> list[str]:
@@ -381,14 +383,14 @@ class Judge:
             found[k] = pin.computeDistance(self.geometry, self._scratch, pair).min_distance
         return found
 
-    def all_at(self, curve: Curve, time: float) -> np.ndarray:
-        """Exact distances of all pairs at a time of a curve, shape (pairs,) [m]."""
+    def between(self, names: Sequence[str]) -> np.ndarray:
+        """The pairs of two names."""
+        return np.array([p for p in range(len(self.pairs)) if set(self.pair_names(p)) == set(names)], int)
+
+    def least_at(self, curve: Curve, time: float) -> float:
+        """The smallest distance of links and obstacles at a time of a curve [m]."""
         at = np.array([time])
-        qs, frames = self.configurations(curve.at(at)), [shapes.frames_at(one, at)[0] for _, one, _ in self._flights]
-        self._stand(qs[0], frames)
-        return np.array(
-            [pin.computeDistance(self.geometry, self._scratch, p).min_distance for p in range(len(self.pairs))]
-        )
+        return float(self.measured(curve.at(at), at)[0][0, ~self.own].min(initial=np.inf))
 
     def otherwise(self, curve: Curve, nearest: Nearest) -> float | None:
         """The distance of the nearest pair by another algorithm than Coal's [m]; None where there is none."""
@@ -444,17 +446,18 @@ class Judge:
         times = np.union1d(
             np.linspace(curve.times[0], curve.times[-1], 20 * MOST), self.places(curve, float(curve.times[0]))
         )
-        pairs = [p for p in range(len(self.pairs)) if frozenset(self.pair_names(p)) == names]
+        pairs = self.between(list(names)).tolist()
         return min((float(self.along(curve, times, np.full(len(times), p)).min()) for p in pairs), default=np.inf)
 
     def enclosed(self, curve: Curve, time: float) -> tuple[str, str] | None:
         """A pair of which one is wholly inside the other, a closed mesh, at a time; None without one."""
-        self.all_at(curve, time)
+        at = np.array([time])
+        self._stand(self.configurations(curve.at(at))[0], self._frames(at)[0])
         return self._enclosed()
 
     def enclosed_at(self, values: Values) -> tuple[str, str] | None:
         """The same at values of the joints, at rest."""
-        self.distances_at(values)
+        self._stand(self.configurations(values)[0], self._frames(np.zeros(1))[0])
         return self._enclosed()
 
     def _enclosed(self) -> tuple[str, str] | None:
@@ -463,13 +466,13 @@ class Judge:
                 solid, body = self._solids[outer], self.geometry.geometryObjects[inner].geometry
                 if solid is None or isinstance(body, coal.Halfspace):
                     continue
-                if self._scratch.distanceResults[pair].min_distance <= 0.0:
-                    continue
                 point = np.array(body.vertices())[0] if isinstance(body, coal.BVHModelBase) else np.zeros(3)
                 if isinstance(body, coal.Convex):
                     point = np.array(body.points()).mean(axis=0)
                 inside = self._scratch.oMg[outer].actInv(self._scratch.oMg[inner].act(point))
-                if np.linalg.norm(inside) <= self._radii[outer] and encloses(*solid, inside):
+                if np.linalg.norm(inside) > self._radii[outer] or not encloses(*solid, inside):
+                    continue
+                if pin.computeDistance(self.geometry, self._scratch, pair).min_distance > 0.0:
                     return self.pair_names(pair)
         return None
 

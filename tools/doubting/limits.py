@@ -17,14 +17,14 @@ RATES = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True)
 class Standing:
-    """How a curve stands to its limits, by joints of one coordinate.
+    """How a curve stands to its limits.
 
     Attributes:
         excess: The farthest that a joint is beyond a limit of the URDF [rad or m]; negative within.
         joint: Which joint that is.
-        shares: The largest share of each limit of a rate; of joints of one coordinate only.
+        shares: The largest share of each limit of a rate, of the chart's coordinates.
         noise: How far off those may be for rounding.
-        extremes: By joint: least and largest position, largest velocity, acceleration and jerk.
+        extremes: By joint of one coordinate: least and largest position, largest velocity, acceleration and jerk.
     """
 
     excess: float
@@ -36,26 +36,32 @@ class Standing:
 
 def standing(loaded: Loaded, request: Request, curve: Curve) -> Standing:
     """How a curve stands to the limits of a robot and of a request."""
-    scalar = [part for part in curve.parts if part.width == 1]
-    if not scalar:
-        return Standing(-np.inf, "")
-    columns = [part.at.start for part in scalar]
-    z = curve.points[:, columns]
+    scalar = {part.name: part.at.start for part in curve.parts if part.width == 1}
+    z, rest = curve.points, []
     if curve.rates is None or len(curve.times) == 1:  # one row stands still
-        low, high, rest = z.min(axis=0), z.max(axis=0), []
+        low, high = z.min(axis=0), z.max(axis=0)
     else:
-        low, high, *rest = extremes(curve.times, z, curve.rates[:, columns])
-    at = {part.name: k for k, part in enumerate(scalar)}
-    worst = max(_excesses(loaded, at, low, high), default=(-np.inf, ""))
+        low, high, *rest = extremes(curve.times, z, curve.rates)
+    worst = max(_excesses(loaded, scalar, low, high), default=(-np.inf, ""))
     if not rest:
         return Standing(*worst)
-    by_joint = {
-        part.name: tuple(float(one[k]) for one in (low, high, *rest))
-        for part, k in zip(scalar, at.values(), strict=True)
-    }
-    limits = {rate: np.array([limit(loaded, request, part.name, rate) for part in scalar]) for rate in RATES}
+    by_joint = {name: tuple(float(one[k]) for one in (low, high, *rest)) for name, k in scalar.items()}
+    limits = {rate: _limits(loaded, request, curve, rate) for rate in RATES}
     shares = {rate: float((rest[k] / limits[rate]).max(initial=0.0)) for k, rate in enumerate(RATES)}
     return Standing(*worst, shares, _noise(curve, z, limits), by_joint)
+
+
+def _limits(loaded: Loaded, request: Request, curve: Curve, rate: str) -> np.ndarray:
+    """Limits of a rate of the chart's coordinates, shape (nv,); infinite where there is none."""
+    found = np.empty(curve.points.shape[1])
+    scale = {"velocity": request.max_velocity_scaling_factor, "acceleration": request.max_acceleration_scaling_factor}
+    for part in curve.parts:
+        asked, known = request.limits.get(part.name), loaded.model.joint(part.name)
+        assert known is not None, "it is one of the robot's"
+        given = None if asked is None else getattr(asked, rate)
+        own = np.inf if rate == "jerk" else getattr(known, rate)
+        found[part.at] = scale.get(rate, 1.0) * (own if given is None else given)
+    return found
 
 
 def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndarray) -> list[tuple[float, str]]:
@@ -79,15 +85,3 @@ def _noise(curve: Curve, z: np.ndarray, limits: dict[str, np.ndarray]) -> dict[s
     return {
         rate: float(rounding / shortest ** (k + 1) / limits[rate].min(initial=np.inf)) for k, rate in enumerate(RATES)
     }
-
-
-def limit(loaded: Loaded, request: Request, joint: str, rate: str) -> float:
-    """The limit of a rate of a joint of one coordinate; infinite where there is none."""
-    asked = request.limits.get(joint)
-    given = None if asked is None else getattr(asked, rate)
-    if rate == "jerk":
-        return np.inf if given is None else given
-    known = loaded.model.joint(joint)
-    assert known is not None, "it is one of the robot's"
-    scale = {"velocity": request.max_velocity_scaling_factor, "acceleration": request.max_acceleration_scaling_factor}
-    return float(scale[rate] * (getattr(known, rate)[0] if given is None else given))

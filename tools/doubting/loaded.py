@@ -63,6 +63,7 @@ class Loaded:
             frozenset(frozenset(pair.links) for pair in model.pairs_left_out),
             frozenset(choice.name for choice in model.geometry_choices if choice.judged_as == "convex hull"),
             as_values(configuration_to_wire(model.joints, model.rest)),
+            model.tip,
         )
         return cls(robot, reference, model, subject, text, engine)
 

@@ -230,11 +230,9 @@ def pushed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     mine = [k for k in resting if nearest.pair is not None and base.request.scene.obstacles[k].name == nearest.pair[1]]
     if not mine:
         return None
-    distances = base.judge.all_at(base.curve, nearest.time)
-    pairs = [p for p in range(len(distances)) if base.judge.pair_names(p) == nearest.pair]
-    pair = min(pairs, key=lambda p: float(distances[p]))
-    away = base.judge.towards_first(pair)
-    by = away * (distances[pair] - base.request.min_clearance + small(rng, -6.0, -3.0))
+    (distance,) = base.judge.along(base.curve, np.array([nearest.time]), np.array([nearest.index]))
+    away = base.judge.towards_first(nearest.index)
+    by = away * (distance - base.request.min_clearance + small(rng, -6.0, -3.0))
     if not np.isfinite(by).all() or np.linalg.norm(by) > 2.0:
         return None
     return _with_obstacle(base, mine[0], scenery.shifted(base.request.scene.obstacles[mine[0]], by))
