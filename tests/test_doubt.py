@@ -18,6 +18,8 @@ from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Box, Scene, Sphere
 from tests.doubt_units import two_plans
+from tests.planner.problems import closed_shell
+from tests.robot.odd_meshes import stl
 
 TOOLS = Path(__file__).parents[1] / "tools"
 ENGINE = Engine()
@@ -260,3 +262,36 @@ def test_other_words_for_a_motion_are_the_same_curve(tmp_path: Path) -> None:
     assert planned is not None
     np.testing.assert_allclose(curve.points, planned.points, rtol=0.0, atol=1e-9)
     assert doubted(known, other).found == ()
+
+
+def test_a_link_inside_of_another_is_refused_by_everybody(tmp_path: Path) -> None:
+    from doubting.doubted import doubted
+    from doubting.loaded import Loaded
+    from doubting.refereed import Outcome, refereed
+    from doubting.robots import FOLDER, Robot
+
+    shell = closed_shell(0.5)
+    triangles = np.array(shell.vertices)[np.array(shell.triangles)]
+    text = SLIDER.replace('<sphere radius="0.05"/>', f'<mesh filename="{FOLDER}shell.stl"/>', 1)
+    text = text.replace('<link name="ball">', '<link name="empty"/><link name="ball">')
+    text = text.replace('<parent link="rail"/>', '<parent link="empty"/>').replace("0 0 0.5", "0 0 0")
+    joint = '<joint name="{}" type="prismatic"><parent link="rail"/><child link="empty"/><axis xyz="0 0 1"/>{}</joint>'
+    lift = joint.format("lift", '<limit lower="0" upper="2" effort="1" velocity="1"/>')
+    robot = Robot(text=text.replace("</robot>", f"{lift}</robot>"), meshes={"shell.stl": stl(triangles)})
+    known = Loaded.of(robot, tmp_path, ENGINE)
+    for height, reason in ((0.0, "contact"), (1.0, "free")):
+        asked = CertifyRequest(
+            known.reference,
+            Scene(name="s"),
+            path=[[height, 0.0], [height, 0.1]],
+            position_names=["lift", "slide"],
+            recording="off",
+        )
+        came = doubted(known, asked)
+        assert came.found == ()
+        assert came.reply.certificate.reason == reason
+        assert refereed(known, asked, came.reply) == (Outcome.AGREES, [])
+    lie = certified(ENGINE.answer(replace(asked, path=[[0.0, 0.0], [0.0, 0.1]])))
+    outcome, found = refereed(known, replace(asked, path=[[0.0, 0.0], [0.0, 0.1]]), lie)
+    assert outcome is Outcome.DISAGREES
+    assert "inside a closed mesh" in found[0].said

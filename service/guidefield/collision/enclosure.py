@@ -21,7 +21,7 @@ from guidefield.scene.scene import Scene
 
 
 def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
-    """Names of the first robot body and obstacle, one wholly inside the other's closed mesh, or None.
+    """Names of the first pair of bodies, one wholly inside the other's closed mesh, or None.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
     tells. A body that touches may be reported too: it is partly inside.
@@ -132,7 +132,7 @@ class _Enclosable:
 def _enclosable(world: World) -> _Enclosable:
     solids = _solids(world)
     surfaced = np.array([solid.surface is not None for solid in solids])
-    could = np.flatnonzero(world.is_obstacle_pair & surfaced[world.pairs].any(axis=1))
+    could = np.flatnonzero(surfaced[world.pairs].any(axis=1))
     rows = [
         (pair, outer, inner, point)
         for pair, (first, second) in zip(could.tolist(), world.pairs[could].tolist(), strict=True)

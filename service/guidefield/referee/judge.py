@@ -120,12 +120,12 @@ class _Along:
         """A body in another's closed mesh at the start. One that starts outside it has to touch it to come inside."""
         start, z, *_ = next(_pieces(self.case))
         self._stand(z, start)
-        for k, m in [both for i, j, _ in self.pairs if self.case.bodies[j].obstacle for both in ((i, j), (j, i))]:
+        for k, m in [both for i, j, _ in self.pairs for both in ((i, j), (j, i))]:
             a, b, seen = self.case.bodies[k], self.case.bodies[m], self.placed[k].actInv(self.placed[m])
             points = b.points @ seen.rotation.T + seen.translation
             near = points[((points >= a.corners.min(axis=0)) & (points <= a.corners.max(axis=0))).all(axis=1)]
-            shell = a.shell if len(a.shell) or not len(near) else a.triangles
-            if _closed(shell) and any(abs(_winding(point, shell)) > 0.5 for point in near):
+            shell = a.shell if len(a.shell) else a.triangles
+            if len(near) and _closed(shell) and any(abs(_winding(point, shell)) > 0.5 for point in near):
                 return Finding(Answer.INSIDE, (a.name, b.name), start)
         return None
 
