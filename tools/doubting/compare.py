@@ -415,7 +415,7 @@ def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
 
 
 def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreement]:
-    """That the tip doesn't end at the pose, or on the plane, that was the goal."""
+    """That the tip doesn't end at the pose that was the goal, or within 0.1 mm of the plane."""
     goal, frame = request.goal, request.tip or judge.subject.tip
     if not isinstance(goal, PoseGoal | GuidePlaneGoal):
         return []
@@ -433,7 +433,7 @@ def _at_goal(judge: Judge, request: PlanRequest, curve: Curve) -> list[Disagreem
         inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
         inward /= np.linalg.norm(inward, axis=1, keepdims=True)
         off = tip.translation - corners
-        beyond = [abs(float(normal @ off[0])), *-(off * inward).sum(axis=1)]
+        beyond = [abs(float(normal @ off[0])) - OFF, *(-(off * inward).sum(axis=1) - OFF)]
     if max(beyond, default=0.0) > REACHED:
         return [Disagreement(Kind.ENDS, f"the tip is {max(beyond):.3g} beyond what the goal allows")]
     return []

@@ -409,6 +409,24 @@ def rewritten(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     )
 
 
+def delayed(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """The same motion, begun at another time: among obstacles that move it is another one."""
+    knots = _knots(base)
+    if knots is None:
+        return None
+    times, positions, velocities = knots
+    return _with_knots(base, times + float(rng.uniform(-1.0, 2.0)), positions, velocities)
+
+
+def backwards(_rng: np.random.Generator, base: Base) -> CertifyRequest | None:
+    """The motion from its end to its start."""
+    knots = _knots(base)
+    if knots is None or base.request.leave_start_contact:
+        return None
+    times, positions, velocities = knots
+    return _with_knots(base, (times[-1] - times)[::-1], positions[::-1], -velocities[::-1])
+
+
 def wild(rng: np.random.Generator, base: Base) -> CertifyRequest | None:
     """Another motion altogether: joints somewhere at each knot, with some velocity."""
     knots, scalars = _knots(base), _scalars(base)
@@ -453,6 +471,8 @@ MUTATIONS: dict[str, Mutation] = {
     "wild": wild,
     "renamed": renamed,
     "rewritten": rewritten,
+    "delayed": delayed,
+    "backwards": backwards,
 }
 _WEIGHTS = {
     "shifted": 2.0,
@@ -463,6 +483,8 @@ _WEIGHTS = {
     "renamed": 0.3,
     "allowed": 0.7,
     "launched": 0.6,
+    "delayed": 0.5,
+    "backwards": 0.5,
 }
 SHARES = np.array([_WEIGHTS.get(name, 1.0) for name in MUTATIONS])
 SHARES /= SHARES.sum()
