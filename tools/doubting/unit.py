@@ -31,7 +31,7 @@ MUTANTS = 12
 """Changed motions of one certified plan."""
 FOUND = "found"
 """Where disagreements are kept, below the folder of a run."""
-PLANS_REFEREED, MUTANTS_REFEREED = 8, 16
+PLANS_REFEREED, MUTANTS_REFEREED = 6, 14
 """Of so many one is put before the referee; of changed motions also each that is refused where samples see room."""
 ROOM = 2e-4
 """What samples see as room [m]."""
