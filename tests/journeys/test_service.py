@@ -340,6 +340,7 @@ def test_nobody_there_is_said(service: Service) -> None:
 
 def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wire: PlainClient) -> None:
     before = wire.ask("guidefield/local/info")["counters"]["crashes"]
+    wire.ask("guidefield/local/kinematics", POTENTIAL)  # its worker has started: a start that fails costs no request
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
         doomed = thread.submit(wire.refusal, "guidefield/local/plan", json.dumps({**LONG, "run_id": "doomed"}).encode())
         await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])

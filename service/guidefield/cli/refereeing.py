@@ -6,14 +6,9 @@ from pathlib import Path
 
 import typer
 
-from guidefield import case_file
 from guidefield.engine import motion_of
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
-from guidefield.referee.judge import judge
-from guidefield.referee.loading import case_of
-from guidefield.referee.printing import lines
-from guidefield.referee.verdict import Answer
 
 
 def refereed(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:
@@ -27,6 +22,13 @@ def refereed(request: CertifyRequest, reply: CertifyReply, file: Path | None, *,
         file: Where to write the motion, if anywhere.
         asked: Whether the referee is to judge.
     """
+    # Pinocchio and Coal are loaded where somebody asks
+    from guidefield import case_file
+    from guidefield.referee.judge import judge
+    from guidefield.referee.loading import case_of
+    from guidefield.referee.printing import lines
+    from guidefield.referee.verdict import Answer
+
     motion = motion_of(request)
     if file is not None:
         case_file.write(file, motion)

@@ -63,7 +63,7 @@ def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
         assert not any(judge.collides(q) for q in samples)
         assert not any(world.in_collision(q) for q in samples)
     if not any(world.in_collision(q) for q in samples):
-        assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.configuration)
+        assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.chart_point)
 
 
 @settings(deadline=None, max_examples=60)
@@ -73,11 +73,11 @@ def test_a_refusal_shows_where(place, seed):
     verdict = certify(world, motions(world, seed)[None])
     if verdict.free:
         return
-    contacts = {contact.pair for contact in contacts_at(world, verdict.configuration)}
+    contacts = {contact.pair for contact in contacts_at(world, verdict.chart_point)}
     assert (verdict.reason is Reason.CONTACT) == (verdict.pair in contacts)
     control = motions(world, seed)
     at = dense(control, 1e-4)
-    assert np.abs(at - verdict.configuration).max(axis=1).min() < 1e-3
+    assert np.abs(at - verdict.chart_point).max(axis=1).min() < 1e-3
     piece, until = verdict.free_until
     assert piece == 0
     assert 0.0 <= until <= verdict.parameter <= 1.0
@@ -180,7 +180,7 @@ def test_the_clearance_asked_for_is_kept(place, seed, share):
     if share > 1.0:
         assert not verdict.free
         assert verdict.reason in (Reason.TOO_CLOSE, Reason.UNDECIDED)
-        assert clearance_at(world, verdict.configuration).obstacle_distance <= share * least + 2e-4
+        assert clearance_at(world, verdict.chart_point).obstacle_distance <= share * least + 2e-4
     # Between samples the clearance may be less by what two millirad move, and the certificate needs its floor.
     elif (1.0 - share) * least > 4e-3:
         assert verdict.free
@@ -269,7 +269,7 @@ def test_other_joints_are_certified_as_soundly(joints, seed):
             for z in dense(control, STEP):
                 assert (pair_distances(world, arm.from_chart(z)) > 0.0).all()
         elif verdict.reason is Reason.CONTACT:
-            assert world.in_collision(arm.expand_from_chart(verdict.configuration))
+            assert world.in_collision(arm.expand_from_chart(verdict.chart_point))
     assert outcomes & {Reason.FREE, Reason.CONTACT}
 
 

@@ -72,8 +72,8 @@ def test_what_is_certified_is_kept_and_what_is_not_is_shown(kind, seed):
         broken = ConstrainedFrames(arm, (dataclasses.replace(constraint, limit=most - 1e-4),))
         verdict = certify_constraints(broken, turns, control[None])
         assert not verdict.free
-        assert np.abs(samples - verdict.configuration).max(axis=1).min() < 3e-3
-        assert broken.values(verdict.configuration)[0] > broken.limits[0] - 1e-4
+        assert np.abs(samples - verdict.chart_point).max(axis=1).min() < 3e-3
+        assert broken.values(verdict.chart_point)[0] > broken.limits[0] - 1e-4
 
 
 def test_a_judgement_that_is_stopped_says_so():

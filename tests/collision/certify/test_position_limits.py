@@ -76,7 +76,7 @@ def test_the_certificate_refuses_what_is_beyond_a_limit_between_the_samples():
     assert verdict.beyond is not None
     assert (verdict.beyond.joint, verdict.beyond.lower, verdict.beyond.upper) == ("j2", -2.0, 2.0)
     assert verdict.beyond.value == pytest.approx(2.05, abs=1e-12)
-    np.testing.assert_allclose(verdict.configuration, [0.15, 2.05], atol=1e-5)
+    np.testing.assert_allclose(verdict.chart_point, [0.15, 2.05], atol=1e-5)
 
 
 def test_control_points_may_be_beyond_limits_where_the_curve_is_not():

@@ -61,7 +61,7 @@ def test_it_says_what_dense_samples_say(since: float, until: float, clearance: f
         assert verdict.pair is not None
         assert verdict.pair[1] == "ball"
         assert verdict.reason in (Reason.CONTACT, Reason.TOO_CLOSE)
-        assert verdict.configuration is not None
+        assert verdict.chart_point is not None
 
 
 def test_waiting_is_a_motion_too() -> None:

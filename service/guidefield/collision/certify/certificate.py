@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
 from guidefield.collision.certify.position_limits import excesses
-from guidefield.collision.certify.settings import CERTIFICATE, LIMITS
+from guidefield.collision.certify.settings import CERTIFICATE, LIMITS, with_coal_error
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
 from guidefield.robot.model.configuration import LimitFault
@@ -115,7 +115,7 @@ def _unfinished(world: World, first: CurveSegment, evaluations: int) -> Verdict:
 
 
 class _Judge:
-    """One judgement: what is asked for, and how often Coal was asked."""
+    """One judgement: what is asked for, and how many configurations were judged."""
 
     def __init__(self, world: World, min_clearance: float, floor: float) -> None:
         self.world = world
@@ -158,6 +158,7 @@ class _Judge:
     def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[ModelConfiguration], np.ndarray, list[list[int]]]:
         """At each segment's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
         world, group = self.world, self.world.group
+        self.evaluations += len(level)
         low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
         qs = [group.expand_from_chart(middle) for middle in 0.5 * (low + high)]
         jacobians = np.empty((len(qs), 6, world.model.nv))
@@ -180,7 +181,7 @@ class _Judge:
     def _near(self, placements: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[list[int]]:
         """The pairs at each of s configurations that balls and boxes about them can't tell apart."""
         world = self.world
-        margins = bounds + self._kept + CERTIFICATE.coal_accuracy
+        margins = with_coal_error(bounds + self._kept)
         near = world.bodies.separations(centres, world.pairs, world.n_self) <= margins
         rows, pairs = np.nonzero(near)
         apart = world.bodies.closer_separations(placements, rows, world.pairs[pairs], world.is_obstacle_pair[pairs])
@@ -196,8 +197,7 @@ class _Judge:
         Hulls are asked first, the meshes in them only where that does not tell.
         """
         world = self.world
-        self.evaluations += 1
-        margins = bounds + self._kept + CERTIFICATE.coal_accuracy
+        margins = with_coal_error(bounds + self._kept)
         world.set_margins(world.hulls, world.hull_margin_data, margins)
         pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
         left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]

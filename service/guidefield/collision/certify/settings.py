@@ -8,6 +8,11 @@ number was chosen.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+_D = TypeVar("_D", float, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -17,6 +22,8 @@ class CertificateSettings:
     Attributes:
         coal_accuracy: Added to every margin: how far off Coal's answers may be [m]. The tolerance of
             Coal's search for distances.
+        coal_relative: The same for each metre of distance. Measured against an exact search on 30,000 pairs of simple
+            bodies: at most 1 um off near contact, at most 2.9 um at metres.
         floor: A pair whose possible motion is down to this, and which still can't be told apart, is undecided [m]. The
             page about the certificate promises it.
         mesh_from: A mesh is asked, where its hull does not tell, once its pair's possible motion is down to this [m].
@@ -36,6 +43,7 @@ class CertificateSettings:
     """
 
     coal_accuracy: float = 1e-6
+    coal_relative: float = 2e-6
     floor: float = 1e-5
     mesh_from: float = 0.01
     least_share: float = 1.0 / 8.0
@@ -48,6 +56,16 @@ class CertificateSettings:
 
 
 CERTIFICATE = CertificateSettings()
+
+
+def with_coal_error(distance: _D) -> _D:
+    """What Coal has to say [m], so that bodies are a distance [m] apart at least; of an array (n,), of each."""
+    return distance * (1.0 + CERTIFICATE.coal_relative) + CERTIFICATE.coal_accuracy
+
+
+def without_coal_error(distance: _D) -> _D:
+    """How far apart bodies are at least [m], where Coal says a distance [m]; of an array (n,), of each."""
+    return distance * (1.0 - CERTIFICATE.coal_relative) - CERTIFICATE.coal_accuracy
 
 
 @dataclass(frozen=True)

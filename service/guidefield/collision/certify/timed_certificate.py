@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.settings import CERTIFICATE
+from guidefield.collision.certify.settings import CERTIFICATE, with_coal_error
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
@@ -150,7 +150,7 @@ class _TimedSegment(ReadOnly):
 
 
 class _Judge:
-    """One judgement, and how often Coal was asked."""
+    """One judgement, and how many configurations were judged."""
 
     def __init__(self, worlds: TimedWorld, min_clearance: float, floor: float, stopped: Callable[[], object]) -> None:
         self.worlds = worlds
@@ -171,7 +171,7 @@ class _Judge:
             motion, (centre, radius) = self.worlds.obstacles[k].motion, self.worlds.balls[k]
             assert motion is not None, "only what moves is judged here"
             bounds[k] += half * motion.speed(segment.since, segment.until, centre, radius)
-        left = [k for k in segment.pairs if self._within(k, time, self.kept + bounds[k] + CERTIFICATE.coal_accuracy)]
+        left = [k for k in segment.pairs if self._within(k, time, with_coal_error(self.kept + bounds[k]))]
         if not left:
             return None
         first, second = segment.halves(left)

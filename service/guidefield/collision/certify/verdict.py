@@ -37,12 +37,12 @@ class Verdict(ReadOnly):
 
     Attributes:
         reason: FREE, or why the motion is refused.
-        evaluations: Configurations at which Coal, or a constraint, was asked.
+        evaluations: Configurations that were judged, by balls and boxes, by Coal, or by a constraint.
         piece: Index of the piece that was refused; None if free.
         parameter: Where on it, from 0 to 1: the place that was judged; None if free.
         free_until: Piece, and parameter on it, up to which the motion is certified; None if free.
         pair: Names of the pair that was refused; None if free, or where no single pair is to blame.
-        configuration: Chart coordinates (nv,) of the place that was judged; None if free.
+        chart_point: The place that was judged, shape (nv,); None if free.
         beyond: The joint that is beyond its limits, and its value there; None unless that is the reason.
     """
 
@@ -52,7 +52,7 @@ class Verdict(ReadOnly):
     parameter: float | None = None
     free_until: tuple[int, float] | None = None
     pair: PairNames | None = None
-    configuration: ChartPoint | None = None
+    chart_point: ChartPoint | None = None
     beyond: LimitFault | None = None
 
     @property

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.certify.settings import CERTIFICATE
+from guidefield.collision.certify.settings import without_coal_error
 from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.read_only import ReadOnly
 
@@ -126,9 +126,9 @@ class Entries(ReadOnly):
 
     def first_order(self, places: Places) -> np.ndarray:
         """What each keeps at least by the rule of first order, shape (e,) [m]."""
-        a, b = places.distances[self.first, self.pair], places.distances[self.last, self.pair]
+        a, b = (without_coal_error(places.distances[row, self.pair]) for row in (self.first, self.last))
         travel = self.speed * self.span
-        bound: np.ndarray = np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel) - CERTIFICATE.coal_accuracy
+        bound: np.ndarray = np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel)
         return bound
 
     def kept(self, places: Places, least: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ class Entries(ReadOnly):
         return decided
 
     def _second_order(self, places: Places, least: np.ndarray) -> np.ndarray:
-        ends = (places.distances[row, self.pair] - CERTIFICATE.coal_accuracy for row in (self.first, self.last))
+        ends = (without_coal_error(places.distances[row, self.pair]) for row in (self.first, self.last))
         a, b = (np.maximum(end, 0.0) ** 2 for end in ends)
         travel = self.speed * self.span
         bend = self.speed**2 + (least + travel) * self.acceleration

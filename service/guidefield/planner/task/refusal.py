@@ -32,8 +32,8 @@ def stopped_before(status: Status, plane: str, distance: float) -> str:
 def refused_at(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
     """What a verdict says about what was refused: pair, configuration, the joint that is beyond its limits."""
     details: dict[str, Any] = {"stage": "certify", "pair": list(verdict.pair) if verdict.pair else None}
-    if verdict.configuration is not None:
-        columns = group.wire_positions(verdict.configuration)
+    if verdict.chart_point is not None:
+        columns = group.wire_positions(verdict.chart_point)
         details["configuration"] = dict(zip(group.position_names, columns, strict=True))
     if (fault := verdict.beyond) is not None:
         limits = {"joint": fault.joint, "value": fault.value, "limits": [fault.lower, fault.upper]}
@@ -53,7 +53,7 @@ def refusal(problem: Problem, verdict: Verdict) -> Ending:
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"
     details = refused_at(problem.group, verdict)
-    if verdict.configuration is None:
+    if verdict.chart_point is None:
         return Ending(status, message, details)
     group = problem.group
     if verdict.reason is Reason.STOPPED:
@@ -65,7 +65,7 @@ def refusal(problem: Problem, verdict: Verdict) -> Ending:
             f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
         )
         return Ending(status, message, details)
-    distance = clearance_at(problem.world, group.expand_from_chart(verdict.configuration)).obstacle_distance
+    distance = clearance_at(problem.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
     if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
         message = (
             f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
