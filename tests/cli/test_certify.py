@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import guidefield
 from guidefield import run_arrays
 from guidefield.arrays import write_motion
-from guidefield.cli import app, refereeing
+from guidefield.cli import app
 from guidefield.cli.motion_files import fields_of
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject
@@ -154,7 +154,7 @@ def test_the_referee_judges_as_well(kept: Path, tmp_path: Path) -> None:
 
 def test_certifiers_that_contradict_each_other_are_told(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     contact = Verdict(Finding(Answer.CONTACT, ("forearm_link", "board"), 0.5, 0.0))
-    monkeypatch.setattr(refereeing, "judge", lambda case, seconds: contact)
+    monkeypatch.setattr("guidefield.referee.judge.judge", lambda case, seconds: contact)
     code, told = run(str(kept / "motion.csv"), *HERE, "--referee")
     assert code == 1
     assert "referee: contact: forearm_link and board at 0.5, 0" in told
