@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import math
+import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +15,19 @@ import msgspec
 import pytest
 
 import guidefield
+from guidefield.aside import wait_for_others
 from guidefield.engine import Engine, LocalFiles
-from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, UnknownObject
+from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, TimedOut, UnknownObject
 from guidefield.messages import requests
-from guidefield.messages.replies import Done, InfoReply, PointPotentialReply, RobotReply, RobotsReply
+from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.stores.runs import RunStore
 from guidefield.stores.scenes import SceneStore
 from tests.replies import plan_reply
 
 BALL = Scene("ball", obstacles=[Sphere(name="ball", radius=0.1)])
+MANY = Scene("many", obstacles=[Sphere(name=f"s{k}", radius=0.01, position=(9.0, 0.1 * k, 0.0)) for k in range(1000)])
+TO_JOINTS = requests.PlanRequest(robot="panda", scene=MANY, goal=requests.JointsGoal({"panda_joint1": 0.8}))
 PLAN = requests.PlanRequest(robot="panda", scene="bookshelf", goal=requests.GuidePlaneGoal())
 
 
@@ -48,6 +53,21 @@ def test_a_request_is_the_same_in_all_its_forms(engine: Engine) -> None:
     assert answers[0] == answers[1] == answers[2]
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}, "guide_planes": []},
+        {"steps": [{"goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}]},
+        {"type": "certify", "path": [[0.0], [0.1]], "position_names": ["panda_joint1"]},
+    ],
+    ids=["plan", "steps", "certify"],
+)
+def test_the_time_that_a_request_waited_is_told(engine: Engine, asked: dict[str, Any]) -> None:
+    request = {"robot": "panda", "scene": "table", "recording": "off", **asked}
+    timing = engine.answer(request, received=time.monotonic() - 2.0).timing
+    assert 2.0 <= timing.queue <= timing.total
+
+
 def test_the_field_of_a_ball_is_the_integral_over_its_surface(engine: Engine) -> None:
     # The integral of 1/d^3 over a sphere of radius a, seen from a distance R > a, is 4 pi a^2 / (R (R^2 - a^2)).
     reply = engine.answer(_potential(BALL, (0.0, 0.0, 1.0)))
@@ -59,6 +79,32 @@ def test_the_field_of_a_ball_is_the_integral_over_its_surface(engine: Engine) ->
 def test_what_is_no_request_is_malformed(form: Any, engine: Engine) -> None:
     with pytest.raises(MalformedRequest):
         engine.answer(form)
+
+
+@pytest.mark.parametrize("slow", ["guidefield.scene.built.scenes.build", "guidefield.handlers.preparing.prepare_scene"])
+def test_an_answer_comes_in_time_whatever_its_scene_takes(slow: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The library's call ends after the answer came: nobody who waited for it would get there."""
+    gate, engine, calls = threading.Event(), Engine(), []
+    answer = partial(engine.answer, {**msgspec.to_builtins(TO_JOINTS), "allowed_planning_time": 0.2})
+    engine.answer({"robot": "panda", "scene": "bookshelf", "goal": TO_JOINTS.goal, "allowed_planning_time": 60.0})
+
+    def held(*_: Any, **__: Any) -> None:
+        calls.append(threading.current_thread().name)
+        assert gate.wait(60.0), "nobody waits for it"
+
+    monkeypatch.setattr(slow, held)
+    try:
+        reply = answer()
+        assert isinstance(reply, PlanReply)
+        assert (reply.status.name, reply.status.details["stage"]) == ("TIMED_OUT", "load")
+        assert reply.trajectory is None
+        assert answer().status.details["preparing"] == "what was asked for before it was done"
+        with pytest.raises(TimedOut, match=r"0\.05 s that were allowed"):
+            engine.answer(requests.Potential(scene=MANY, points=[(0.0, 0.0, 1.0)], allowed_time=0.05))
+    finally:
+        gate.set()
+        wait_for_others(lambda: False)
+    assert calls == ["guidefield-aside"]
 
 
 def test_a_robot_is_described(engine: Engine) -> None:
@@ -196,13 +242,13 @@ class _Recorder:
 
     def observe(self, event: object) -> None: ...
 
-    def finish(self, reply: Any, _profile: object) -> None:
+    def finish(self, reply: Any, _profile: object, _pause: object) -> None:
         self.finished.append(reply.recording)
         self._path.write_bytes(b"recording")
 
 
 class _FullDisk(_Recorder):
-    def finish(self, reply: Any, _profile: object) -> None:
+    def finish(self, reply: Any, _profile: object, _pause: object) -> None:
         raise OSError(28, "No space left on device")
 
 
@@ -214,7 +260,7 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     def answer_plan(request: Any, robot: Any, scene: Any, **about: Any) -> Any:
         asked.append(about)
         reply = plan_reply(about["run_id"])
-        about["record"](None, scene, ()).finish(reply, lambda: None)
+        about["record"](None, scene).finish(reply, lambda: None)
         return reply
 
     monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)

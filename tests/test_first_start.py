@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -56,8 +57,11 @@ def start(code: Path, cache: Path) -> list[str]:
 def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) -> None:
     code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
     first, second, compiler = start(code, cache)
-    assert "1 of 2 (callee)" in first
-    assert "2 of 2 (a_caller)" in second
+    assert first.startswith("compiling kernels 0 %")
+    assert first.endswith("1 of 2 (callee)")
+    share = re.fullmatch(r"compiling kernels (\d+) %, once for this version: 2 of 2 \(a_caller\)", second)
+    assert share is not None
+    assert 0 < int(share[1]) < 100
     assert compiler == "False"
     kept = sorted(path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir())
     assert kept == ["a_caller", "all", "callee", "fingerprints"]
@@ -67,6 +71,44 @@ def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) ->
     source.write_text(source.read_text() + "# an edit\n")
     only, _ = start(code, cache)
     assert "1 of 1 (a_caller)" in only
+
+
+CORE = """processor	: {number}
+vendor_id	: GenuineIntel
+cpu family	: 6
+model		: {model}
+cpu MHz		: {speed}
+flags		: {flags}
+
+"""
+
+
+def told_of(path: Path, *cores: tuple[int, int, str]) -> str:
+    """The processor of a machine whose cores have a model, a speed [MHz] and flags each."""
+    told = (dict(zip(("model", "speed", "flags"), core, strict=True)) for core in cores)
+    path.write_text("".join(CORE.format(number=number, **core) for number, core in enumerate(told)))
+    return first_start.processor.__wrapped__(path)
+
+
+def test_the_processor_is_what_it_can_do_and_not_how_fast_it_runs(tmp_path: Path) -> None:
+    told = tmp_path / "cpuinfo"
+    one = told_of(told, (85, 2000, "sse avx avx512f"))
+    assert one == told_of(told, (85, 3100, "avx sse avx512f"), (85, 800, "sse avx avx512f"))
+    others = [told_of(told, (85, 2000, "sse avx")), told_of(told, (106, 2000, "sse avx avx512f"))]
+    assert len({one, *others, first_start.processor.__wrapped__(tmp_path / "nowhere")}) == 4
+
+
+def test_machine_code_for_another_processor_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where machines share a home folder: numba compiles for the processor that the environment names."""
+    code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
+    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
+    assert len(start(code, cache)) == 3
+    monkeypatch.delenv("NUMBA_CPU_NAME")
+    monkeypatch.delenv("NUMBA_CPU_FEATURES")
+    assert len(start(code, cache)) == 3
+    kept = [path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir()]
+    assert sorted(kept) == sorted(2 * ["a_caller", "all", "callee", "fingerprints"])
 
 
 def test_a_kernel_that_cannot_be_compiled_ends_the_start_with_its_reason(tmp_path: Path) -> None:

@@ -32,11 +32,11 @@ DATA = {"docs": HOUSE / "service" / "docs", "robots": HOUSE / "robots", "scenes"
 """Packages without code, and their folders."""
 CITATION = re.compile(r"([\w./-]*\w\.md)\b(?:,\s+\"([^\"]+)\")?")
 """A document, and its section where one is named."""
-FOREIGN_NAMES = {"get_cache_path", "_get_module_for_linking", "get_mangle_string"}
+FOREIGN_NAMES = {"get_cache_path", "get_call_template", "_get_module_for_linking", "get_mangle_string", "do_GET"}
 """Methods that other packages ask for by these names."""
 IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 """Packages below a folder of their own, which `importlib.metadata` doesn't look into."""
-OPTIONAL = {"ray", "opentelemetry"}
+OPTIONAL = {"cryptography", "ray", "opentelemetry", "prometheus_client", "mcp", "mcp_types", "rosbags"}
 """Imported where the extra of that name is installed."""
 UNIMPORTED = {"example-robot-data", "pycollada"}
 """Data, and what trimesh needs for the files that we give it."""
@@ -62,7 +62,7 @@ def _ours() -> Iterator[Path]:
         for path in sorted((HOUSE / folder).rglob("*")):
             if (
                 path.is_file()
-                and "__pycache__" not in path.parts
+                and not {"__pycache__", "node_modules", "target"} & set(path.parts)
                 and path.suffix in ("", ".py", ".json", ".md", ".xml")
             ):
                 yield path

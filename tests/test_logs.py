@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
 
-from guidefield.logs import JsonLines
+import pytest
+
+from guidefield.logs import Journal, JsonLines, is_journal
 
 
 def test_a_line_is_one_object_whatever_is_said() -> None:
@@ -19,3 +25,31 @@ def test_a_line_is_one_object_whatever_is_said() -> None:
     told = json.loads(line)
     assert (told["level"], told["logger"], told["message"]) == ("ERROR", "guidefield.pool", 'run r1: "é"\n')
     assert "ValueError: with" in told["trace"]
+
+
+@pytest.mark.parametrize(
+    ("level", "number"), [(logging.DEBUG, 7), (logging.INFO, 6), (logging.WARNING, 4), (logging.ERROR, 3), (50, 2)]
+)
+def test_a_line_in_the_journal_begins_with_its_level(level: int, number: int) -> None:
+    record = logging.LogRecord("guidefield", level, __file__, 1, "one\ntwo", (), None)
+    assert Journal(logging.Formatter("%(message)s")).format(record) == f"<{number}>one\n<{number}>two"
+
+
+def test_the_journal_is_known_by_its_stream(tmp_path: Path) -> None:
+    with (tmp_path / "log").open("w") as log:
+        there = (tmp_path / "log").stat()
+        assert is_journal(log.fileno(), f"{there.st_dev}:{there.st_ino}")
+        assert not is_journal(log.fileno(), f"{there.st_dev}:{there.st_ino + 1}")
+        assert not is_journal(log.fileno(), "")
+    assert not is_journal(-1, "1:1")
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_process_whose_errors_go_to_the_journal_logs_for_it(tmp_path: Path, told: bool) -> None:
+    script = "import logging; from guidefield import logs; logs.configure(20, json=False); logging.warning('so')"
+    with (tmp_path / "log").open("w") as log:
+        there = os.fstat(log.fileno())
+        stream = {"JOURNAL_STREAM": f"{there.st_dev}:{there.st_ino}"} if told else {}
+        subprocess.run([sys.executable, "-c", script], check=True, stderr=log, env={**os.environ, **stream})
+    line = (tmp_path / "log").read_text()
+    assert line == "<4>WARNING root: so\n" if told else line.startswith("20")

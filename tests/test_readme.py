@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import guidefield
 from guidefield.cli import app
 from guidefield.errors import ERRORS, Status
-from guidefield.messages import codec, replies, requests, scene
+from guidefield.messages import codec, quotas, replies, requests, scene, scene_changes
 from guidefield.messages.codec import Encoding
 from guidefield.messages.served import KEYS
 from tests.journeys.service import Service, plain_client, running_service
@@ -31,7 +31,7 @@ PAGES = (README, HOUSE / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))
 MOST_WORDS = 900
 """README is read in five minutes; what is longer is a page."""
 ON_A_PAGE = "tcp/127.0.0.1:7447"
-NOT_RUN = {"batch", "demo", "serve", "show"}
+NOT_RUN = {"batch", "demo", "mcp", "serve", "show"}
 """Commands that go on until somebody ends them, or that have journeys of their own: their words alone are checked."""
 BLOCK = re.compile(r"^```(?P<language>\w+)(?: (?P<words>[^\n]+))?\n(?P<text>.*?)^```", re.DOTALL | re.MULTILINE)
 ARM = """<robot name="mine">
@@ -132,7 +132,9 @@ def test_a_page_does_what_it_says(
                     assert answer.json()["status"]["name"] == "SUCCESS"
 
 
-@pytest.mark.parametrize("name", ["answer", "CertifyReply", "Client", "PlanReply", "PlanRequest"])
+@pytest.mark.parametrize(
+    "name", ["answer", "CertifyReply", "Client", "PlanReply", "PlanRequest", "Stream", "StreamOpen"]
+)
 def test_a_public_docstring_has_an_example_that_holds(name: str, request: pytest.FixtureRequest) -> None:
     text = inspect.getdoc(getattr(guidefield, name)) or ""
     if ON_A_PAGE in text:
@@ -172,7 +174,8 @@ def test_messages_on_a_page_are_messages(page: Path) -> None:
             continue
         assert block.words, f"{page.name}: a JSON block names its message: {block.text[:40]}"
         name = block.words[0]
-        kind = next(getattr(room, name) for room in (requests, replies, scene) if hasattr(room, name))
+        rooms = (requests, replies, scene, scene_changes, quotas)
+        kind = next(getattr(room, name) for room in rooms if hasattr(room, name))
         message = codec.decode(block.text.encode(), kind)
         assert codec.decode(codec.encode(message, Encoding.MSGPACK), kind, Encoding.MSGPACK) == message
         _assert_within(json.loads(block.text), json.loads(codec.encode(message)), name)

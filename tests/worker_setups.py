@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def refusing() -> Work:
     raise RobotInvalid("there is no robot 'r2d2'")
 
 
-def _obey(job: tuple[str, str], call: Call) -> tuple[bool, bytes]:
+def _obey(job: tuple[str, str], call: Call) -> tuple[bool, bytes] | None:
     verb, value = job
     if verb in _TALKATIVE:
         return _TALKATIVE[verb](value, call)
@@ -95,6 +96,20 @@ def _until_cancelled(path: str, call: Call) -> tuple[bool, bytes]:
     return True, b"cancelled" if call.cancelled() else b"outlasted"
 
 
+def _give_way(path: str, call: Call) -> tuple[bool, bytes] | None:
+    """The first time until it is to be ended early, the second time at once; the process writes a line each time."""
+    begun = Path(path)
+    again = begun.exists()
+    with begun.open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    if again:
+        return True, b"begun anew"
+    deadline = time.monotonic() + LONG
+    while not call.cancelled() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return None if call.set_back() else (True, b"cancelled")
+
+
 def _until_there(path: str) -> tuple[bool, bytes]:
     begun, awaited = path.split()
     Path(begun).write_text(str(os.getpid()))
@@ -127,7 +142,28 @@ def _tell(words: str, call: Call) -> tuple[bool, bytes]:
     return True, b"told"
 
 
-_TALKATIVE = {"until_cancelled": _until_cancelled, "tell": _tell, "prepare": _prepare}
+def _owe(value: str, call: Call) -> tuple[bool, bytes]:
+    """Answer at once, and write a file once another one is there."""
+    asked, written = map(Path, value.split())
+
+    def pay() -> None:
+        while not asked.exists():
+            time.sleep(0.01)
+        written.write_text("whole")
+        call.owe(0)
+
+    call.owe(1)
+    threading.Thread(target=pay, daemon=True).start()
+    return True, b"owed"
+
+
+_TALKATIVE = {
+    "give_way": _give_way,
+    "owe": _owe,
+    "until_cancelled": _until_cancelled,
+    "tell": _tell,
+    "prepare": _prepare,
+}
 _VERBS = {
     "exit": _exit,
     "grow": _grow,

@@ -1,11 +1,13 @@
 """Motion planning and kinematics for any URDF robot in the field of charged polygons: certified, over Zenoh, recorded.
 
-The door is lazy: importing it, or the client through it, loads no planner.
+The door is lazy: importing it, or the client through it, loads no planner. The distribution `guidefield-client` has
+this door too, with the rooms of the client behind it.
 """
 
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,7 +24,9 @@ if TYPE_CHECKING:
         InvalidGroup as InvalidGroup,
         MalformedRequest as MalformedRequest,
         NoService as NoService,
+        NotAllowed as NotAllowed,
         Preempted as Preempted,
+        QuotaExceeded as QuotaExceeded,
         RequestTooLarge as RequestTooLarge,
         RobotInvalid as RobotInvalid,
         SceneInvalid as SceneInvalid,
@@ -39,6 +43,7 @@ if TYPE_CHECKING:
         Progress as Progress,
     )
     from guidefield.messages.requests import (
+        Attach as Attach,
         CertifyRequest as CertifyRequest,
         Clearance as Clearance,
         ForwardKinematics as ForwardKinematics,
@@ -47,8 +52,10 @@ if TYPE_CHECKING:
         JointSetGoal as JointSetGoal,
         JointsGoal as JointsGoal,
         PlanRequest as PlanRequest,
+        PlanStep as PlanStep,
         PoseGoal as PoseGoal,
         Potential as Potential,
+        RelativeGoal as RelativeGoal,
         TargetPose as TargetPose,
         UrdfFile as UrdfFile,
         UrdfText as UrdfText,
@@ -65,7 +72,18 @@ if TYPE_CHECKING:
         Scene as Scene,
         Sphere as Sphere,
     )
+    from guidefield.messages.scene_changes import RequestScene as RequestScene
+    from guidefield.messages.streams import (
+        Deviation as Deviation,
+        Observation as Observation,
+        Piece as Piece,
+        StreamObstacle as StreamObstacle,
+        StreamOpen as StreamOpen,
+        StreamState as StreamState,
+        StreamUpdate as StreamUpdate,
+    )
     from guidefield.messages.values import Placement as Placement
+    from guidefield.stream.in_process import Stream as Stream
 
     __version__: str
 
@@ -82,7 +100,9 @@ _ROOMS = {
         "InvalidGroup",
         "MalformedRequest",
         "NoService",
+        "NotAllowed",
         "Preempted",
+        "QuotaExceeded",
         "RequestTooLarge",
         "RobotInvalid",
         "SceneInvalid",
@@ -95,6 +115,7 @@ _ROOMS = {
     ),
     "messages.replies": ("CertifyReply", "PlanReply", "Progress"),
     "messages.requests": (
+        "Attach",
         "CertifyRequest",
         "Clearance",
         "ForwardKinematics",
@@ -103,8 +124,10 @@ _ROOMS = {
         "JointSetGoal",
         "JointsGoal",
         "PlanRequest",
+        "PlanStep",
         "PoseGoal",
         "Potential",
+        "RelativeGoal",
         "TargetPose",
         "UrdfFile",
         "UrdfText",
@@ -121,14 +144,42 @@ _ROOMS = {
         "Scene",
         "Sphere",
     ),
+    "messages.scene_changes": ("RequestScene",),
+    "messages.streams": (
+        "Deviation",
+        "Observation",
+        "Piece",
+        "StreamObstacle",
+        "StreamOpen",
+        "StreamState",
+        "StreamUpdate",
+    ),
     "messages.values": ("Placement",),
+    "stream.in_process": ("Stream",),
     "arrays": ("RunArrays", "run_arrays"),
 }
 """Public names by the room that holds them."""
 
+_WHOLE = ("endpoint.service", "engine", "arrays", "stream.in_process")
+"""Rooms that `guidefield-client` doesn't have."""
+_HERE = Path(__file__).parent
+_IS_WHOLE = (_HERE / "engine.py").exists()
+_LIGHT = _HERE / "light_client.txt"
+"""What only `guidefield-client` has: a file with its version."""
+
 _HOMES = {name: f"guidefield.{room}" for room, names in _ROOMS.items() for name in names}
 
-__all__ = ["__version__", *_HOMES]  # noqa: PLE0604 - computed from the one table
+_HERE_TOO = [name for room, names in _ROOMS.items() if _IS_WHOLE or room not in _WHOLE for name in names]
+__all__ = ["__version__", *_HERE_TOO]  # noqa: PLE0604 - computed from the one table
+
+if _IS_WHOLE and _LIGHT.exists():
+    import warnings
+
+    warnings.warn(
+        "guidefield and guidefield-client are both installed and share their files, which may be of two versions: "
+        "`pip uninstall guidefield-client`, then `pip install --force-reinstall --no-deps guidefield`",
+        stacklevel=2,
+    )
 
 
 def __getattr__(name: str) -> Any:
@@ -136,7 +187,9 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
-        value: Any = version("guidefield")
+        value: Any = version("guidefield") if _IS_WHOLE else _LIGHT.read_text().strip()
+    elif name in _HOMES and name not in __all__:
+        raise ImportError(f"guidefield.{name} isn't in guidefield-client, which only asks: pip install guidefield")
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     else:

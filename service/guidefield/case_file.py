@@ -190,8 +190,9 @@ def _without_limits(robot: RobotModel) -> list[str]:
 def _left_out(motion: Motion) -> list[list[str]]:
     """Pairs of names that aren't judged, each with a reason; but not those that can't move relative to each other."""
     world, robot = motion.world, motion.world.group.robot
-    names, judged = world.body_names, {tuple(sorted(pair)) for pair in world.pairs.tolist()}
-    links = world.group.geometry.ngeoms
+    names, links = world.body_names, world.pairs.links
+    own, moving = set(map(tuple, world.pairs.own.tolist())), set(world.pairs.moving.tolist())
+    left_out = {(body, links + obstacle) for body, obstacle in world.pairs.bodies_left_out().tolist()}
     reasons = {frozenset(one.links): one.reason for one in robot.pairs_left_out}
     for one in motion.held:
         for link in (one.link, *one.touch_links):
@@ -201,9 +202,11 @@ def _left_out(motion: Motion) -> list[list[str]]:
     for first in range(links):
         for second in range(first + 1, len(names)):
             rigid = joints[first] == (joints[second] if second < links else 0)
-            if not rigid and (first, second) not in judged:
-                pair = frozenset((names[first], names[second]))
-                told[names[first], names[second]] = reasons.get(pair, "the request allows it")
+            pair = first, second
+            if not rigid and (pair not in own if second < links else first not in moving or pair in left_out):
+                told[names[first], names[second]] = reasons.get(
+                    frozenset((names[first], names[second])), "the request allows it"
+                )
     return [[first, second, why] for (first, second), why in told.items()]
 
 

@@ -14,10 +14,14 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from guidefield.errors import GuidefieldError, MalformedRequest, RobotInvalid, unforeseen
+import msgspec
+
+from guidefield.aside import StoppedError
+from guidefield.errors import GuidefieldError, MalformedRequest, Preempted, RobotInvalid, unforeseen
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
@@ -28,17 +32,21 @@ from guidefield.messages.replies import (
     PlanReply,
     RobotReply,
     RobotsReply,
+    RobotSummary,
     RunsReply,
     SceneReply,
     ScenesReply,
     error_reply,
 )
+from guidefield.messages.scene import Scene as SceneMessage
+from guidefield.messages.scene_changes import RequestScene, changed
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
-from guidefield.run import Run, answered_before
+from guidefield.run import Owe, Run, answered_before
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
+from guidefield.stores.shared import Kind
 
 if TYPE_CHECKING:
     from guidefield.case_file import Motion
@@ -49,6 +57,9 @@ if TYPE_CHECKING:
 
 MAX_CACHED_SCENES = 16
 """Scenes kept built."""
+
+Lend = Callable[[Kind, str, str], "Engine"]
+"""The engine of a user that shares something of a kind and name; raises NotAllowed where it isn't shared."""
 
 _log = logging.getLogger(__name__)
 
@@ -62,16 +73,52 @@ class LocalFiles(enum.Enum):
     REFUSED = "refused"
 
 
+@dataclass(frozen=True)
+class _Asking:
+    """How a request is asked, as in `Engine.answer`."""
+
+    received: float
+    watcher: Watcher | None
+    later: Owe | None
+
+
+class Loaded:
+    """What engines have loaded and built, which depends on nobody's stores.
+
+    Args:
+        packages: Folders of packages from which a robot that is sent may take meshes.
+    """
+
+    def __init__(self, packages: Sequence[Path]) -> None:
+        self._packages = packages
+
+    @functools.cached_property
+    def catalog(self) -> Catalog:
+        """Robots."""
+        from guidefield.robot.catalog.catalog import Catalog
+
+        return Catalog(self._packages)
+
+    @functools.cached_property
+    def built(self) -> BuiltScenes:
+        """Scenes."""
+        from guidefield.scene.built import BuiltScenes
+
+        return BuiltScenes(MAX_CACHED_SCENES)
+
+
 class Engine:
     """Answers requests; one at a time.
 
     Args:
-        instance: Name of the service it answers for; part of the key of a recording.
+        instance: Name of the service it answers for, with the user if it is one's; part of the key of a recording.
         runs: Where runs are kept.
         scenes: Where scenes are read and kept.
         robots: Where clients' robots are kept.
         local_files: Whether a request may name a URDF file.
         packages: Folders of packages from which a robot that is sent may take meshes.
+        loaded: What it shares with other engines; None: its own.
+        lend: Finds the engine that has what is named as another user's, ``user:name``.
     """
 
     def __init__(
@@ -83,8 +130,12 @@ class Engine:
         robots: Robots | None = None,
         local_files: LocalFiles = LocalFiles.ALLOWED,
         packages: Sequence[Path] = (),
+        loaded: Loaded | None = None,
+        lend: Lend | None = None,
     ) -> None:
-        self._instance, self._packages = instance, tuple(packages)
+        self._instance = instance
+        self._loaded = loaded or Loaded(tuple(packages))
+        self._lend = lend
         self._runs: Runs = NoRuns() if runs is None else runs
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
@@ -97,8 +148,9 @@ class Engine:
             requests.StoreRobot: self._store_robot,
             requests.DeleteRobot: self._delete_robot,
             requests.ReadScenes: lambda _: ScenesReply(scenes=self._scenes.names()),
-            requests.ReadScene: lambda request: SceneReply(scene=self._scenes.read(request.name)),
+            requests.ReadScene: lambda request: SceneReply(*self._scenes.read(request.name, request.version)),
             requests.StoreScene: self._store_scene,
+            requests.ChangeScene: self._change_scene,
             requests.DeleteScene: self._delete_scene,
             requests.ReadRuns: self._read_runs,
             requests.ReadRun: lambda request: self._runs.read(request.run_id),
@@ -113,6 +165,7 @@ class Engine:
         record_to: Path | None = None,
         received: float | None = None,
         watcher: Watcher | None = None,
+        later: Owe | None = None,
     ) -> Reply:
         """Answer one request of any kind.
 
@@ -122,6 +175,8 @@ class Engine:
             received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded and the robot
                 prepared for its first use. Deadlines count from it.
             watcher: Hears how far a plan is, and may end it.
+            later: Takes what can be done after the answer, the writing of a recording that is kept; None: it is written
+                before.
 
         Raises:
             GuidefieldError: whatever travels as ``reply_err``; DiskRefused where a disk does, and InternalFailure for a
@@ -141,7 +196,7 @@ class Engine:
 
                     load_ahead(decoded, self._robot)
                 received = time.monotonic()
-            reply = self._dispatch(decoded, record_to, received, watcher)
+            reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later))
         except GuidefieldError:
             self._counters["refused"] += 1
             raise
@@ -161,20 +216,19 @@ class Engine:
         compile_kernels(_log.info)
         for room in ("handlers.plan", "handlers.certify", "recorder.recorder", "recorder.given_recorder"):
             importlib.import_module(f"guidefield.{room}")
+        importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
         preparation = importlib.import_module("guidefield.collision.preparation")
         for robot in robots:
             preparation.prepare(self._robot(robot))
 
-    def _dispatch(
-        self, request: requests.Request, record_to: Path | None, received: float, watcher: Watcher | None
-    ) -> Reply:
+    def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _Asking) -> Reply:
         if isinstance(request, requests.PlanRequest):
-            return self._plan(request, record_to, received, watcher)
+            return self._plan(request, record_to, asking)
         if isinstance(request, requests.CertifyRequest):
-            return self._certify(request, record_to, received, watcher)
+            return self._certify(request, record_to, asking)
         if isinstance(request, requests.KinematicsRequest) and record_to is None:
-            return self._kinematics(request, received, watcher)
+            return self._kinematics(request, asking.received, asking.watcher)
         kind = type(request)
         if record_to is not None:
             raise MalformedRequest(f"only a plan or a judgement can be recorded, not {kind.__name__}")
@@ -182,51 +236,49 @@ class Engine:
             raise MalformedRequest(f"{kind.__name__} is no request", path="$")
         return self._handlers[kind](request)
 
-    def _plan(
-        self, request: requests.PlanRequest, record_to: Path | None, received: float, watcher: Watcher | None
-    ) -> PlanReply:
+    def _plan(self, request: requests.PlanRequest, record_to: Path | None, asking: _Asking) -> PlanReply:
         from guidefield.handlers.plan import answer_plan
+        from guidefield.handlers.sequence import answer_steps
+
+        answer = answer_steps if request.steps else answer_plan
 
         def answered(run: Run, began: float) -> PlanReply:
-            return answer_plan(
+            return answer(
                 request,
                 self._robot(request.robot),
-                self._scene(request.scene),
+                self._scene_in_time(request.scene, asking.received + request.allowed_planning_time, run.cancelled),
                 run_id=run.run_id,
-                received=received,
+                received=asking.received,
                 began=began,
                 record=run.record,
                 preparing=run.prepare,
                 cancelled=run.cancelled,
             )
 
-        return self._run(request, record_to, received, watcher, answered)
+        return self._run(request, record_to, asking, answered)
 
-    def _certify(
-        self, request: requests.CertifyRequest, record_to: Path | None, received: float, watcher: Watcher | None
-    ) -> CertifyReply:
+    def _certify(self, request: requests.CertifyRequest, record_to: Path | None, asking: _Asking) -> CertifyReply:
         from guidefield.handlers.certify import answer_certify
 
         def answered(run: Run, began: float) -> CertifyReply:
             return answer_certify(
                 request,
                 self._robot(request.robot),
-                self._scene(request.scene),
+                self._scene_in_time(request.scene, asking.received + request.allowed_time, run.cancelled),
                 run_id=run.run_id,
-                received=received,
+                received=asking.received,
                 began=began,
                 record=run.record_given,
                 cancelled=run.cancelled,
             )
 
-        return self._run(request, record_to, received, watcher, answered)
+        return self._run(request, record_to, asking, answered)
 
     def _run(
         self,
         request: requests.MotionRequest,
         record_to: Path | None,
-        received: float,
-        watcher: Watcher | None,
+        asking: _Asking,
         answered: Callable[[Run, float], _R],
     ) -> _R:
         """The reply of a run, kept with its request and recording; that of before, where the same is asked for again.
@@ -234,18 +286,25 @@ class Engine:
         Args:
             request: What is asked.
             record_to: As in `answer`.
-            received: As in `answer`.
-            watcher: As in `answer`.
+            asking: How it is asked.
             answered: Answers it, given the run and when its work began, by `time.monotonic()` [s].
         """
         if (before := answered_before(self._runs, request)) is not None:
             return cast(_R, before)
         run_id = request.run_id or uuid.uuid4().hex
         key = f"guidefield/{self._instance}/runs/{run_id}/recording"
+        watcher, received = asking.watcher, asking.received
         progress = None if watcher is None else ProgressTold(run_id, received, watcher)
-        run = Run(run_id, request, self._runs, record_to, key, progress)
+        run = Run(run_id, request, self._runs, record_to, key, progress, asking.later)
         try:
-            return run.end(answered(run, time.monotonic()))
+            try:
+                return run.end(answered(run, time.monotonic()))
+            except StoppedError as stopped:
+                from guidefield.handlers.unbegun import stopped_loading
+
+                waited = time.monotonic() - received
+                reply = stopped_loading(run_id, request, str(stopped), run.cancelled(), waited)
+                return run.end(cast(_R, reply))
         except GuidefieldError:
             run.refuse()
             raise
@@ -263,23 +322,40 @@ class Engine:
 
         return motion_of(request, self._robot(request.robot), self._scene(request.scene))
 
+    def robot(self, name: str) -> RobotModel:
+        """The robot of a name.
+
+        Raises:
+            RobotInvalid: if there is none, or it can't be used.
+        """
+        return self._robot(name)
+
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
         from guidefield.handlers.allowance import Allowance
         from guidefield.handlers.kinematics import answer_kinematics
+        from guidefield.handlers.preparing import field_in_time
+        from guidefield.handlers.unbegun import time_up_loading
 
+        cancelled = _never if watcher is None else watcher.cancelled
+        allowance = Allowance(request.allowed_time, received + request.allowed_time, cancelled)
         robot = None if request.robot is None else self._robot(request.robot)
         reference = None if isinstance(request, requests.ForwardKinematics) else request.scene
-        scene = None if reference is None else self._scene(reference)
+        try:
+            scene = None if reference is None else self._scene_in_time(reference, allowance.until, cancelled)
+            if scene is not None and isinstance(request, requests.Potential):
+                field_in_time(scene, allowance.spent)
+        except StoppedError:
+            if cancelled():
+                raise Preempted("the request was cancelled while things were loaded", stage="load") from None
+            raise time_up_loading(request.allowed_time) from None
         if watcher is not None:
             watcher.be_prepared()
-        cancelled = _never if watcher is None else watcher.cancelled
-        until = received + request.allowed_time
-        return answer_kinematics(request, robot, scene, Allowance(request.allowed_time, until, cancelled))
+        return answer_kinematics(request, robot, scene, allowance)
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots
 
-        return robots(self._catalog, self._robots)
+        return robots(self._loaded.catalog, self._robots)
 
     def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
         from guidefield.handlers.robots import robot
@@ -289,7 +365,7 @@ class Engine:
     def _store_robot(self, request: requests.StoreRobot) -> Done:
         from guidefield.handlers.robots import prepared
 
-        self._robots.write(request.name, request.files, self._catalog.load)
+        self._robots.write(request.name, request.files, self._loaded.catalog.load)
         stored = self._robot(request.name)
         return Done(done=f"robot {request.name!r} is stored{prepared(stored)}", warnings=list(stored.warnings))
 
@@ -299,8 +375,13 @@ class Engine:
 
     def _store_scene(self, request: requests.StoreScene) -> Done:
         built = self._scene(request.scene)
-        self._scenes.write(request.scene)
-        return Done(done=f"scene {request.name!r} is stored", warnings=list(built.warnings))
+        version = self._scenes.write(request.scene)
+        return Done(done=f"scene {request.name!r} is stored", warnings=list(built.warnings), version=version)
+
+    def _change_scene(self, request: requests.ChangeScene) -> Done:
+        added = self._scene(SceneMessage(request.name, obstacles=request.diff.add))
+        _, version = self._scenes.change(request.name, request.diff)
+        return Done(done=f"scene {request.name!r} is changed", warnings=list(added.warnings), version=version)
 
     def _delete_scene(self, request: requests.DeleteScene) -> Done:
         self._scenes.delete(request.name)
@@ -316,11 +397,25 @@ class Engine:
     def _info(self, _request: requests.ReadInfo) -> InfoReply:
         return info(Figures(self._counters, time.monotonic() - self._began))
 
-    @functools.cached_property
-    def _catalog(self) -> Catalog:
-        from guidefield.robot.catalog.catalog import Catalog
+    def summaries(self, names: Sequence[str]) -> list[RobotSummary]:
+        """A line about each robot that is named as another user's, ``user:name``; some may be gone meanwhile."""
+        from guidefield.handlers.robots import summaries_of
 
-        return Catalog(self._packages)
+        found = []
+        for name in names:
+            holder, own = self._holder("robots", name)
+            lines = summaries_of(self._loaded.catalog, holder._robots, [own])
+            found += [msgspec.structs.replace(line, name=name) for line in lines]
+        return found
+
+    def _holder(self, kind: Kind, name: str) -> tuple[Engine, str]:
+        """The engine that has what a request names, and its name there.
+
+        Raises:
+            NotAllowed: if it is another user's, who doesn't share it.
+        """
+        user, colon, own = name.partition(":")
+        return (self, name) if not colon or self._lend is None else (self._lend(kind, user, own), own)
 
     def _robot(self, reference: requests.RobotReference) -> RobotModel:
         if isinstance(reference, requests.UrdfFile) and self._local_files is LocalFiles.REFUSED:
@@ -329,18 +424,40 @@ class Engine:
                 "store it with its meshes (`Client.store_robot`), or send its text as a `urdf`",
                 path=reference.path,
             )
-        sent = self._robots.find(reference) if isinstance(reference, str) else None
-        return self._catalog.load(reference if sent is None else sent)
-
-    @functools.cached_property
-    def _built(self) -> BuiltScenes:
-        from guidefield.scene.built import BuiltScenes
-
-        return BuiltScenes(MAX_CACHED_SCENES)
+        if not isinstance(reference, str):
+            return self._loaded.catalog.load(reference)
+        holder, name = self._holder("robots", reference)
+        sent = holder._robots.find(name)
+        return self._loaded.catalog.load(name if sent is None else sent)
 
     def _scene(self, reference: requests.SceneReference) -> Scene:
         """The scene that a request means, built."""
-        return self._built.of(self._scenes.read(reference) if isinstance(reference, str) else reference)
+        return self._loaded.built.of(self._declared(reference))
+
+    def _scene_in_time(self, reference: requests.SceneReference, until: float, cancelled: Callable[[], bool]) -> Scene:
+        """The same, built by a time on the clock of `time.monotonic` [s].
+
+        Raises:
+            StoppedError: if that was up before, or the request was cancelled.
+        """
+
+        def spent() -> bool:
+            return cancelled() or time.monotonic() >= until
+
+        return self._loaded.built.of(self._declared(reference), spent)
+
+    def _declared(self, reference: requests.SceneReference) -> SceneMessage:
+        """The scene that a request means."""
+        if isinstance(reference, str):
+            return self._stored_scene(reference, None)
+        if not isinstance(reference, RequestScene) or reference.base is None:
+            return reference
+        base = self._stored_scene(reference.base, reference.version)
+        return changed(base, reference, reference.name)
+
+    def _stored_scene(self, reference: str, version: int | None) -> SceneMessage:
+        holder, name = self._holder("scenes", reference)
+        return holder._scenes.read(name, version)[0]
 
 
 def _never() -> bool:

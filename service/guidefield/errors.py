@@ -38,6 +38,8 @@ class Status(enum.IntEnum):
     SERVER_BUSY = -106
     MALFORMED_REQUEST = -107
     REQUEST_TOO_LARGE = -108
+    QUOTA_EXCEEDED = -109
+    NOT_ALLOWED = -110
     DISK_REFUSED = -112
     FAILURE = 99999
 
@@ -127,6 +129,18 @@ class ServerBusy(GuidefieldError):
     code = Status.SERVER_BUSY
 
 
+class QuotaExceeded(GuidefieldError):
+    """More than this user may have, of requests, time or room; `details` say when to ask again, where time helps."""
+
+    code = Status.QUOTA_EXCEEDED
+
+
+class NotAllowed(GuidefieldError):
+    """What is asked for is another user's, who doesn't share it; or who alone may change it."""
+
+    code = Status.NOT_ALLOWED
+
+
 class WorkerCrashed(GuidefieldError):
     """The process that worked on the request died; the service lives on."""
 
@@ -183,6 +197,8 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
         UnknownFrame,
         UnknownObject,
         ServerBusy,
+        QuotaExceeded,
+        NotAllowed,
         WorkerCrashed,
         NoService,
         TimedOut,

@@ -5,9 +5,11 @@ Asked without loading the compiler: the process of a service never does.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
+import platform
 import select
 import signal
 import subprocess
@@ -26,6 +28,15 @@ EVERY = 2.0
 PATIENCE = 0.2
 """How often it is asked whether to stop [s]."""
 
+CPUINFO = Path("/proc/cpuinfo")
+"""Where Linux tells of the processor."""
+
+OF_PROCESSOR = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
+"""What there says for which processor machine code is made; the others are speeds, numbers and versions."""
+
+CHOSEN = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""Variables of the environment that have numba compile for another processor."""
+
 PLAIN = "GUIDEFIELD_PLAIN_NUMBA"
 """The variable of the environment that has kernels compiled without changes to what is inside numba."""
 
@@ -40,7 +51,7 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
     Raises:
         RuntimeError: if a kernel can't be compiled.
     """
-    done = cache_parent() / "guidefield" / "kernels" / f"all-{kernels_fingerprint()}"
+    done = compiled_mark()
     if done.exists():
         return
     last = -EVERY
@@ -66,6 +77,11 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
         raise RuntimeError(fault.splitlines()[-1] if fault else "the kernels' compiler ended without a reason")
     done.parent.mkdir(parents=True, exist_ok=True)
     done.touch()
+
+
+def compiled_mark() -> Path:
+    """The file that is there once all kernels of this version are compiled."""
+    return cache_parent() / "guidefield" / "kernels" / f"all-{kernels_fingerprint()}"
 
 
 def _lines(child: subprocess.Popen[bytes], stopped: Callable[[], bool]) -> Iterator[str]:
@@ -96,13 +112,32 @@ def plain_numba() -> bool:
 
 
 def kernel_compiler() -> str:
-    """What compiles kernels, in words: machine code that something else made is another one."""
-    return f"{'plain ' if plain_numba() else ''}numba {version('numba')}"
+    """What compiles kernels and for which processor, in words: machine code that something else made is another one."""
+    return f"{'plain ' if plain_numba() else ''}numba {version('numba')} for {processor()}"
+
+
+@functools.cache
+def processor(told: Path = CPUINFO) -> str:
+    """The processor that numba compiles for, and what it can do, as eight hexadecimal digits after its family.
+
+    Machines that share a home folder share no machine code unless their processors are of the same kind.
+
+    Args:
+        told: Where the system tells of it; where it doesn't, only the family counts.
+    """
+    lines: set[str] = set()
+    with contextlib.suppress(OSError):
+        for line in told.read_text().splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() in OF_PROCESSOR:
+                lines.add(f"{name.strip()} {' '.join(sorted(value.split()))}")
+    lines |= {f"{name} {os.environ[name]}" for name in CHOSEN if name in os.environ}
+    return f"{platform.machine()} {hashlib.sha256(chr(10).join(sorted(lines)).encode()).hexdigest()[:8]}"
 
 
 @functools.cache
 def kernels_fingerprint() -> str:
-    """Sixteen hexadecimal digits that change with Python's version, what compiles kernels, and every kernel."""
+    """Sixteen hexadecimal digits that change with Python, what compiles kernels, the processor, and every kernel."""
     digest = hashlib.sha256(f"{sys.implementation.cache_tag} {kernel_compiler()}".encode())
     for source in sorted(KERNELS.rglob("*.py")):
         name = str(source.relative_to(KERNELS))

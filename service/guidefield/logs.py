@@ -1,11 +1,19 @@
-"""How a process of the service logs: lines for a person, or one JSON object a line for a machine."""
+"""How a process of the service logs: lines for a person, or one JSON object a line for a machine.
+
+Where standard error is the system's journal, which keeps the time and the process of each line and drops old ones,
+lines begin with their level as the journal reads it (sd-daemon(3)).
+"""
 
 from __future__ import annotations
 
 import json as json_text
 import logging
+import os
+import sys
 
 PLAIN = "%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s"
+IN_JOURNAL = "%(levelname)s %(name)s: %(message)s"
+"""What the journal adds isn't said twice."""
 
 
 class JsonLines(logging.Formatter):
@@ -25,8 +33,46 @@ class JsonLines(logging.Formatter):
         return json_text.dumps(line, ensure_ascii=False)
 
 
+class Journal(logging.Formatter):
+    """Lines for the system's journal, each with its level in front; all lines of an exception's trace, too.
+
+    Args:
+        lines: Makes the text.
+    """
+
+    def __init__(self, lines: logging.Formatter) -> None:
+        super().__init__()
+        self._lines = lines
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The lines of a record."""
+        level = _syslog_level(record.levelno)
+        return "\n".join(f"<{level}>{line}" for line in self._lines.format(record).splitlines())
+
+
+def _syslog_level(level: int) -> int:
+    """What syslog calls a level of ours: 7 is debug, 6 informational, 4 warning, 3 error, 2 critical."""
+    return next((number for least, number in ((50, 2), (40, 3), (30, 4), (20, 6)) if level >= least), 7)
+
+
+def is_journal(error: int, told: str) -> bool:
+    """Whether an open file is what the journal says it reads.
+
+    Args:
+        error: Descriptor of the file.
+        told: The variable JOURNAL_STREAM of the environment: device and inode of it, with a colon between.
+    """
+    try:
+        there = os.fstat(error)
+    except OSError:
+        return False
+    return told == f"{there.st_dev}:{there.st_ino}"
+
+
 def configure(level: int, *, json: bool) -> None:
     """Log to stderr what is at least of a level."""
     handler = logging.StreamHandler()
-    handler.setFormatter(JsonLines() if json else logging.Formatter(PLAIN))
+    journal = is_journal(sys.__stderr__.fileno(), os.environ.get("JOURNAL_STREAM", "")) if sys.__stderr__ else False
+    lines = JsonLines() if json else logging.Formatter(IN_JOURNAL if journal else PLAIN)
+    handler.setFormatter(Journal(lines) if journal else lines)
     logging.basicConfig(level=level, handlers=[handler])

@@ -78,7 +78,7 @@ class ProgressTold:
         self._watcher.be_prepared()
 
     def prepare(self, what: str) -> None:
-        """Be told what of the robot is prepared."""
+        """Be told which part of the robot is prepared."""
         self._preparing = what
         self._tell()
 

@@ -11,37 +11,30 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 import msgspec
 
 from guidefield.errors import UnknownObject, without_path
+from guidefield.later import Work
 from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, error_of
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.progress import ProgressTold
-from guidefield.stores.runs import NoRuns, Runs
+from guidefield.stores.runs import NoRuns, Runs, RunStore
 
 if TYPE_CHECKING:
+    from guidefield.handlers.recording import RecordingInPieces
     from guidefield.planner.motion.given_motion import GivenMotion
     from guidefield.planner.quality import ClearanceProfile
     from guidefield.planner.task.trace import Event
     from guidefield.recorder.place import Place
     from guidefield.robot.group.group import PlanningGroup
-    from guidefield.scene.guide_plane import GuidePlane
     from guidefield.scene.scene import Scene
 
 LARGEST_RECORDING = 512 * 2**20
 """A recording that is larger is dropped [bytes]."""
 
+Owe = Callable[[Work], None]
+"""Takes work that is to be done after the answer."""
+
 _log = logging.getLogger(__name__)
 
 _R = TypeVar("_R", PlanReply, CertifyReply)
-_T_contra = TypeVar("_T_contra", PlanReply, CertifyReply, contravariant=True)
-
-
-class _Writes(Protocol[_T_contra]):
-    """A recorder."""
-
-    def observe(self, event: Event) -> None:
-        """Be told of an event."""
-
-    def finish(self, reply: _T_contra, profile: ClearanceProfile | None) -> None:
-        """Write the recording."""
 
 
 class Run:
@@ -54,6 +47,7 @@ class Run:
         record_to: Where its recording goes, if not to `runs`.
         recording_key: What a reply says about where the recording is, if it is kept in `runs`.
         progress: Tells somebody how far it is, if anybody listens.
+        later: Takes the writing of its recording, if that goes to `runs`; None: it is written before the reply.
 
     Raises:
         MalformedRequest: if the name is taken.
@@ -67,13 +61,15 @@ class Run:
         record_to: Path | None,
         recording_key: str,
         progress: ProgressTold | None = None,
+        later: Owe | None = None,
     ) -> None:
         self.run_id = run_id
+        self._later = later
         self._progress = progress
         self._request = request
         self._runs = runs
         self._warnings = _Warnings(run_id)
-        self._recording: _Recording[PlanReply] | _Recording[CertifyReply] | None = None
+        self._recording: _Written | None = None
         try:
             runs.begin(run_id, request)
         except OSError as error:
@@ -87,44 +83,63 @@ class Run:
         return self._progress is not None and self._progress.pass_time_and_ask()
 
     def prepare(self, what: str) -> None:
-        """Be told what of the robot is prepared."""
+        """Be told which part of the robot is prepared."""
         if self._progress is not None:
             self._progress.prepare(what)
 
     def record(
-        self, group: PlanningGroup, scene: Scene, _guide_planes: tuple[GuidePlane, ...]
+        self,
+        group: PlanningGroup,
+        scene: Scene,
+        shown: Callable[[], tuple[PlanningGroup, Scene]] | None = None,
     ) -> _Observers[PlanReply]:
-        """An observer of a plan: tells its progress, and writes its recording when it is finished, once."""
-        assert isinstance(self._request, PlanRequest), "a plan is recorded"
-        recording = None
-        if (place := self._where(group, scene)) is not None:
+        """An observer of a plan: tells its progress, and writes its recording when it is finished, once.
+
+        Args:
+            group: The joints that move.
+            scene: Where.
+            shown: As the recorder's.
+        """
+        request = self._request
+        assert isinstance(request, PlanRequest), "a plan is recorded"
+
+        def recorder(place: Place) -> RecordingInPieces[PlanReply]:
             from guidefield.recorder.recorder import Recorder
 
-            recorder = Recorder(place, group, scene, self._request, self.run_id)
-            recording = _Recording[PlanReply](recorder, place.file, self._place, self._warnings)
-        self._recording = recording
-        if self._progress is not None:
-            self._progress.be_prepared()
-        return _Observers(self._progress, recording)
+            return Recorder(place, group, scene, request, self.run_id, shown)
+
+        return self._observers(group, scene, recorder)
 
     def record_given(self, group: PlanningGroup, scene: Scene, motion: GivenMotion) -> _Observers[CertifyReply]:
         """The same of a motion that is judged."""
-        assert isinstance(self._request, CertifyRequest), "a judgement is recorded"
-        recording = None
-        if (place := self._where(group, scene)) is not None:
+        request = self._request
+        assert isinstance(request, CertifyRequest), "a judgement is recorded"
+
+        def recorder(place: Place) -> RecordingInPieces[CertifyReply]:
             from guidefield.recorder.given_recorder import GivenRecorder
 
-            recorder = GivenRecorder(place, group, scene, self._request, self.run_id, motion)
-            recording = _Recording[CertifyReply](recorder, place.file, self._place, self._warnings)
+            return GivenRecorder(place, group, scene, request, self.run_id, motion)
+
+        return self._observers(group, scene, recorder)
+
+    def _observers(
+        self, group: PlanningGroup, scene: Scene, recorder: Callable[[Place], RecordingInPieces[_R]]
+    ) -> _Observers[_R]:
+        """Who hears of progress, which is told what moves where, and what `recorder` makes if a recording is kept."""
+        if self._progress is not None:
+            self._progress.begin(group, scene)
+        recording: _Recording[_R] | _OwedRecording[_R] | None = None
+        if (place := self._where()) is not None:
+            recording = _Recording(recorder(place), place.file, self._place, self._warnings)
+            if self._later is not None and self._record_to is None and isinstance(self._runs, RunStore):
+                recording = _OwedRecording(recording, self.run_id, self._runs, self._later)
         self._recording = recording
         if self._progress is not None:
             self._progress.be_prepared()
         return _Observers(self._progress, recording)
 
-    def _where(self, group: PlanningGroup, scene: Scene) -> Place | None:
-        """Where the recording goes, if there is to be one; who hears of progress learns what moves where."""
-        if self._progress is not None:
-            self._progress.begin(group, scene)
+    def _where(self) -> Place | None:
+        """Where the recording goes, if there is to be one."""
         kept_at = self._runs.recording_path(self.run_id) if self._record_to is None else self._record_to
         if kept_at is None or self._request.recording == "off":
             return None
@@ -182,6 +197,8 @@ class _Warnings:
 def whole_recording(runs: Runs, run_id: str) -> bytes:
     """The recording of a run that is kept, with its robot's meshes: one file that anybody can open.
 
+    Where it is still being written, this waits for it.
+
     Raises:
         UnknownObject: if there is no such run, or it has no recording, or not yet, or a damaged one.
         OSError: if the disk refuses.
@@ -220,7 +237,7 @@ class _Observers(Generic[_R]):
     """Those who watch a run, as one."""
 
     progress: ProgressTold | None
-    recording: _Recording[_R] | None
+    recording: _Recording[_R] | _OwedRecording[_R] | None
 
     def observe(self, event: Event) -> None:
         """Pass on what the planner tells."""
@@ -231,7 +248,13 @@ class _Observers(Generic[_R]):
     def finish(self, reply: _R, profile: Callable[[], ClearanceProfile | None]) -> None:
         """Have the recording written, if there is one: nothing is measured for none."""
         if self.recording is not None:
-            self.recording.finish(reply, profile())
+            self.recording.finish(reply, profile)
+
+
+class _Written(Protocol):
+    """What says where a recording is."""
+
+    written: str | None
 
 
 class _Recording(Generic[_R]):
@@ -241,21 +264,28 @@ class _Recording(Generic[_R]):
         written: Where the recording is, for the reply; None until it is finished, and where it was not kept.
     """
 
-    def __init__(self, recorder: _Writes[_R], path: Path, place: str, warnings: _Warnings) -> None:
-        self._recorder: _Writes[_R] = recorder
+    def __init__(self, recorder: RecordingInPieces[_R], path: Path, place: str, warnings: _Warnings) -> None:
+        self._recorder: RecordingInPieces[_R] = recorder
         self._path = path
-        self._place = place
+        self.place = place
         self._warnings = warnings
         self.written: str | None = None
+
+    @property
+    def faults(self) -> list[str]:
+        """Why it is not kept."""
+        return self._warnings.texts
 
     def observe(self, event: Event) -> None:
         """Pass on what the planner tells."""
         self._recorder.observe(event)
 
-    def finish(self, reply: _R, profile: ClearanceProfile | None) -> None:
-        """Write the recording; the reply in it says where it is."""
+    def finish(
+        self, reply: _R, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None] = lambda: None
+    ) -> None:
+        """Write the recording; the reply in it says where it is. Between pieces of the work `pause` is called."""
         try:
-            self._recorder.finish(msgspec.structs.replace(reply, recording=self._place), profile)
+            self._recorder.finish(msgspec.structs.replace(reply, recording=self.place), profile, pause)
             size = self._path.stat().st_size
             if size > LARGEST_RECORDING:
                 self._path.unlink()
@@ -263,7 +293,7 @@ class _Recording(Generic[_R]):
                     f"the recording is not kept: it has {size} bytes, at most {LARGEST_RECORDING} are kept"
                 )
             else:
-                self.written = self._place
+                self.written = self.place
         except OSError as error:
             self._warnings.add(f"the recording was not written: {without_path(error)}")
         except Exception as error:
@@ -271,3 +301,37 @@ class _Recording(Generic[_R]):
             self._warnings.add(
                 f"the recording was not written, because of a bug in guidefield: {type(error).__name__}: {error}"
             )
+
+
+class _OwedRecording(Generic[_R]):
+    """A recording that is written after the reply has gone; who asks for it meanwhile waits.
+
+    Attributes:
+        written: Where the recording will be, for the reply; None until the run is finished.
+    """
+
+    def __init__(self, recording: _Recording[_R], run_id: str, runs: RunStore, later: Owe) -> None:
+        self._recording: _Recording[_R] = recording
+        self._run_id, self._runs, self._later = run_id, runs, later
+        self.written: str | None = None
+
+    def observe(self, event: Event) -> None:
+        """Pass on what the planner tells."""
+        self._recording.observe(event)
+
+    def finish(self, reply: _R, profile: Callable[[], ClearanceProfile | None]) -> None:
+        """Owe the recording; where not even that can be kept, write it at once."""
+        recording, runs, run_id = self._recording, self._runs, self._run_id
+
+        def write(pause: Callable[[], None]) -> None:
+            recording.finish(reply, profile, pause)
+            runs.settle_recording(run_id, None if recording.written else "; ".join(recording.faults))
+
+        try:
+            runs.owe_recording(run_id)
+        except OSError:
+            recording.finish(reply, profile)
+            self.written = recording.written
+            return
+        self._later(write)
+        self.written = recording.place

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
 from guidefield import logs
-from guidefield.engine import Engine, LocalFiles
-from guidefield.errors import GuidefieldError, unforeseen
+from guidefield.engines import Engines
+from guidefield.errors import GuidefieldError, Preempted, Status, unforeseen
+from guidefield.later import Later, Work
 from guidefield.messages import codec, keys
-from guidefield.messages.replies import error_reply
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.messages.replies import MotionReply, error_reply
 from guidefield.messages.requests import MotionRequest
 from guidefield.pool.process import Call
-from guidefield.stores.robots import RobotStore
-from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunStore
-from guidefield.stores.scenes import SceneStore
+from guidefield.stores.by_user import StoresByUser
+from guidefield.stores.runs import DEFAULT_RETENTION, Retention
 
 _log = logging.getLogger(__name__)
 
@@ -46,7 +48,8 @@ class EngineSetup:
         data: Folder of its runs, scenes and robots.
         log_level: How much a worker logs, to stderr.
         json_logs: Whether as JSON.
-        retention: How many runs are kept.
+        retention: How many runs of each user are kept.
+        quotas: How much room each user has.
         packages: Folders of packages from which a robot that is sent may take meshes.
         prepare: Robots that each worker prepares for their first plan before it is ready.
     """
@@ -58,45 +61,59 @@ class EngineSetup:
     retention: Retention = DEFAULT_RETENTION
     packages: tuple[Path, ...] = ()
     prepare: tuple[str, ...] = ()
+    quotas: Quotas = DEFAULT_QUOTAS
 
-    def runs(self) -> RunStore:
-        """Where its runs are kept."""
-        return RunStore(self.data / "runs", self.retention)
-
-    def engine(self) -> Engine:
-        """An engine on the data folder that refuses local files."""
-        return Engine(
-            self.instance,
-            runs=self.runs(),
-            scenes=SceneStore(self.data / "scenes"),
-            robots=RobotStore(self.data / "robots"),
-            local_files=LocalFiles.REFUSED,
-            packages=self.packages,
-        )
+    def engines(self) -> Engines:
+        """Engines on the data folder."""
+        return Engines(self.instance, StoresByUser(self.data, self.retention, self.quotas), self.packages)
 
     def __call__(self) -> EngineWorker:
         """In a worker process: log, and warm an engine up."""
         logs.configure(self.log_level, json=self.json_logs)
-        engine = self.engine()
-        engine.warm_up(self.prepare)
-        return EngineWorker(engine)
+        engines = self.engines()
+        engines.of(PLAIN).warm_up(self.prepare)
+        return EngineWorker(engines)
 
 
 @dataclass(frozen=True)
 class EngineWorker:
-    """Answers jobs with an engine."""
+    """Answers jobs with the engine of their users; their recordings are written when nobody waits for an answer."""
 
-    engine: Engine
+    engines: Engines
+    later: Later = field(default_factory=Later)
 
-    def __call__(self, job: Job, call: Call) -> tuple[bool, bytes]:
-        """Whether there is a reply, or else an error; and its bytes."""
+    def __call__(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
+        """Whether there is a reply, or else an error; and its bytes. None: it was set back and ended early."""
+        with self.later.answering():
+            owed: list[Work] = []
+            answer = self._answer(job, call, owed)
+            for work in owed if answer is not None else ():  # what begins anew owes nothing
+                self.later.add(work, call.owe)
+            return answer
+
+    def _answer(self, job: Job, call: Call, owed: list[Work]) -> tuple[bool, bytes] | None:
         try:
             request = keys.request_of(job.query)
             if isinstance(request, MotionRequest) and request.run_id is None:
                 request = msgspec.structs.replace(request, run_id=job.run_id)
-            return True, codec.encode(
-                self.engine.answer(request, received=job.received, watcher=call), job.query.encoding
+            query = job.query
+            reply = self.engines.answer(
+                query.user,
+                query.owner,
+                request,
+                size=len(query.payload),
+                received=job.received,
+                watcher=call,
+                later=owed.append,
             )
+            if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
+                self.engines.stores.of(query.owner).runs.discard(reply.run_id)
+                return None
+            return True, codec.encode(reply, query.encoding)
+        except Preempted as error:
+            if call.set_back():
+                return None
+            return False, codec.encode(error_reply(error), job.query.encoding)
         except GuidefieldError as error:
             return False, codec.encode(error_reply(error), job.query.encoding)
         except Exception as error:

@@ -59,6 +59,17 @@ def test_a_request_from_standard_input_is_answered_to_standard_output() -> None:
     assert json.loads(done.stdout)["potential"][0] > 0.0
 
 
+def test_what_a_motion_is_optimised_for_may_be_said_beside_the_request() -> None:
+    asked = {"robot": "ur5", "scene": {"name": "empty"}, "goal": {"type": "joints", "positions": {"elbow_joint": 0.2}}}
+    patient = json.dumps({**asked, "allowed_planning_time": 60.0, "recording": "off"})
+    done = guidefield("plan", "-", "--objective", "time", stdin=patient)
+    assert done.returncode == 0, done.stderr
+    assert "objective time" in done.stdout
+    done = guidefield("plan", "-", "--objective", "time", stdin=json.dumps(POTENTIAL))
+    assert done.returncode == 2
+    assert "--objective goes with a plan request, not with a Potential" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("request_", "says"),
     [

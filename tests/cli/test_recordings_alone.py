@@ -96,7 +96,7 @@ def test_a_file_is_compared_and_exported(planned: tuple[PlanRequest, PlanReply, 
 def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: Path) -> None:
     made = made_up("panda")
     run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
-    run.recorder(tmp_path / "run.rrd").finish(run.reply, run.profile)
+    run.recorder(tmp_path / "run.rrd").finish(run.reply, lambda: run.profile)
     said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
     assert "not the same: the plan differs in status, path, trajectory" in said
     assert "it was made with the same versions as are here" in said

@@ -19,6 +19,7 @@ class Exchange:
     """Brings no answer, or that nobody is there to be asked for the run's end."""
 
     session = None
+    user = None
 
     def __init__(self, gone: bool) -> None:
         self.asked: list[str] = []
@@ -42,7 +43,7 @@ def exchange(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_task_that_is_cancelled_is_cancelled(exchange: Exchange) -> None:
     async def journey() -> None:
         task = asyncio.create_task(asynchronous.AsyncClient(exchange).plan(PLAN))  # type: ignore[arg-type]
-        while not exchange.asked:
+        while not exchange.asked and not task.done():
             await asyncio.sleep(0)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):

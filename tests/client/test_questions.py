@@ -48,7 +48,7 @@ def test_what_no_service_would_read_is_not_sent() -> None:
 
 def test_an_answer_of_another_kind_is_said_to_be_one() -> None:
     with pytest.raises(InternalFailure, match="scenes/table"):
-        questions.scene("table").read(msgspec.msgpack.encode({"robots": []}))
+        questions.scene("table", None).read(msgspec.msgpack.encode({"robots": []}))
 
 
 def test_what_changes_something_is_not_asked_twice() -> None:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from guidefield.collision.bodies import bounding_ball, joint_placements, parts_of
-from guidefield.scene.mesh import bvh
+from guidefield.scene.facets import bvh
+from tests.collision.listed import are_signed
 from tests.collision.scenery import panda_in, scattered, world_of
 from tests.collision.test_world import SCENES, pair_distances
 from tests.robots import group, random_configuration
@@ -26,9 +27,10 @@ def centres(world, q):
 def test_separations_are_lower_bounds_of_signed_distances(name, seed):
     world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
     q = random_configuration(world.group, seed)
-    bounds = world.bodies.separations(centres(world, q), world.pairs, world.n_self)
+    pairs = np.arange(len(world.pairs))
+    bounds = world.near_pairs.separations(centres(world, q)[None], np.zeros(len(pairs), int), pairs)
     distances = pair_distances(world, q)
-    distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
+    distances[~are_signed(world)] = np.maximum(distances[~are_signed(world)], 0.0)
     assert (bounds <= distances + 2e-6).all()
     assert np.isfinite(bounds).mean() > 0.7
 
@@ -38,17 +40,18 @@ def test_separations_are_lower_bounds_of_signed_distances(name, seed):
 @example("wall_with_window", 3795)  # one in eleven, of a quarter usually
 def test_separations_of_parts_are_lower_bounds_and_many_are_closer(name, seed):
     world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
-    pairs, own = world.pairs, np.arange(len(world.pairs)) < world.n_self
+    pairs = np.arange(len(world.pairs))
     qs = [random_configuration(world.group, seed + k) for k in range(2)]
     by_balls, placements = [], []
     for q in qs:
-        by_balls.append(world.bodies.separations(centres(world, q), pairs, world.n_self))
+        at = np.zeros(len(pairs), int)
+        by_balls.append(world.near_pairs.separations(centres(world, q)[None], at, pairs))
         placements.append(world.joint_placements.copy())
     which = np.repeat([0, 1], len(pairs))
-    bounds = world.bodies.closer_separations(np.array(placements), which, np.tile(pairs, (2, 1)), np.tile(~own, 2))
+    bounds = world.near_pairs.closer_separations(np.array(placements), which, np.tile(pairs, 2))
     for k, q in enumerate(qs):
         distances = pair_distances(world, q)
-        distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
+        distances[~are_signed(world)] = np.maximum(distances[~are_signed(world)], 0.0)
         assert (bounds[which == k] <= distances + 2e-6).all()
         assert (bounds[which == k] > np.maximum(by_balls[k], 0.0) + 5e-3).mean() > 0.05
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.clearance import clearance_at
+from tests.collision.listed import are_signed
 from tests.collision.plain import panda_among
 from tests.collision.scenery import box, panda_in, world_of
 from tests.collision.test_world import SCENES, pair_distances
@@ -24,25 +25,25 @@ def test_smallest_distances_are_those_of_all_pairs(name, seed):
     world = panda_in(name)
     q = random_configuration(world.group, seed)
     distances = pair_distances(world, q)
-    distances[~world.signed] = np.maximum(distances[~world.signed], 0.0)
+    distances[~are_signed(world)] = np.maximum(distances[~are_signed(world)], 0.0)
     at = clearance_at(world, q)
-    assert at.self_distance == pytest.approx(distances[: world.n_self].min(), abs=ACCURACY)
-    assert at.obstacle_distance == pytest.approx(distances[world.n_self :].min(), abs=ACCURACY)
-    named = [k for k in range(world.n_self, len(world.pairs)) if world.pair_names(k) == at.obstacle_pair]
+    assert at.self_distance == pytest.approx(distances[: world.pairs.n_self].min(), abs=ACCURACY)
+    assert at.obstacle_distance == pytest.approx(distances[world.pairs.n_self :].min(), abs=ACCURACY)
+    named = [k for k in range(world.pairs.n_self, len(world.pairs)) if world.pair_names(k) == at.obstacle_pair]
     assert distances[named].min() == pytest.approx(at.obstacle_distance, abs=ACCURACY)
-    own = [k for k in range(world.n_self) if world.pair_names(k) == at.self_pair]
+    own = [k for k in range(world.pairs.n_self) if world.pair_names(k) == at.self_pair]
     assert distances[own].min() == pytest.approx(at.self_distance, abs=ACCURACY)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_hulls_hide_no_mesh_that_is_closer(seed):
     world = world_of(group("ur5"), [box("shelf", (0.5, 0.5, 0.02), (0.4, 0.1, 0.5))])
-    assert not world.signed.all()
+    assert not are_signed(world).all()
     q = random_configuration(world.group, seed)
-    distances = np.maximum(pair_distances(world, q), np.where(world.signed, -np.inf, 0.0))
+    distances = np.maximum(pair_distances(world, q), np.where(are_signed(world), -np.inf, 0.0))
     at = clearance_at(world, q)
-    assert at.self_distance == pytest.approx(distances[: world.n_self].min(), abs=ACCURACY)
-    assert at.obstacle_distance == pytest.approx(distances[world.n_self :].min(), abs=ACCURACY)
+    assert at.self_distance == pytest.approx(distances[: world.pairs.n_self].min(), abs=ACCURACY)
+    assert at.obstacle_distance == pytest.approx(distances[world.pairs.n_self :].min(), abs=ACCURACY)
 
 
 @settings(deadline=None, max_examples=40)
@@ -78,7 +79,9 @@ def test_depth_counts_where_both_are_convex():
     arm = group("panda")
     world = world_of(arm, [box("crate", (0.4, 0.4, 0.4), (0.307, 0, 0.5))])
     at = clearance_at(world, rest(arm))
-    assert at.obstacle_distance == pytest.approx(pair_distances(world, rest(arm))[world.n_self :].min(), abs=ACCURACY)
+    assert at.obstacle_distance == pytest.approx(
+        pair_distances(world, rest(arm))[world.pairs.n_self :].min(), abs=ACCURACY
+    )
     assert at.obstacle_distance < -0.1
 
 

@@ -20,7 +20,9 @@ def test_every_triangle_is_once_in_the_tree_and_within_the_balls_above(count: in
     for _ in range(before):
         table.add_shape(coal.Sphere(0.1), pin.SE3.Random())
     corners = rng.normal(size=(count, 1, 3)) + 0.1 * rng.normal(size=(count, 3, 3))
-    root = table.add_triangles(corners)
+    alone = PartsTable()
+    assert alone.add_tree(mesh_tree(corners)) == 0
+    root = table.add_parts(alone.tables())
     parts = table.tables()
     balls, links = parts.balls.reshape(-1, 4), parts.links.reshape(-1, 3)
     numbers = parts.numbers.reshape(-1, 16)

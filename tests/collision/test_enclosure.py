@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.enclosure import enclosed, winding_number
 from guidefield.messages import scene as messages
-from guidefield.scene.mesh import bvh
+from guidefield.scene.facets import bvh
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, group, grouped, rest
 from tests.scene.solids import box_mesh, l_prism, mesh_message, room

@@ -2,19 +2,19 @@
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from guidefield.collision.contact import contacts_at
 from guidefield.messages import scene as messages
+from tests.collision.listed import touching
 from tests.collision.scenery import scattered, world_of
 from tests.robots import group
 from tests.scene.solids import l_prism, mesh_message
 
 
 def surfaces_and_hulls(world):
-    pairs = zip(world.geometry.geometryObjects, world.hulls.geometryObjects, strict=True)
-    return [(shape, hull) for shape, hull in pairs if isinstance(shape.geometry, coal.BVHModelBase)]
+    bodies = [body for body in range(len(world.body_names)) if world.is_surface(body)]
+    return [(world.exact.shape(body), world.hulls.shape(body)) for body in bodies]
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -24,20 +24,19 @@ def test_hulls_contain_their_meshes(name):
     replaced = surfaces_and_hulls(world)
     assert replaced
     for shape, hull in replaced:
-        corners = np.array(hull.geometry.points())
-        faces = np.array([[hull.geometry.polygons(k)[i] for i in range(3)] for k in range(hull.geometry.num_polygons)])
+        corners = np.array(hull.points())
+        faces = np.array([[hull.polygons(k)[i] for i in range(3)] for k in range(hull.num_polygons)])
         a, b, c = np.moveaxis(corners[faces], 1, 0)
         normals = np.cross(b - a, c - a)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        heights = np.array(shape.geometry.vertices()) @ normals.T - np.einsum("ij,ij->i", normals, a)
+        heights = np.array(shape.vertices()) @ normals.T - np.einsum("ij,ij->i", normals, a)
         assert heights.max() < 1e-9
-        assert hull.placement == shape.placement
 
 
 def test_what_is_flat_keeps_its_place():
     wall = messages.Polygon(name="wall", vertices=[(0.6, -0.5, 0.2), (0.7, 0.5, 0.2), (0.7, 0.5, 0.9)])
     world = world_of(group("panda"), [wall])
-    assert isinstance(world.hulls.geometryObjects[-1].geometry, coal.BVHModelBase)
+    assert isinstance(world.hulls.shape(len(world.body_names) - 1), coal.BVHModelBase)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -47,9 +46,7 @@ def test_contacts_are_those_of_the_meshes(seed):
     seen = 0
     for _ in range(15):
         q = arm.random(rng)
-        pin.computeCollisions(world.model, world.data, world.geometry, world.geometry_data, arm.expand(q), False)
-        results = world.geometry_data.collisionResults
-        expected = [world.pair_names(k) for k in range(len(world.pairs)) if results[k].isCollision()]
+        expected = [world.pair_names(k) for k in touching(world, arm.expand(q))]
         assert [contact.pair for contact in contacts_at(world, q)] == expected
         seen += len(expected)
     assert seen

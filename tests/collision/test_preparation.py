@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from guidefield.aside import StoppedError
 from guidefield.collision import convex_parts, preparation
-from guidefield.collision.preparation import StoppedError, prepare
+from guidefield.collision.preparation import prepare
 from guidefield.engine import Engine
 from guidefield.geometry import mesh_pieces
 from guidefield.kernels.jit.cache import cache_folder

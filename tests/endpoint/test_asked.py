@@ -14,6 +14,7 @@ import pytest
 from guidefield.endpoint.asked import Asked
 from guidefield.errors import MalformedRequest, ServerBusy, WorkerCrashed
 from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import Asker
 
 
 class _Payload:
@@ -146,7 +147,7 @@ def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:
     for most, name, dropped in ((0, "SERVER_BUSY", 1), (-1, "", 1)):
         query, counted = _Query("guidefield/local/info"), []  # type: ignore[var-annotated]
 
-        def post(_client: str, size: int, send: Callable[[], None], most: int = most) -> bool:
+        def post(_asker: Asker, size: int, send: Callable[[], None], most: int = most) -> bool:
             if size <= most:
                 send()
             return size <= most

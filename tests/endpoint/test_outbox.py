@@ -9,6 +9,7 @@ import pytest
 
 from guidefield.endpoint import outbox as rooms
 from guidefield.endpoint.outbox import Outbox
+from guidefield.messages.identities import Asker
 
 PATIENCE = 60.0
 
@@ -45,10 +46,10 @@ def test_one_that_does_not_read_holds_up_nobody(name: str, outbox: Outbox) -> No
     stopped, healthy = _Reader(), _Reader()
     healthy.reads.set()
     for number in range(20):
-        assert outbox.post(name, 1, lambda number=number: stopped.take(number))
+        assert outbox.post(Asker(client=name), 1, lambda number=number: stopped.take(number))
     assert stopped.begun.wait(PATIENCE)
     for number in range(50):
-        assert outbox.post("healthy" if number % 2 else "", 1, lambda number=number: healthy.take(number))
+        assert outbox.post(Asker(client="healthy" if number % 2 else ""), 1, lambda number=number: healthy.take(number))
     healthy.await_all(50)
     assert not stopped.taken
     stopped.reads.set()
@@ -62,9 +63,9 @@ def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
 ) -> None:
     monkeypatch.setattr(rooms, "MOST_BYTES_OF_CLIENT", 100)
     stopped = _Reader()
-    assert outbox.post("stopped", 10_000, lambda: stopped.take(0))
-    assert not outbox.post("stopped", 1, lambda: stopped.take(1))
-    assert outbox.post("another", 1, lambda: None)
+    assert outbox.post(Asker(client="stopped"), 10_000, lambda: stopped.take(0))
+    assert not outbox.post(Asker(client="stopped"), 1, lambda: stopped.take(1))
+    assert outbox.post(Asker(client="another"), 1, lambda: None)
     stopped.reads.set()
     stopped.await_all(1)
 
@@ -72,10 +73,25 @@ def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
 def test_what_waits_for_all_is_bounded(outbox: Outbox, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rooms, "MOST_BYTES", 100)
     stopped = _Reader()
-    sent = [outbox.post("", 40, lambda: stopped.take(0)) for _ in range(4)]
+    sent = [outbox.post(Asker(user), 40, lambda: stopped.take(0)) for user in "abcd"]
     assert sent == [True, True, False, False]
     stopped.reads.set()
     stopped.await_all(2)
+
+
+def test_one_user_has_half_of_the_room_and_of_the_threads(outbox: Outbox, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, most in (("MOST_BYTES", 400), ("MOST_LETTERS", 16), ("MOST_THREADS", 4)):
+        monkeypatch.setattr(rooms, name, most)
+    stopped, healthy = _Reader(), _Reader()
+    healthy.reads.set()
+    assert [outbox.post(Asker("greedy"), 50, lambda: stopped.take(0)) for _ in range(5)] == [True] * 4 + [False]
+    assert [outbox.post(Asker("greedy"), 0, lambda: stopped.take(0)) for _ in range(5)] == [True] * 4 + [False]
+    for number in range(6):
+        assert outbox.post(Asker("modest"), 20, lambda number=number: healthy.take(number))
+        healthy.await_all(number + 1)
+    assert not stopped.taken
+    stopped.reads.set()
+    stopped.await_all(8)
 
 
 def test_an_answer_that_cannot_be_sent_is_no_end_of_the_others(outbox: Outbox) -> None:
@@ -85,19 +101,19 @@ def test_an_answer_that_cannot_be_sent_is_no_end_of_the_others(outbox: Outbox) -
     def broken() -> None:
         raise OSError("the link is gone")
 
-    assert outbox.post("a", 1, broken)
-    assert outbox.post("a", 1, lambda: reader.take(1))
+    assert outbox.post(Asker(client="a"), 1, broken)
+    assert outbox.post(Asker(client="a"), 1, lambda: reader.take(1))
     reader.await_all(1)
 
 
 def test_an_end_waits_for_answers_and_not_for_ever() -> None:
     reader, box = _Reader(), Outbox()
-    assert box.post("slow", 1, lambda: reader.take(1))
+    assert box.post(Asker(client="slow"), 1, lambda: reader.take(1))
     box.close(0.05)
     assert not reader.taken
     reader.reads.set()
     reader.await_all(1)
     sent, quick = threading.Event(), Outbox()
-    assert quick.post("quick", 1, sent.set)
+    assert quick.post(Asker(client="quick"), 1, sent.set)
     quick.close(PATIENCE)
     assert sent.is_set()

@@ -119,7 +119,7 @@ def _fingerprint() -> str:
 
 
 def test_real_sources_lead_to_the_kernels() -> None:
-    needed = cache._imports("guidefield.geometry.cover")
+    needed = cache._imports("guidefield.geometry.cover", {})
     assert {"guidefield.geometry.elements", "guidefield.kernels.cover.ball_cover"} <= needed
     assert all(cache._source(name) is not None for name in needed)
 
@@ -234,3 +234,15 @@ def test_several_processes_share_it() -> None:
     reports = [worker.communicate(timeout=600)[1] for worker in workers]
     assert [worker.returncode for worker in workers] == [0, 0, 0], reports
     assert not [path for path in entries() if path.name.startswith(".")]
+
+
+def test_what_sources_name_is_read_once_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    first = _fingerprint()
+    monkeypatch.setattr(cache.ast, "parse", lambda _: pytest.fail("it is read again"))
+    assert _fingerprint() == first
+    kept = cache.folder() / cache.NAMES
+    kept.write_text("damaged")
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert _fingerprint() == first

@@ -3,11 +3,12 @@
 import math
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.errors import InvalidConfiguration, InvalidGroup, Preempted, TimedOut, UnknownFrame
+from guidefield.errors import InvalidConfiguration, InvalidGroup, Preempted, TimedOut, UnknownFrame, UnknownObject
 from guidefield.handlers.allowance import Allowance
 from guidefield.handlers.kinematics import (
     POINTS_AT_ONCE,
@@ -140,6 +141,17 @@ class TestInverseKinematics:
         ]
         assert len(self.answer()(*blocks).configurations[0]) == 2
 
+    def test_what_is_held_must_be_free_too_unless_it_may_touch(self):
+        held = requests.AttachedObject(Sphere(name="rod", radius=0.02), "l2", Placement((0.15, 0.0, 0.0)))
+        request = requests.ForwardKinematics(ARM, ["l2"], [self.SOLUTIONS[0]])
+        x, _, z = (matrix(forward_kinematics(request, load(ARM)).placements[0][0]) @ [0.15, 0.0, 0.0, 1.0])[:3]
+        ends = self.answer(collision_free=True, attached_objects=[held])(ball(x, z)).configurations[0]
+        assert [one["j1"] for one in ends] == [pytest.approx(self.SOLUTIONS[1]["j1"], abs=1e-5)]
+        for options in ({}, {"attached_objects": [held], "allowed_collisions": [("rod", "ball")]}):
+            assert len(self.answer(collision_free=True, **options)(ball(x, z)).configurations[0]) == 2
+        with pytest.raises(UnknownObject, match="'nothing'"):
+            self.answer(collision_free=True, allowed_collisions=[("l1", "nothing")])(ball(x, z))
+
     def test_without_a_scene_the_robot_still_has_to_keep_off_itself(self):
         snail = box_arm("y", 4, size=LENGTH)
         folded = {"j1": 0.0, "j2": 1.99, "j3": 1.99}
@@ -214,6 +226,20 @@ class TestClearance:
         reply = self.answer([{}])
         assert (reply.minimum, reply.pair, reply.witness_points) == ([None], [None], [None])
         assert reply.self_minimum[0] is None or reply.self_minimum[0] > 0.0
+
+    def test_contacts_are_told_where_they_are_asked_for(self):
+        near = ball(0.1, 0.45, radius=0.1)
+        assert self.answer([{}], near).contacts is None
+        request = requests.Clearance(ARM, "test", [{}, {"j1": -1.5}], contacts=True)
+        assert clearance(request, load(ARM), built(near)).contacts == [[["l1", "ball"]], []]
+        held = requests.AttachedObject(Sphere(name="rod", radius=0.05), "l3", Placement((0.2, 0.0, 0.0)))
+        far = ball(0.2, LENGTH * 3, radius=0.01)
+        request = requests.Clearance(ARM, "test", [{}], attached_objects=[held], contacts=True)
+        reply = clearance(request, load(ARM), built(far))
+        assert reply.contacts == [[["rod", "ball"]]]
+        assert reply.pair == [["rod", "ball"]]
+        request = msgspec.structs.replace(request, allowed_collisions=[("ball", "rod")])
+        assert clearance(request, load(ARM), built(far)).contacts == [[]]
 
     def test_every_joint_counts_also_outside_the_default_group(self):
         panda, opened = robot("panda"), {**PANDA, "panda_finger_joint1": 0.04}

@@ -25,9 +25,14 @@ from guidefield.messages.replies import PlanReply
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.robots import robot
+from tests.scene.solids import l_prism, mesh_message
 
 PATIENT = {"allowed_planning_time": 60.0}
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
+
+MOVING = {"start_velocities": {"panda_joint1": 0.1}, "guide_planes": []}
+LEVEL = {"type": "plane", "frame": "panda_hand", "point": [0, 0, 0], "normal": [0, 0, 1], "tolerance": 1.0}
+REACH = {"type": "pose", "position": [0.4, 0.2, 0.6], "quaternion_xyzw": [1, 0, 0, 0]}
 
 
 def ask(scene: str = "table", **request) -> PlanReply:
@@ -91,17 +96,56 @@ def test_a_sample_rate_gives_even_samples() -> None:
     np.testing.assert_allclose(np.diff(reply.trajectory.times)[:-1], 0.02, atol=1e-9)
 
 
-def test_the_request_says_how_many_steps_the_relaxation_may_take() -> None:
-    def relaxed(**request) -> tuple[str, int]:
+def test_the_request_says_how_many_steps_the_optimisation_may_take() -> None:
+    def optimised(**request) -> tuple[str | None, int]:
         reply = ask(start=READY, goal=joints(panda_joint1=1.2, panda_joint4=-1.6), guide_planes=[], **request)
         assert reply.status.name == "SUCCESS"
-        return next(stage.outcome for stage in reply.stages if stage.name == "relax"), reply.counters.iterations
+        outcomes = (stage.outcome for stage in reply.stages if stage.name == "relax")
+        return next(outcomes, None), reply.counters.iterations
 
-    assert relaxed(optimization_iterations=0) == ("out of iterations", 0)
-    assert relaxed(optimization_iterations=1) == ("out of iterations", 1)
-    outcome, steps = relaxed()
-    assert outcome == "converged"
+    assert optimised(optimization_iterations=0) == (None, 0), "the path is only timed"
+    assert optimised(optimization_iterations=1) == ("out of iterations", 1)
+    outcome, steps = optimised()
+    assert outcome == "optimised"
     assert steps > 1
+
+
+def test_a_motion_is_optimised_for_what_is_asked() -> None:
+    replies = [
+        ask(start=READY, goal=joints(panda_joint1=0.6), guide_planes=[], objective=one) for one in ("time", "clearance")
+    ]
+    assert [reply.objective for reply in replies] == ["time", "clearance"]
+    for reply in replies:
+        assert reply.status.name == "SUCCESS"
+        relax = next(stage for stage in reply.stages if stage.name == "relax")
+        assert relax.outcome == "optimised"
+    with pytest.raises(MalformedRequest, match=r"\$\.objective"):
+        ask(objective="speed")
+
+
+def test_a_motion_begins_and_ends_with_the_velocities_that_are_asked_for() -> None:
+    reply = ask(
+        start=READY,
+        goal=joints(panda_joint1=0.6),
+        guide_planes=[],
+        start_velocities={"panda_joint1": -0.5},
+        start_accelerations={"panda_joint4": 1.0},
+        end_velocities={"panda_joint2": 0.2},
+    )
+    assert reply.status.name == "SUCCESS"
+    assert reply.warnings == []
+    trajectory = reply.trajectory
+    assert trajectory is not None
+    first, last = dict.fromkeys(reply.velocity_names, 0.0), dict.fromkeys(reply.velocity_names, 0.0)
+    assert trajectory.velocities[0] == pytest.approx(list((first | {"panda_joint1": -0.5}).values()))
+    assert trajectory.velocities[-1] == pytest.approx(list((last | {"panda_joint2": 0.2}).values()))
+    expected = list((first | {"panda_joint4": 1.0}).values())
+    assert trajectory.accelerations[0] == pytest.approx(expected, abs=1e-6)
+    least = 0.5**2 / (2.0 * 15.0)  # by its limit of acceleration
+    assert np.min(np.array(trajectory.positions)[:, 0]) < -least, "it can't turn at once"
+    late = ask(start=READY, goal=joints(), guide_planes=[], start_velocities={"panda_joint1": 99.0})
+    assert late.status.name == "START_STATE_INVALID"
+    assert late.status.details["joint"] == "panda_joint1"
 
 
 def test_limits_of_the_request_are_kept() -> None:
@@ -184,6 +228,21 @@ def test_allowed_collisions_may_touch() -> None:
         ({"tip": "nose"}, UnknownFrame, "no frame 'nose'"),
         ({"allowed_collisions": [["panda_hand", "ghost"]]}, UnknownObject, "ghost"),
         ({"limits": {"panda_joint9": {"velocity": 1.0}}}, InvalidConfiguration, "not planned for"),
+        (
+            {**MOVING, "start_velocities": {"panda_joint9": 0.1}},
+            InvalidConfiguration,
+            "names joint 'panda_joint9', which is not",
+        ),
+        ({"start_velocities": {"panda_joint1": 0.1}}, MalformedRequest, "`guide_planes` is not served"),
+        ({**MOVING, "path_constraints": [LEVEL]}, MalformedRequest, "`path_constraints` is not served"),
+        ({**MOVING, "leave_start_contact": True}, MalformedRequest, "`leave_start_contact` is not served"),
+        ({**MOVING, "guide_planes": "auto"}, MalformedRequest, "`guide_planes` is not served"),
+        (
+            {"end_velocities": {"panda_joint1": 0.1}, "goal": REACH, "guide_planes": []},
+            MalformedRequest,
+            "`end_velocities` need a `goal` of type 'joints'",
+        ),
+        ({"start_accelerations": {"panda_joint1": float("inf")}}, MalformedRequest, "finite number, got inf"),
         ({"minimizer": "univariate"}, InvalidGroup, "ball joints"),
         ({"start": {"panda_joint1": float("nan")}}, MalformedRequest, "finite number, got nan"),
         ({"start_": {}}, MalformedRequest, "unknown field `start_`"),
@@ -257,8 +316,8 @@ def test_recordings_are_opened_told_and_finished() -> None:
     scene = build(library.read("table"))
     opened = []
 
-    def record(group, scene, planes):
-        opened.append((group.position_names, scene.name, planes))
+    def record(group, scene):
+        opened.append((group.position_names, scene.name))
         return Recording()
 
     reply = answer_plan(message, robot("panda"), scene, run_id="r", received=time.monotonic(), record=record)
@@ -281,3 +340,15 @@ def test_jerk_limits_are_kept_and_cost_time() -> None:
     assert gentle.metrics.duration > free.metrics.duration
     assert gentle.trajectory is not None
     assert np.abs(gentle.trajectory.accelerations[0]).max() < 1e-6
+
+
+def test_time_that_is_up_before_a_scenes_meshes_are_prepared_is_told():
+    vertices, triangles = l_prism()
+    shelf = mesh_message(vertices, triangles, position=(3.21, 1.23, 0.12))
+    scene = {"name": "new", "obstacles": [msgspec.to_builtins(shelf)]}
+    request = {"robot": "panda", "scene": scene, "goal": joints(**READY), "allowed_planning_time": 1e-9}
+    reply = answer(request)
+    assert reply.status.name == "TIMED_OUT"
+    assert reply.status.details == {"stage": "load", "preparing": "obstacle m"}
+    assert reply.trajectory is None
+    assert answer({**request, **PATIENT}).status.name == "SUCCESS"

@@ -25,6 +25,8 @@ def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, m
         with Client.connect(*endpoints, wait=CONNECTED_WITHIN) as client:
             first = client.instance
             other = "b" if first == "a" else "a"
+            known = client._exchange._instances
+            await_that(lambda: len(known.living()) == 2)
             # A burst is spread over both, and each run is ended where it is made.
             burst = [threads.submit(client.plan, {**LONG, "run_id": f"burst-{number}"}) for number in range(4)]
             for name, service in services.items():
@@ -60,6 +62,7 @@ def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, m
         with Client.connect(*endpoints, instance=other, wait=CONNECTED_WITHIN) as faithful:
             services[other].process.kill()
             services[other].process.wait()
+            await_that(lambda: other not in faithful._exchange._instances.living())
             with pytest.raises(NoService, match="answers any more"):
                 faithful.info()
             await_that(lambda: not faithful.alive())  # the token follows

@@ -1,112 +1,276 @@
-"""The examples of a secured service, as they are, with certificates of our own: who gets in, and who may do what."""
+"""A service as `guidefield secure` sets it up: who gets in, and who may do what."""
 
 from __future__ import annotations
 
-import contextlib
-import shutil
-from collections.abc import Iterator
+import json
+import queue
+import stat
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trustme
+import zenoh
+from typer.testing import CliRunner
 
-from guidefield import Box, Client, NoService, Potential, Scene
+from guidefield import Box, Client, NoService, NotAllowed, Potential, Scene, UnknownObject
+from guidefield.cli import app
 from guidefield.cli.loopback import free_port
-from tests.journeys.service import Service, running_service
+from guidefield.messages.replies import Progress
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, running_service
 
-EXAMPLES = Path(__file__).resolve().parent.parent.parent / "tools" / "examples" / "secured"
 NEAR_A_BOX = Potential(scene=Scene("s", obstacles=[Box(name="b", size=(1.0, 1.0, 1.0))]), points=[(2.0, 0.0, 0.0)])
+SHORT: dict[str, Any] = {
+    "robot": "panda",
+    "scene": "table",
+    "goal": {"type": "joints", "positions": {}},
+    "guide_planes": [],
+    "allowed_planning_time": 60.0,
+}
 BRIEF = 1.0
 """How long somebody tries who won't get in [s]."""
+ROLES = {"--operator": ["cell"], "--user": ["alice", "bob"], "--onlooker": ["visitor"]}
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Both examples, and the files that they say lie beside them."""
-    folder = tmp_path_factory.mktemp("secured")
-    for example in EXAMPLES.glob("*.json5"):
-        shutil.copy(example, folder)
-    authority = trustme.CA()
-    authority.cert_pem.write_to_path(folder / "ca.pem")
-    certificate = authority.issue_cert("localhost", "127.0.0.1")
-    certificate.private_key_pem.write_to_path(folder / "service.key")
-    for blob in certificate.cert_chain_pems:
-        blob.write_to_path(folder / "service.pem", append=True)
-    (folder / "users.txt").write_text("cell:change me\nvisitor:just looking\n")
-    trustme.CA().cert_pem.write_to_path(folder / "other.pem")
+    folder = tmp_path_factory.mktemp("secured") / "keys"
+    names = [word for option, names in ROLES.items() for name in names for word in (option, name)]
+    done = CliRunner().invoke(app, ["secure", str(folder), *names])
+    assert done.exit_code == 0, done.output
+    assert {Path(line).name for line in done.output.split()} == {path.name for path in folder.iterdir()}
     return folder
 
 
 @pytest.fixture(scope="module")
 def service(folder: Path) -> Iterator[Service]:
-    with (
-        contextlib.chdir(folder),
-        running_service(folder / "data", "--workers", "1", "--config", "service.json5", at="tls/localhost") as service,
-    ):
+    options = ("--workers", "1", "--config", str(folder / "service.json5"))
+    with running_service(folder / "data", *options, at="tls/localhost") as service:
         yield service
 
 
-def _as(folder: Path, service: Service, *changes: tuple[str, str]) -> Client:
-    text = (folder / "client.json5").read_text().replace("ca.pem", str(folder / "ca.pem"))
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "changed.json5").write_text(text)
-    return Client.connect(service.endpoint, config=folder / "changed.json5", wait=BRIEF if changes else 20.0)
+def _as(folder: Path, service: Service, name: str) -> Client:
+    return Client.connect(service.endpoint, config=folder / f"{name}.json5", wait=CONNECTED_WITHIN)
+
+
+def _session(folder: Path, service: Service, name: str) -> zenoh.Session:
+    """A session that does what it likes."""
+    config = zenoh.Config.from_file(str(folder / f"{name}.json5"))
+    config.insert_json5("connect/endpoints", json.dumps([service.endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+def test_what_holds_a_secret_is_for_who_wrote_it_alone(folder: Path) -> None:
+    secret = {path.name for path in folder.glob("*.*") if stat.S_IMODE(path.stat().st_mode) == 0o600}
+    assert secret == {"service.key", "users.txt", "cell.json5", "alice.json5", "bob.json5", "visitor.json5"}
+    passwords = dict(line.split(":") for line in (folder / "users.txt").read_text().split())
+    assert len(set(passwords.values())) == 4
+    for path in folder.glob("*.json5"):
+        assert {name for name, secret in passwords.items() if secret in path.read_text()} <= {path.stem}
+
+
+def test_nothing_is_written_over_and_names_have_one_role(folder: Path, tmp_path: Path) -> None:
+    for words, told in (
+        ([str(folder)], "holds service.json5"),
+        ([str(tmp_path), "--user", "operator"], "each name has one role"),
+        ([str(tmp_path), "--user", "a/b"], "user 'a/b' must be"),
+    ):
+        refused = CliRunner().invoke(app, ["secure", *words])
+        assert told in str(refused.exception)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_operator_may_do_everything(folder: Path, service: Service) -> None:
-    with _as(folder, service) as client:
+    with _as(folder, service, "cell") as client:
         assert client.kinematics(NEAR_A_BOX)
         heard: list[object] = []
-        reply = client.plan(
-            {
-                **{"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {}}},
-                **{"guide_planes": [], "allowed_planning_time": 60.0},
-            },
-            progress=heard.append,
-        )
+        reply = client.plan(SHORT, progress=heard.append)
         assert reply.status.name == "SUCCESS"
         assert heard
         assert client.recording(reply.run_id)[:3] == b"RRF"
         client.delete_run(reply.run_id)
+        identity = client.info().identity
+    assert identity is not None
+    assert (identity.user, identity.access_control) == ("plain", True)
+
+
+def test_a_user_may_do_everything_on_its_own_keys_and_nothing_on_others(folder: Path, service: Service) -> None:
+    with _as(folder, service, "alice") as alice:
+        heard: list[object] = []
+        reply = alice.plan(SHORT, progress=heard.append)
+        assert reply.status.name == "SUCCESS"
+        assert heard
+        alice.store_scene(Scene("mine"))
+        identity = alice.info().identity
+        assert identity is not None
+        assert (identity.user, identity.access_control) == ("alice", True)
+        with pytest.raises(NotAllowed):
+            alice.scene("bob:any")
+    with Client.connect(service.endpoint, config=folder / "alice.json5", user="bob", wait=CONNECTED_WITHIN) as masked:
+        for forbidden in (lambda: masked.kinematics(NEAR_A_BOX), masked.runs, masked.info):
+            with pytest.raises(NoService, match="this user may have no right to ask"):
+                forbidden()
+    with _as(folder, service, "cell") as operator:
+        assert f"alice:{reply.run_id}" in {run.run_id for run in operator.runs().runs}
+        assert "alice:mine" in operator.scenes()
+        operator.delete_run(f"alice:{reply.run_id}")
+    with _as(folder, service, "alice") as alice:
+        with pytest.raises(UnknownObject):
+            alice.run(reply.run_id)
+        alice.delete_scene("mine")
 
 
 def test_an_onlooker_may_look_on(folder: Path, service: Service) -> None:
-    with _as(folder, service, ('"cell"', '"visitor"'), ("change me", "just looking")) as client:
-        assert client.info().workers == 1
-        assert client.runs().runs is not None
+    with _as(folder, service, "alice") as alice, _as(folder, service, "visitor") as visitor:
+        run_id = alice.plan(SHORT).run_id
+        alice.store_scene(Scene("shown"))
+        assert visitor.info().workers == 1
+        assert f"alice:{run_id}" not in {run.run_id for run in visitor.runs().runs}
+        with pytest.raises(NotAllowed):
+            visitor.run(f"alice:{run_id}")
+        alice.share("runs", run_id)
+        alice.share("scenes", "shown")
+        assert f"alice:{run_id}" in {run.run_id for run in visitor.runs().runs}
+        assert visitor.run(f"alice:{run_id}").reply is not None
+        assert visitor.recording(f"alice:{run_id}")[:3] == b"RRF"
+        assert visitor.scene("alice:shown") == Scene("shown")
+        for changing in (
+            lambda: visitor.delete_run(f"alice:{run_id}"),
+            lambda: visitor.delete_scene("alice:shown"),
+            lambda: visitor.unshare("scenes", "alice:shown"),
+        ):
+            with pytest.raises(NotAllowed, match="alone may change it"):
+                changing()
         for forbidden in (
-            lambda: client.kinematics(NEAR_A_BOX),
-            lambda: client.delete_run("any"),
-            lambda: client.store_scene(Scene("mine")),
-            lambda: client.cancel("any"),
+            lambda: visitor.kinematics(NEAR_A_BOX),
+            lambda: visitor.plan(SHORT),
+            lambda: visitor.store_scene(Scene("mine")),
+            lambda: visitor.cancel("any"),
         ):
             with pytest.raises(NoService, match="this user may have no right to ask"):
                 forbidden()
 
 
+def test_everybody_hears_how_far_a_run_is_that_is_shared(folder: Path, service: Service) -> None:
+    """An onlooker heard nothing of any run; of what isn't shared nobody but its user and operators hears."""
+    heard: dict[str, queue.Queue[Progress]] = {name: queue.Queue() for name in ("visitor", "bob", "secret")}
+    with (
+        _as(folder, service, "alice") as alice,
+        _as(folder, service, "visitor") as visitor,
+        _as(folder, service, "bob") as bob,
+        visitor.watching_run("alice:shown", heard["visitor"].put),
+        bob.watching_run("alice:shown", heard["bob"].put),
+        bob.watching_run("alice:secret", heard["secret"].put),
+        ThreadPoolExecutor(1) as thread,
+    ):
+        for name in ("secret", "shown"):
+            begun = threading.Event()
+            asked = thread.submit(alice.plan, {**LONG, "run_id": name}, progress=lambda _, begun=begun: begun.set())
+            assert begun.wait(ANSWERED_WITHIN)
+            if name == "shown":
+                alice.share("runs", name)
+                for who in ("visitor", "bob"):
+                    assert heard[who].get(timeout=ANSWERED_WITHIN).run_id == "shown"
+            alice.cancel(name)
+            assert asked.result(ANSWERED_WITHIN).status.name == "PREEMPTED"
+    assert heard["secret"].empty()
+
+
+@pytest.mark.parametrize("name", ["visitor", "bob"])
+def test_nobody_but_the_service_answers_publishes_or_says_that_it_lives(
+    name: str, folder: Path, service: Service
+) -> None:
+    """An onlooker could do all of it."""
+    own = f"guidefield/local/as/{name}"
+    stolen: list[str] = []
+    forged: list[str] = []
+    overheard: list[str] = []
+    real = threading.Event()
+
+    def hear(sample: zenoh.Sample) -> None:
+        forged.append(str(sample.key_expr)) if b"forged" in sample.payload.to_bytes() else real.set()
+
+    def overhear(sample: zenoh.Sample) -> None:
+        if b"forged" not in sample.payload.to_bytes():  # what it publishes itself stays in its session
+            overheard.append(str(sample.key_expr))
+
+    with _session(folder, service, name) as attacker, _session(folder, service, "cell") as operator:
+        for key in ("guidefield/**", "guidefield/*/info", f"{own}/**", "guidefield/local/as/alice/info"):
+            attacker.declare_queryable(key, lambda query: (stolen.append(str(query.key_expr)), query.drop()))
+        tokens = [
+            attacker.liveliness().declare_token(key)
+            for key in ("guidefield/cell9/alive", "guidefield/local/as/alice/clients/x", "guidefield/local/clients/x")
+        ]
+        for key in ("guidefield/**", "guidefield/*/as/alice/runs/*/progress", "guidefield/*/runs/*/progress"):
+            attacker.declare_subscriber(key, overhear)
+        operator.declare_subscriber("guidefield/*/as/*/runs/*/progress", hear)
+        for base in (own, "guidefield/local/as/alice", "guidefield/local"):
+            attacker.put(f"{base}/runs/r/progress", b"forged")
+        with _as(folder, service, "alice") as alice:  # what comes after has been through the same links
+            assert alice.plan(SHORT).status.name == "SUCCESS"
+            assert alice.info().workers == 1
+        assert real.wait(CONNECTED_WITHIN)
+        for key in ("guidefield/local/info", "guidefield/cell9/info", f"guidefield/cell9/as/{name}/info"):
+            assert len(list(operator.get(key, timeout=10.0))) == (key == "guidefield/local/info")
+        living = {str(reply.ok.key_expr) for reply in operator.liveliness().get("guidefield/**", timeout=10.0)}
+        assert "guidefield/local/alive" in living
+        assert not living & {str(key) for key in ("guidefield/cell9/alive", "guidefield/local/clients/x")}
+        assert "guidefield/local/as/alice/clients/x" not in living
+        with _session(folder, service, name) as curious:  # one with a queryable would answer itself
+            for key in ("info", "as/alice/runs", "as/*/runs", "**"):
+                assert list(curious.get(f"guidefield/local/{key}", timeout=10.0)) == []
+        del tokens
+    assert not forged
+    assert not stolen
+    assert not overheard
+
+
+def _changed(folder: Path, changes: dict[str, str]) -> Path:
+    text = (folder / "alice.json5").read_text()
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "changed.json5").write_text(text)
+    return folder / "changed.json5"
+
+
+def _password(folder: Path, name: str) -> str:
+    return dict(line.split(":") for line in (folder / "users.txt").read_text().split())[name]
+
+
+def _other_authority(folder: Path) -> dict[str, str]:
+    import base64
+
+    found = json.loads("".join(line for line in (folder / "alice.json5").read_text().splitlines() if line[:2] != "//"))
+    ours = found["transport"]["link"]["tls"]["root_ca_certificate_base64"]
+    return {ours: base64.b64encode(trustme.CA().cert_pem.bytes()).decode()}
+
+
 @pytest.mark.parametrize(
     "changes",
     [
-        (("change me", "a guess"),),
-        (('user: "cell"', 'user: "nobody"'),),
-        (("ca.pem", "other.pem"),),
-        (('auth: { usrpwd: { user: "cell", password: "change me" } },', ""),),
+        lambda folder: {_password(folder, "alice"): "a guess"},
+        lambda folder: {'"user": "alice",': '"user": "nobody",'},
+        lambda folder: {'"user": "alice",': '"user": "bob",'},
+        _other_authority,
     ],
-    ids=["wrong password", "unknown user", "a certificate of somebody else", "no user"],
+    ids=["wrong password", "unknown user", "another's name", "a certificate of somebody else"],
 )
-def test_nobody_else_gets_in(changes: tuple[tuple[str, str], ...], folder: Path, service: Service) -> None:
+def test_nobody_else_gets_in(changes: Callable[[Path], dict[str, str]], folder: Path, service: Service) -> None:
+    config = _changed(folder, changes(folder))
     with pytest.raises(NoService, match=r"listens, but doesn't let this client in: look at user, password") as refused:
-        _as(folder, service, *changes)
+        Client.connect(service.endpoint, config=config, wait=BRIEF)
     assert refused.value.details["endpoints"] == [service.endpoint]
 
 
 def test_nobody_gets_in_by_two_doors_either(folder: Path, service: Service) -> None:
-    text = (folder / "client.json5").read_text().replace("ca.pem", str(folder / "ca.pem"))
-    (folder / "guessed.json5").write_text(text.replace("change me", "a guess"))
+    config = _changed(folder, {_password(folder, "alice"): "a guess"})
     with free_port() as port, pytest.raises(NoService, match="doesn't let this client in"):
-        Client.connect(f"tls/localhost:{port}", service.endpoint, config=folder / "guessed.json5", wait=BRIEF)
+        Client.connect(f"tls/localhost:{port}", service.endpoint, config=config, wait=BRIEF)
 
 
 def test_nobody_gets_in_without_encryption(service: Service) -> None:

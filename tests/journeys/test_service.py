@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
 import msgspec
@@ -20,6 +21,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import guidefield
 from guidefield import Box, Client, NoService, Scene
 from guidefield.cli.loopback import free_port
+from guidefield.messages.scene_changes import SceneChanged
 from tests.journeys.service import (
     ANSWERED_WITHIN,
     ENDED_WITHIN,
@@ -308,6 +310,40 @@ def test_the_client_has_typed_replies(client: Client) -> None:
     client.delete_scene(scene.name)
     reply = client.kinematics(guidefield.Potential(scene=scene, points=[(1.0, 0.0, 0.0)]))
     assert reply == guidefield.answer(guidefield.Potential(scene=scene, points=[(1.0, 0.0, 0.0)]))
+
+
+def test_a_scene_that_changes_is_planned_in_as_it_is_by_then(client: Client) -> None:
+    def potential(scene: Any) -> float:
+        return client.kinematics(guidefield.Potential(scene=scene, points=[(1.0, 0.0, 0.0)])).potential[0]
+
+    ball = guidefield.Sphere(name="ball", radius=0.1)
+    near = guidefield.Sphere(name="ball", radius=0.1, position=(0.5, 0.0, 0.0))
+    heard: Queue[SceneChanged] = Queue()
+    client.store_scene(Scene("living", obstacles=[ball]))
+    with client.watching_scene("living", heard.put):
+        assert client.change_scene("living", move={"ball": {"position": [0.5, 0.0, 0.0]}}) == 2
+        assert client.change_scene("living", add=[Box(name="b", size=(1, 1, 1))], remove=["ball"], version=2) == 3
+        with pytest.raises(guidefield.SceneInvalid, match="has version 3, and version 2 was to be changed"):
+            client.change_scene("living", remove=["b"], version=2)
+        with pytest.raises(guidefield.SceneInvalid, match="no obstacle 'ball'"):
+            client.change_scene("living", remove=["ball"])
+        client.store_scene(Scene("living", obstacles=[near]))
+        told = [heard.get(timeout=ANSWERED_WITHIN) for _ in range(3)]
+    assert [(one.name, one.version) for one in told] == [("living", 2), ("living", 3), ("living", 4)]
+    assert told[0].diff is not None
+    assert told[0].diff.move["ball"].position == (0.5, 0.0, 0.0)
+    assert told[2].diff is None
+    assert client.scene_version("living") == 4
+    assert client.scene("living", version=2).obstacles == client.scene("living").obstacles == [near]
+    assert potential({"base": "living", "version": 1}) == potential(Scene("s", obstacles=[ball]))
+    moved = {"base": "living", "version": 1, "move": {"ball": {"position": [0.5, 0.0, 0.0]}}}
+    assert potential(moved) == potential("living") == potential(Scene("s", obstacles=[near]))
+    for ask in (lambda: client.scene("living", version=9), lambda: potential({"base": "living", "version": 9})):
+        with pytest.raises(guidefield.SceneInvalid, match="no version 9; the last 4 are kept, 1 to 4"):
+            ask()
+    with client.watching_scene("living", heard.put):
+        client.delete_scene("living")
+        assert heard.get(timeout=ANSWERED_WITHIN).version is None
 
 
 def test_the_client_raises_what_the_service_means(client: Client) -> None:

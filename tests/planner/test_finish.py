@@ -1,8 +1,10 @@
-"""What the certificate refuses is repaired: relaxed again with samples that see what was overlooked."""
+"""What the certificate refuses is repaired: optimised or relaxed again, with samples that see what was overlooked."""
 
 from __future__ import annotations
 
 import dataclasses
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +13,22 @@ import pytest
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.verdict import Reason
 from guidefield.errors import Status
+from guidefield.messages import scene as messages
 from guidefield.planner import finish as module
 from guidefield.planner.finish import HURRIED, finish
+from guidefield.planner.motion.spline import interpolate
+from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.optimization import Optimized, optimize
+from guidefield.planner.optimize.settings import BALANCED, OptimizationSettings, closer
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
 from guidefield.planner.relax.settings import RELAXATION
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
+from guidefield.scene.guide_plane import build
 from tests.planner.relax.test_relaxation import over_the_wall, smallest_clearance
 
 
@@ -30,8 +41,83 @@ def lowered_into_contact(path: np.ndarray) -> np.ndarray:
     return bad
 
 
-def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
+def through_the_wall(made: Problem, path: np.ndarray) -> Trajectory:
+    """The straight motion, which touches the wall."""
+    limits = made.group.velocity_limits, made.group.acceleration_limits
+    return parameterize(interpolate(path[[0, -1]]), *limits)
+
+
+def misled(monkeypatch: pytest.MonkeyPatch, trajectories: Sequence[Trajectory]) -> list[OptimizationSettings]:
+    """Has optimisations give trajectories that touch, the first so many; how each was asked for."""
+    asked: list[OptimizationSettings] = []
+
+    def mislead(problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: object) -> Optimized:
+        asked.append(settings)
+        optimized = optimize(problem, motion, settings)
+        if len(asked) <= len(trajectories):
+            return dataclasses.replace(optimized, trajectory=trajectories[len(asked) - 1])
+        return optimized
+
+    monkeypatch.setattr(module, "optimize", mislead)
+    return asked
+
+
+def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
+    asked = misled(monkeypatch, [through_the_wall(made, path)])
+    stages = Stages(made)
+    finished = finish(made, PathSoFar(path, proven=False), stages)
+    assert asked == [BALANCED, closer(BALANCED)]
+    assert finished.verdict.free
+    assert finished.warnings == ()
+    assert certify(made.world, finished.trajectory.bezier()).free
+    assert smallest_clearance(made, finished.path, 0.3) > 0.03
+    assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["contact", "free"]
+
+
+def test_a_motion_whose_optimisation_had_no_time_says_so() -> None:
+    made, path = over_the_wall()
+    hurried = dataclasses.replace(made, budget=Budget(deadline=time.monotonic() - 1.0))
+    aside = path[0] + 0.05 * np.eye(len(path[0]))[0]
+    finished = finish(hurried, PathSoFar(np.array([path[0], aside]), proven=False), Stages(hurried))
+    assert finished.verdict.free
+    assert finished.warnings == (HURRIED,)
+
+
+def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+    misled(monkeypatch, 4 * [through_the_wall(made, path)])
+    finished = finish(made, PathSoFar(path), Stages(made))
+    assert finished.verdict.free
+    np.testing.assert_array_equal(finished.path[[0, -1]], path[[0, -1]])
+    assert "the optimised motion was not certified (contact)" in finished.warnings[0]
+    assert "as it was found" in finished.warnings[0]
+    assert not finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
+
+
+def test_without_iterations_it_is_the_path_as_fast_as_it_can_be_executed() -> None:
+    made, path = over_the_wall()
+    asked = dataclasses.replace(made, optimization_iterations=0)
+    finished = finish(asked, PathSoFar(path), Stages(asked))
+    assert finished.verdict.free
+    for waypoint in path:
+        assert np.linalg.norm(finished.trajectory.positions - waypoint, axis=1).min() < 1e-9
+    optimised = finish(made, PathSoFar(path), Stages(made))
+    assert optimised.trajectory.duration < finished.trajectory.duration
+
+
+def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
+    """The same with a plane at the path's middle, which is relaxed instead."""
+    made, path = over_the_wall()
+    middle = len(path) // 2
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(path[middle]))
+    corners = [tip + 0.1 * np.array([a, 0.0, b]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    plane = build(messages.GuidePlane(name="GP", vertices=[tuple(c.tolist()) for c in corners]), 0)
+    return dataclasses.replace(made, guide_planes=(plane,)), path, {0: middle}
+
+
+def test_a_refused_guided_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path, crossings = guided_over_the_wall()
     asked: list[float] = []
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -42,19 +128,17 @@ def test_a_refused_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(module, "relax", misled)
     stages = Stages(made)
-    finished = finish(made, PathSoFar(path, proven=False), stages)
+    finished = finish(made, PathSoFar(path, crossings, proven=False), stages)
     assert asked == [RELAXATION.segment, RELAXATION.finer * RELAXATION.segment]
     assert finished.verdict.free
-    assert finished.warnings == ()
     assert certify(made.world, finished.trajectory.bezier()).free
-    assert smallest_clearance(made, finished.path, 0.3) > 0.03
     outcomes = [stage.outcome for stage in stages.left if stage.name == "certify"]
     # a spline drawn closer to a path that touches would touch, too: it is not tried
     assert outcomes == ["contact", "free"]
 
 
 def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path = over_the_wall()
+    made, path, crossings = guided_over_the_wall()
     asked: list[float] = []
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -65,24 +149,9 @@ def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pyt
         return dataclasses.replace(relaxed, outcome=Outcome.OUT_OF_TIME)
 
     monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, PathSoFar(path, proven=False), Stages(made))
+    finished = finish(made, PathSoFar(path, crossings, proven=False), Stages(made))
     assert finished.verdict.free
     assert finished.warnings == (HURRIED,)
-
-
-def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path = over_the_wall()
-
-    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
-        relaxed = relax(*arguments, segment=segment)
-        return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path))
-
-    monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, PathSoFar(path), Stages(made))
-    assert finished.verdict.free
-    np.testing.assert_array_equal(finished.path[[0, -1]], path[[0, -1]])
-    assert "as it was found" in finished.warnings[0]
-    assert not finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
 
 
 def test_shorter_segments_are_more() -> None:
@@ -93,7 +162,7 @@ def test_shorter_segments_are_more() -> None:
 
 
 def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path = over_the_wall()
+    made, path, crossings = guided_over_the_wall()
     upper = float(made.group.upper[0])
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -103,7 +172,7 @@ def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.Mon
         return dataclasses.replace(relaxed, path=beyond)
 
     monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, PathSoFar(path), Stages(made))
+    finished = finish(made, PathSoFar(path, crossings), Stages(made))
     assert finished.verdict.free
     assert finished.trajectory.bezier()[:, :, 0].max() <= upper + 1e-12
 

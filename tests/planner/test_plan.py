@@ -13,9 +13,13 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
+from guidefield.planner.motion.spline import interpolate
+from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.optimize.optimization import Optimized, optimize
+from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.plan import Plan, Planner, plan, refused
-from guidefield.planner.relax.relaxation import Relaxed, relax
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft
@@ -58,18 +62,19 @@ def check_success(made: Problem, result: Plan) -> None:
     np.testing.assert_allclose(result.trajectory.positions[0], made.group.chart(made.q_start), atol=1e-12)
 
 
-def test_where_no_proof_comes_of_relaxing_the_connection_is_proven_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monkeypatch: pytest.MonkeyPatch) -> None:
     wall, start, goal = wall_between()
     made = dataclasses.replace(
         wall, q_start=wall.group.from_chart(start), goal=to_configuration(goal, wall.group), guide_planes=()
     )
-    relaxed_to = 2 * [np.array([start, goal])]  # through the wall, at first and when it is repaired
+    limits = wall.group.velocity_limits, wall.group.acceleration_limits
+    optimized_to = 2 * [parameterize(interpolate(np.array([start, goal])), *limits)]  # through the wall, twice
 
-    def misled(problem: Problem, path: np.ndarray, crossings: dict[int, int], **options: float) -> Relaxed:
-        result = relax(problem, path, crossings, **options)
-        return dataclasses.replace(result, path=relaxed_to.pop()) if relaxed_to else result
+    def misled(problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: object) -> Optimized:
+        result = optimize(problem, motion, settings)
+        return dataclasses.replace(result, trajectory=optimized_to.pop()) if optimized_to else result
 
-    monkeypatch.setattr("guidefield.planner.finish.relax", misled)
+    monkeypatch.setattr("guidefield.planner.finish.optimize", misled)
     result = plan(made, Planner.TREE)
     check_success(made, result)
     assert [stage.name for stage in result.stages].count("connect") == 2
@@ -267,7 +272,7 @@ def test_a_motion_that_had_no_time_to_be_relaxed_says_so() -> None:
         for deadline in (time.monotonic(), float("inf"))
     )
     assert hurried.status is whole.status is Status.SUCCESS
-    assert "time was up while the motion was relaxed" in hurried.warnings[0]
+    assert "time was up while the motion was optimised" in hurried.warnings[0]
     assert whole.warnings == ()
 
 

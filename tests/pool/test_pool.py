@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import wait
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import ServerBusy, WorkerCrashed
+from guidefield.messages.identities import Asker
 from guidefield.pool.pool import DEFAULT_LIMITS, LAST_WORD, QUEUE_CHECK, Pool
 from guidefield.pool.waiting import Answer, Deadline, Limits, Task
 from tests import worker_setups
@@ -108,7 +110,7 @@ def test_a_full_queue_refuses_and_the_rest_is_answered(tmp_path: Path) -> None:
         waiting = [pool.submit(Task(("echo", str(n)), PATIENCE)) for n in range(2)]
         with pytest.raises(ServerBusy, match="2 requests wait") as refused:
             pool.submit(Task(("echo", "too many"), PATIENCE))
-        assert refused.value.details == {"queue": 2, "limit": 2}
+        assert refused.value.details == {"queue": 2, "limit": 2, "retry_after": 1.0}
         pool.cancel(running, _never)
         assert running.result(PATIENCE) == (True, b"cancelled")
         assert [future.result(PATIENCE)[1] for future in waiting] == [b"0", b"1"]
@@ -198,3 +200,53 @@ def test_a_worker_that_cannot_be_prepared_is_said_at_the_start() -> None:
     with pytest.raises(RuntimeError, match="could not be prepared"):
         pool.ready(PATIENCE)
     pool.close(0.0)
+
+
+def test_a_pool_that_is_closed_waits_for_what_its_workers_owe(tmp_path: Path) -> None:
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    asked, written = tmp_path / "asked", tmp_path / "written"
+    assert pool.submit(Task(("owe", f"{asked} {written}"), PATIENCE)).result(PATIENCE) == (True, b"owed")
+    closing = threading.Thread(target=pool.close, args=(0.0,))
+    closing.start()
+    closing.join(0.3)
+    assert closing.is_alive()
+    asked.touch()
+    closing.join(PATIENCE)
+    assert written.read_text() == "whole"
+
+
+def _of(user: str, verb: str, value: str) -> Task:
+    return Task((verb, value), PATIENCE, asker=Asker(user))
+
+
+def test_a_user_whom_long_requests_hold_up_gets_the_worker_that_stands_by(pool: Pool, tmp_path: Path) -> None:
+    """Two users' long requests: one has the only worker, the other one that which stands by, and gives way."""
+    begun, awaited, anew = tmp_path / "begun", tmp_path / "awaited", tmp_path / "anew"
+    pool.stand_by()
+    first = pool.submit(_of("long", "until_there", f"{begun} {awaited}"))
+    await_begun(begun)
+    second = pool.submit(_of("longer", "give_way", str(anew)))
+    await_begun(anew)
+    assert pool.submit(_of("quiet", "echo", "quick")).result(PATIENCE) == (True, b"quick")
+    assert second.result(PATIENCE) == (True, b"begun anew")
+    assert pool.busy == 1
+    assert not first.done()
+    awaited.touch()
+    assert first.result(PATIENCE) == (True, b"came")
+    assert second.set_back == 1
+    assert len(set(anew.read_text().split())) == 1
+    assert pool.crashes == 0
+
+
+def test_what_the_worker_that_stands_by_works_on_can_be_cancelled(pool: Pool, tmp_path: Path) -> None:
+    begun, awaited, anew = tmp_path / "begun", tmp_path / "awaited", tmp_path / "anew"
+    pool.stand_by()
+    first = pool.submit(_of("long", "until_there", f"{begun} {awaited}"))
+    await_begun(begun)
+    second = pool.submit(_of("longer", "give_way", str(anew)))
+    await_begun(anew)
+    pool.cancel(second, _never)
+    assert second.result(PATIENCE) == (True, b"cancelled")
+    awaited.touch()
+    assert first.result(PATIENCE) == (True, b"came")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.errors import ServerBusy
-from guidefield.pool.waiting import Deadline, Limits, Task, Waiting
+from guidefield.messages.identities import Asker
+from guidefield.pool.usage import HALVED_IN, Usage
+from guidefield.pool.waiting import HELD_UP, TRIAL, Deadline, Limits, Task, Waiting
 
 CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 
@@ -16,7 +21,7 @@ CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 def _filled(clients: list[str]) -> Waiting:
     waiting = Waiting(Limits())
     for number, client in enumerate(clients):
-        waiting.put(Task(number, 1.0, client=client))
+        waiting.put(Task(number, 1.0, asker=Asker(client=client)))
     return waiting
 
 
@@ -32,7 +37,7 @@ def test_every_task_is_taken_once_and_each_clients_own_in_order(clients: list[st
     taken = _taken(_filled(clients))
     assert sorted(task.job for task in taken) == list(range(len(clients)))
     for client in set(clients):
-        own = [task.job for task in taken if task.client == client]
+        own = [task.job for task in taken if task.asker.client == client]
         assert own == sorted(own)
 
 
@@ -41,8 +46,8 @@ def test_whoever_waits_is_served_within_one_round(clients: list[str]) -> None:
     """Among any tasks taken, two clients that still have some waiting differ by at most one."""
     left, served = Counter(clients), Counter(dict.fromkeys(clients, 0))
     for task in _taken(_filled(clients)):
-        left[task.client] -= 1
-        served[task.client] += 1
+        left[task.asker.client] -= 1
+        served[task.asker.client] += 1
         counts = [served[client] for client in served if left[client]]
         assert not counts or max(served.values()) - min(counts) <= 1
 
@@ -51,7 +56,7 @@ def test_whoever_waits_is_served_within_one_round(clients: list[str]) -> None:
 def test_what_is_withdrawn_or_expires_is_not_taken(clients: list[str], data: st.DataObject) -> None:
     waiting = Waiting(Limits())
     tasks = [
-        Task(number, 1.0, client=client, deadline=Deadline(float(number), lambda: (True, b"")))
+        Task(number, 1.0, asker=Asker(client=client), deadline=Deadline(float(number), lambda: (True, b"")))
         for number, client in enumerate(clients)
     ]
     for task in tasks:
@@ -70,25 +75,27 @@ def test_what_is_withdrawn_or_expires_is_not_taken(clients: list[str], data: st.
 def test_one_client_cannot_fill_the_queue() -> None:
     waiting = Waiting(Limits(tasks=4, tasks_of_client=2))
     for _ in range(2):
-        waiting.put(Task(0, 1.0, client="greedy"))
+        waiting.put(Task(0, 1.0, asker=Asker(client="greedy")))
     with pytest.raises(ServerBusy, match="2 requests of this client wait"):
-        waiting.put(Task(0, 1.0, client="greedy"))
-    waiting.put(Task(0, 1.0, client="modest"))
-    waiting.put(Task(0, 1.0, client="another"))
+        waiting.put(Task(0, 1.0, asker=Asker(client="greedy")))
+    waiting.put(Task(0, 1.0, asker=Asker(client="modest")))
+    waiting.put(Task(0, 1.0, asker=Asker(client="another")))
     with pytest.raises(ServerBusy, match="4 requests wait"):
-        waiting.put(Task(0, 1.0, client="late"))
+        waiting.put(Task(0, 1.0, asker=Asker(client="late")))
 
 
 def test_what_waits_is_bounded_in_bytes_too() -> None:
     waiting = Waiting(Limits(bytes=100, bytes_of_client=60))
-    waiting.put(Task(0, 1.0, client="a", size=50))
+    waiting.put(Task(0, 1.0, asker=Asker(client="a"), size=50))
     with pytest.raises(ServerBusy, match="of this client that wait take up to 60 bytes"):
-        waiting.put(Task(0, 1.0, client="a", size=11))
-    waiting.put(Task(0, 1.0, client="b", size=50))
+        waiting.put(Task(0, 1.0, asker=Asker(client="a"), size=11))
+    waiting.put(Task(0, 1.0, asker=Asker(client="b"), size=50))
     with pytest.raises(ServerBusy, match="that wait take up to 100 bytes"):
-        waiting.put(Task(0, 1.0, client="c", size=1))
+        waiting.put(Task(0, 1.0, asker=Asker(client="c"), size=1))
     alone = Waiting(Limits(bytes=100, bytes_of_client=60))
-    alone.put(Task(0, 1.0, client="a", size=1000))  # a request that is small enough to be read has its turn
+    alone.put(
+        Task(0, 1.0, asker=Asker(client="a"), size=1000)
+    )  # a request that is small enough to be read has its turn
 
 
 def test_a_closed_queue_gives_back_what_waited_and_takes_no_more() -> None:
@@ -97,3 +104,174 @@ def test_a_closed_queue_gives_back_what_waited_and_takes_no_more() -> None:
     assert waiting.take(0.0) is None
     with pytest.raises(ServerBusy, match="shutting down"):
         waiting.put(Task(0, 1.0))
+
+
+ASKERS = st.lists(st.builds(Asker, st.sampled_from("uvw"), st.sampled_from("ab")), min_size=1, max_size=40)
+SECONDS = st.lists(st.floats(0.01, 5.0), min_size=40, max_size=40)
+
+
+@given(ASKERS, SECONDS)
+def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
+    askers: list[Asker], seconds: list[float]
+) -> None:
+    """Against a plain account of who has how many workers and got how much, of work that is done at random."""
+    waiting = Waiting(Limits())
+    for asker in askers:
+        waiting.put(Task(0, 1.0, asker=asker))
+    left, running, got = Counter(asker.user for asker in askers), Counter[str](), Counter[str]()
+    held: list[Task] = []
+    for spent in seconds[: len(askers)]:
+        task = waiting.take(0.0)
+        assert task is not None
+        user = task.asker.user
+        for other in (other for other in left if left[other]):
+            assert (running[user], round(got[user], 2)) <= (running[other], round(got[other], 2) + 0.01)
+        left[user] -= 1
+        running[user] += 1
+        held.append(task)
+        if len(held) == 3 or spent < 1.0:
+            done = held.pop(0)
+            waiting.done(done, spent, spent)
+            running[done.asker.user] -= 1
+            got[done.asker.user] += spent
+    assert waiting.take(0.0) is None
+    assert {user: waiting.running(user) for user in left} == {user: running[user] for user in left}
+
+
+def test_whoever_asks_for_little_comes_first_however_much_others_have_waiting() -> None:
+    waiting = Waiting(Limits())
+    for user in "abcd":
+        for _ in range(10):
+            waiting.put(Task(user, 1.0, asker=Asker(user)))
+    for _ in range(8):
+        task = waiting.take(0.0)
+        assert task is not None
+        waiting.done(task, 1.0, 1.0)
+    busy = [waiting.take(0.0), waiting.take(0.0)]
+    waiting.put(Task("quiet", 1.0, asker=Asker("quiet")))
+    assert busy[0] is not None
+    waiting.done(busy[0], 1.0, 1.0)
+    quiet = waiting.take(0.0)
+    assert quiet is not None
+    assert quiet.job == "quiet"
+
+
+@given(ASKERS, st.integers(1, 8))
+def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_less(
+    askers: list[Asker], most: int
+) -> None:
+    waiting, counts = Waiting(Limits(tasks=most)), Counter[str]()
+    for number, asker in enumerate(askers):
+        if counts.total() == most and max(counts.values()) <= counts[asker.user] + 1:
+            with pytest.raises(ServerBusy, match="wait already; ask again later"):
+                waiting.put(Task(number, 1.0, asker=asker))
+            continue
+        pushed = waiting.put(Task(number, 1.0, asker=asker))
+        assert len(pushed) == (counts.total() == most)
+        for task in pushed:
+            assert counts[task.asker.user] == max(counts.values()) > counts[asker.user] + 1
+            counts[task.asker.user] -= 1
+        counts[asker.user] += 1
+        assert counts.total() == len(waiting) <= most
+        assert {user: waiting.of_user(user) for user in "uvw"} == {user: counts[user] for user in "uvw"}
+
+
+def test_what_was_given_long_ago_counts_less() -> None:
+    usage = Usage()
+    usage.add("a", 8.0, 8.0, 100.0)
+    assert usage.of("a", 100.0) == 8.0
+    assert usage.of("a", 100.0 + 2.0 * HALVED_IN) == pytest.approx(2.0)
+    usage.add("a", 1.0, 1.0, 100.0 + HALVED_IN)
+    assert usage.of("a", 100.0 + HALVED_IN) == pytest.approx(5.0)
+    usage.add("b", 1.0, 1.0, 100.0 + 20.0 * HALVED_IN)
+    assert usage.users(100.0 + 20.0 * HALVED_IN) == {"b"}
+
+
+def test_whoever_asked_steadily_for_little_comes_before_those_who_just_came_with_much() -> None:
+    waiting = Waiting(Limits(tasks=100))
+    for _ in range(50):
+        waiting.put(Task("steady", 1.0, asker=Asker("steady")))
+        task = waiting.take(0.0)
+        assert task is not None
+        waiting.done(task, 1.0, 1.0)
+    for user in ("new", "newer"):
+        for _ in range(20):
+            waiting.put(Task(user, 1.0, asker=Asker(user)))
+    for round_ in range(5):
+        running = waiting.take(0.0)
+        waiting.put(Task("steady", 1.0, asker=Asker("steady")))
+        assert running is not None
+        waiting.done(running, 1.0, 1.0)
+        before = 0
+        while (task := waiting.take(0.0)) is not None and task.job != "steady":
+            waiting.done(task, 1.0, 1.0)
+            before += 1
+        assert before <= 2, round_
+        assert task is not None
+        waiting.done(task, 0.1, 0.1)
+
+
+@given(ASKERS, st.integers(1, 3), st.data())
+def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
+    askers: list[Asker], free: int, data: st.DataObject
+) -> None:
+    """Whatever ordinary workers hold, what is taken and set back is each task once at a time, and none is lost."""
+    waiting = Waiting(Limits())
+    tasks = [Task(number, 1.0, asker=asker) for number, asker in enumerate(askers)]
+    for task in tasks:
+        task.since -= data.draw(st.sampled_from([0.0, 2 * HELD_UP + 60.0]))
+        waiting.put(task)
+    held = [task for _ in range(free) if (task := waiting.take(0.0)) is not None]
+    for _ in askers:
+        before, users = len(waiting), {task.asker.user for task in held}
+        task = waiting.take_held_up(0.0)
+        if task is None:
+            assert not waiting.is_held_up(math.inf)
+            break
+        assert task.asker.user not in users
+        assert time.monotonic() - task.since >= HELD_UP
+        assert len(waiting) == before - 1
+        waiting.done(task, 1.0, 1.0)
+        if data.draw(st.booleans()):
+            assert waiting.put_back(task)
+            assert len(waiting) == before
+        else:
+            tasks.remove(task)
+    for task in held:
+        waiting.done(task, 1.0, 1.0)
+        tasks.remove(task)
+    left = _taken(waiting)
+    assert sorted(task.job for task in left) == sorted(task.job for task in tasks)
+    back = {task.asker.user: task for task in left if task.set_back}
+    assert all(next(one for one in left if one.asker.user == user) is task for user, task in back.items())
+
+
+def test_whoever_gave_way_takes_anothers_place_after_twice_as_long_each_time_and_after_who_did_not() -> None:
+    waiting = Waiting(Limits())
+    often, fresh = (Task(user, 1.0, asker=Asker(user)) for user in ("often", "fresh"))
+    for task in (often, fresh):
+        task.since -= 2 * HELD_UP
+    often.set_back = 3
+    waiting.put(often)
+    assert [waiting.is_held_up(share * TRIAL) for share in (1.0, 7.9, 8.0)] == [False, False, True]
+    waiting.put(fresh)
+    assert [waiting.is_held_up(share * TRIAL) for share in (0.9, 1.0)] == [False, True]
+    assert [waiting.take_held_up(0.0) for _ in range(2)] == [fresh, often]
+
+
+def test_nobody_is_held_up_while_a_worker_is_free_and_what_was_cancelled_is_not_put_back() -> None:
+    waiting = Waiting(Limits())
+    with ThreadPoolExecutor(1) as thread:
+        taken = thread.submit(waiting.take, 60.0)
+        while not waiting._free:
+            time.sleep(0.001)
+        assert waiting.take_held_up(0.0) is None
+        waiting.put(Task("first", 1.0, asker=Asker("a")))
+        task = taken.result()
+    assert task is not None
+    task.cancelled_by_client.set()
+    assert not waiting.put_back(task)
+    waiting.close()
+    with pytest.raises(ServerBusy, match="shutting down"):
+        waiting.put_back(task)
+    assert waiting.take_held_up(60.0) is None

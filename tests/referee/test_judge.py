@@ -145,8 +145,8 @@ def test_followers_follow_the_unwrapped_value_beyond_half_a_turn(follower):
     """A ball is within the last link where that is once the driver has turned by 4 rad; or beside it."""
     planned = grouped(box_arm(f"continuous {follower}", 2), "l2")
     world = world_of(planned, [])
-    world.in_collision(planned.expand_from_chart(np.array([4.0])))
-    there = world.geometry_data.oMg[2]
+    world.place(planned.expand_from_chart(np.array([4.0])))
+    there = world.placement(2)
     for beside, answer in ((0.0, Answer.CONTACT), (0.1, Answer.FREE)):
         place = tuple(there.act(np.array([0.0, beside, 0.0])).tolist())
         among = world_of(planned, [messages.Sphere(name="ball", radius=0.005, position=place)], [("l0", "l2")])
@@ -266,8 +266,8 @@ def holding_a_book(below: float) -> Any:
     robot = with_held(panda.robot, [Held("book", shape, placed, "panda_hand", tuple(book.touch_links))])
     holding = select(robot, None, None, robot.rest, placed.Identity())
     bare = world_of(holding, [])
-    bare.in_collision(holding.expand(rest(holding)))
-    x, y, z = bare.geometry_data.oMg[-1].translation.tolist()
+    bare.place(holding.expand(rest(holding)))
+    x, y, z = bare.placement(bare.pairs.links - 1).translation.tolist()
     return (
         world_of(holding, [box("shelf", (0.1, 0.1, 0.02), (x, y, z - below - 0.01))]),
         book,
@@ -309,7 +309,7 @@ def test_pairs_that_are_left_out_are_told_and_the_rest_is_judged():
     verdict = judge(read(straight(world, [[0.0, 0.0], [0.1, 0.1]])))
     assert ("l2", "block", "the request allows it") in verdict.left_out
     assert ("l0", "block", "the link never moves") in verdict.left_out
-    assert verdict.pairs == 1 + sum(1 for pair in world.pairs[: world.n_self])
+    assert verdict.pairs == 1 + sum(1 for pair in world.pairs.own)
 
 
 def test_a_contact_that_is_left_is_a_case_of_its_own():

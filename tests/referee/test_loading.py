@@ -114,10 +114,9 @@ def test_bodies_stand_where_the_robot_has_them(name):
         q = pin.integrate(case.model, q, step)
     data = case.model.createData()
     pin.forwardKinematics(case.model, data, q)
-    pin.updateGeometryPlacements(
-        world.model, world.data, world.geometry, world.geometry_data, planned.expand_from_chart(point)
-    )
-    for body, there in zip(case.bodies, world.geometry_data.oMg, strict=True):
+    world.place(planned.expand_from_chart(point))
+    for index, body in enumerate(case.bodies):
+        there = world.placement(index)
         assert (data.oMi[body.joint] * body.placement).isApprox(there, 1e-9)
 
 

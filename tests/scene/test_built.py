@@ -45,5 +45,5 @@ def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest
     assert kept.of(scan("larger", 650)) is not None  # no room for the one that was asked for least
     assert kept.of(scan("small", 300)) is small
     assert kept.of(scan("large", 600)) is not large
-    assert sum(one.shape.num_tris for one in obstacle._KNOWN.values()) <= 1000
+    assert sum(one.faces for one in obstacle._KNOWN.values()) <= 1000
     assert kept.of(scan("huge", 5000)) is kept.of(scan("huge", 5000))  # one at least

@@ -9,13 +9,14 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.errors import SceneInvalid
-from guidefield.scene import library, mesh
+from guidefield.scene import facets, library
 from guidefield.scene.scene import build
 from tests.robots import group, rest
 
-OURS = ("bookshelf", "table", "wall_with_window")
+OURS = ("bookshelf", "kitchen", "table", "wall_with_window")
 ON_THE_GOAL = {
     "bookshelf": [-1.81, 0.742, 2.064, -2.363, -2.638, 2.455, 2.897],
+    "kitchen": [1.352, -1.48, -0.924, -2.293, -2.132, 2.398, -1.394],
     "table": [-1.501, -1.537, 1.408, -2.296, 2.882, 2.47, 0.08],
     "wall_with_window": [-1.255, -0.521, 1.181, -2.196, 2.897, 2.66, -1.497],
 }
@@ -62,7 +63,7 @@ def test_guide_planes_are_in_free_space(name):
         # Their edges may touch obstacles; a millimetre inside, nothing does.
         corners = plane.inset_vertices(1e-3)
         fan = np.array([[0, i, i + 1] for i in range(1, len(corners) - 1)])
-        sheet = mesh.bvh(corners, fan)
+        sheet = facets.bvh(corners, fan)
         for obstacle in scene.obstacles:
             request, result = coal.CollisionRequest(), coal.CollisionResult()
             here = coal.Transform3s.Identity()

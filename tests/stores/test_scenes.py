@@ -19,14 +19,14 @@ def store(tmp_path: Path) -> SceneStore:
 
 def test_the_packaged_scenes_are_there_from_the_start(store: SceneStore) -> None:
     assert store.names() == PackagedScenes().names() == sorted(library.names())
-    assert store.read("bookshelf") == PackagedScenes().read("bookshelf") == library.read("bookshelf")
+    assert store.read("bookshelf")[0] == PackagedScenes().read("bookshelf")[0] == library.read("bookshelf")
 
 
 def test_a_stored_scene_is_read_back_by_another_process_store(store: SceneStore, tmp_path: Path) -> None:
     cloud = Scene("cloud", obstacles=[PointCloud(name="c", points=Float32Array(bytes(24)), radius=0.01)])
     for scene in (BLOCK, cloud):
         store.write(scene)
-        assert SceneStore(tmp_path / "scenes").read(scene.name) == scene
+        assert SceneStore(tmp_path / "scenes").read(scene.name)[0] == scene
     assert (tmp_path / "scenes" / "block.json").exists()
     assert {"block", "cloud"} <= set(store.names())
 
@@ -34,7 +34,7 @@ def test_a_stored_scene_is_read_back_by_another_process_store(store: SceneStore,
 def test_storing_again_replaces(store: SceneStore) -> None:
     store.write(BLOCK)
     store.write(Scene("block"))
-    assert store.read("block") == Scene("block")
+    assert store.read("block") == (Scene("block"), 2)
 
 
 def test_a_deleted_scene_is_gone(store: SceneStore) -> None:

@@ -21,5 +21,6 @@ def smallest_along(world: World, curve: Curve, spans: Sequence[tuple[float, floa
     surveyor = Surveyor(TimedWorld.of(world, world), curve)
     even = np.linspace(curve.times[0], curve.times[-1], FIRST_PLACES)
     places = surveyor.places(np.unique(np.concatenate([even, curve.breaks, np.ravel(spans)])))
-    questions = [Question(world.is_obstacle_pair, *span) for span in spans]
+    mixed = np.arange(len(world.pairs)) >= world.pairs.n_self
+    questions = [Question(mixed, *span) for span in spans]
     return [found.distance for found in smallest(surveyor, places, questions)]

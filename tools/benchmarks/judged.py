@@ -57,7 +57,7 @@ class ExactMeshes:
         geometry.removeAllCollisionPairs()
         first = len(ours)
         self.names: list[tuple[str, str]] = []
-        for pair, (a, b) in enumerate(world.pairs.tolist()):
+        for pair, (a, b) in enumerate(world.pairs.bodies(np.arange(len(world.pairs))).tolist()):
             at = [self._bodies.index(ours[k]) if k < first else len(self._bodies) + k - first for k in (a, b)]
             geometry.addCollisionPair(pin.CollisionPair(*at))
             self.names.append(world.pair_names(pair))

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.posed import listed_geometry
 from guidefield.collision.world import World
 
 STEP = 0.05
@@ -212,7 +213,8 @@ def pyroboplan(task: Task) -> Answer:
         max_planning_time=task.seconds,
         rng_seed=task.seed,
     )
-    planner = RRTPlanner(world.model, world.geometry, options)
+    geometry = listed_geometry(world)
+    planner = RRTPlanner(world.model, geometry, options)
     ends = [group.expand_from_chart(z) for z in (task.start, task.goal)]
     scene = clock()
     with contextlib.redirect_stdout(io.StringIO()):
@@ -220,7 +222,7 @@ def pyroboplan(task: Task) -> Answer:
         plan = clock()
         if not path:
             return Answer(None, scene, plan, 0.0)
-        path = shortcut_path(world.model, world.geometry, path, max_step_size=STEP)
+        path = shortcut_path(world.model, geometry, path, max_step_size=STEP)
     simplify = clock()
     columns = [world.model.joints[world.model.getJointId(joint.name)].idx_q for joint in group.joints]
     return Answer(np.array(path)[:, columns], scene, plan, simplify)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.planner.task.problem import Goal, Problem
@@ -26,3 +27,14 @@ def posed(group: PlanningGroup, scene: Scene, q_start: np.ndarray, goal: Goal, *
         goal=goal,
         **rest,
     )
+
+
+def listed_geometry(world: World) -> Any:
+    """A world as others take it: Pinocchio's geometry model of all bodies, with all pairs."""
+    geometry = world.group.geometry.copy()
+    for one in world.scene.obstacles:
+        geometry.addGeometryObject(pin.GeometryObject(f"obstacle/{one.name}", 0, one.placement, one.shape))
+    geometry.removeAllCollisionPairs()
+    for first, second in world.pairs.bodies(np.arange(len(world.pairs))).tolist():
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    return geometry

@@ -4,10 +4,10 @@ Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N
 
 The folder is described in problems.py. Every trajectory is judged on the exact collision geometry, whoever made it:
 the smallest distances are exact along it, whether it hits is sampled `JUDGED_STEP` apart. *inner* leaves out
-`END_STRETCH` at each end; *at the ends* is the share of problems whose minimum over the whole motion is the ends' own,
-less a millimetre; length is a multiple of VAMP's simplified path, from its rows in the folder. Times are CPU times of
-one thread, the best of `REPEATS` [ms]; *whole* is connect to certify, the world, its tables and the checks of the ends
-apart: those stand under *ends* and *load*.
+`MEASURING.end_stretch` at each end; *at the ends* is the share of problems whose minimum over the whole motion is the
+ends' own, less a millimetre; length is a multiple of VAMP's simplified path, from its rows in the folder. Times are
+CPU times of one thread, the best of `REPEATS` [ms]; *whole* is connect to certify, the world, its tables and the checks
+of the ends apart: those stand under *ends* and *load*.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.quality import END_STRETCH, figures
+from guidefield.planner.quality import figures
+from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
@@ -108,7 +109,7 @@ def run(arguments: list[str]) -> None:
             _print(name, [_peers_row(given, problem, vamp, name, solve) for problem in given.problems])
 
 
-class _StageClock:
+class StageClock:
     """An observer that keeps the CPU time of every stage."""
 
     def __init__(self) -> None:
@@ -128,7 +129,7 @@ def _row(given: Problems, problem: dict[str, Any], vamp: dict[tuple[str, int], d
     group = given.group
     seconds: dict[str, float] = {}
     for _ in range(REPEATS):
-        clock, began = _StageClock(), time.thread_time()
+        clock, began = StageClock(), time.thread_time()
         q_start, to = group.from_chart(start), ConfigurationGoal((group.from_chart(goal),))
         asked = posed(group, scene, q_start, to, budget=Budget(time.monotonic() + SECONDS), observer=clock)
         loaded = time.thread_time() - began
@@ -187,8 +188,8 @@ def judged(world: World, curve: Curve) -> Judged:
     samples = np.column_stack([np.interp(places, lengths, column) for column in points.T])
     start, end = float(fine[0]), float(fine[-1])
     spans = [(start, end)]
-    if lengths[-1] > 2.0 * END_STRETCH:
-        since, until = np.interp([END_STRETCH, lengths[-1] - END_STRETCH], lengths, fine).tolist()
+    if lengths[-1] > 2.0 * MEASURING.end_stretch:
+        since, until = np.interp([MEASURING.end_stretch, lengths[-1] - MEASURING.end_stretch], lengths, fine).tolist()
         spans.append((since, until))
     minimum, *inner = smallest_along(world, curve, spans)
     ends = [clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance for z in samples[[0, -1]]]

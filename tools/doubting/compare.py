@@ -38,6 +38,8 @@ FLOOR = 3e-5
 """What can't be told apart is that close at least [m]."""
 MOVING_FLOOR = 1.1e-3
 """The same of obstacles that move [m]."""
+LEFT = 1.1e-3
+"""What is left at the start has been left from there on [m]."""
 REACHED = 1e-6
 """The tip may be beyond its goal's tolerance by this [m or rad]."""
 END = 0.31
@@ -279,7 +281,10 @@ def _refused(
         required = 0.0 if verdict.reason == "contact" else judge.required[mine].max(initial=0.0)
         room = float((distances - required - judge.slacks[mine]).min(initial=np.inf))
         floor = MOVING_FLOOR if judge.moves else FLOOR
-        allowed = floor if verdict.reason == "undecided" else CLOSER
+        rough = verdict.reason == "undecided" or judge.of_points(verdict.pair)
+        allowed = floor if rough else CLOSER * (1.0 + 2.0 * abs(room + required))
+        if request.leave_start_contact:  # what touched at the start must not come closer until it is that far away
+            allowed = max(allowed, LEFT)
         within = judge.enclosed(curve, when) is not None if verdict.reason == "contact" and room > allowed else False
         if room > allowed and not within:
             said = f"{verdict.reason} of {verdict.pair} at {when:.9g}, where they have {room:.6g} m more"

@@ -122,9 +122,9 @@ def _chart(part: Part, rows: np.ndarray) -> np.ndarray:
     """Chart coordinates of rows of positions; rotation vectors go the shorter way from each to the next."""
     if part.width not in ROTATION:
         return rows.copy()
-    found, start = [], pin.Quaternion(part.origin).normalized().matrix().T
+    found, back = [], pin.Quaternion(part.origin).normalized().conjugate()
     for row in rows:
-        turn = pin.log3(start @ pin.Quaternion(row[-4:].copy()).normalized().matrix())
+        turn = _turn(back * pin.Quaternion(row[-4:].copy()).normalized())
         angle = float(np.linalg.norm(turn))
         before = found[-1] if found else np.zeros(3)
         if angle > 0.0:
@@ -132,6 +132,14 @@ def _chart(part: Part, rows: np.ndarray) -> np.ndarray:
             turn = min((turn, other), key=lambda one: float(np.linalg.norm(one - before)))
         found.append(turn)
     return np.hstack([rows[:, :-4], np.array(found)])
+
+
+def _turn(quaternion: pin.Quaternion) -> np.ndarray:
+    """The rotation vector of a unit quaternion, by at most half a turn; a matrix's is less certain towards that."""
+    x, y, z, w = quaternion.coeffs() if quaternion.w >= 0.0 else -quaternion.coeffs()
+    vector = np.array([x, y, z])
+    sine = float(np.linalg.norm(vector))
+    return vector * (2.0 * np.arctan2(sine, w) / sine) if sine > 0.0 else vector
 
 
 def _chart_rates(part: Part, rows: np.ndarray, z: np.ndarray, tangents: np.ndarray) -> np.ndarray:

@@ -66,6 +66,8 @@ class Subject:
         for shape in geometry.geometryObjects:
             if shape.name in self.hulls:
                 shape.geometry = shapes.hull_of(shape.geometry) or shape.geometry
+            if isinstance(shape.geometry, coal.Sphere):
+                shape.geometry = shapes.ball(shape.geometry.radius)
         return geometry
 
     @cached_property
@@ -176,7 +178,7 @@ class Judge:
     def _hold(self, moved: list[frozenset[int]], added: list[shapes.Body]) -> None:
         """Add what links hold, as shapes of their own; what joints move them, and what was added, go into the lists."""
         for one in self.setting.attached:
-            frame = self._model.frames[self._model.getFrameId(one.link)]
+            frame = self._model.frames[_frame(self._model, one.link)]
             carrier = frame.placement * shapes.se3(one.placement) * shapes.frame(one.obstacle)
             above = frozenset(j for j in self._model.supports[frame.parentJoint] if any(j in some for some in moved))
             for k, body in enumerate(shapes.bodies(one.obstacle)):
@@ -387,6 +389,11 @@ class Judge:
         """The pairs of two names."""
         return np.array([p for p in range(len(self.pairs)) if set(self.pair_names(p)) == set(names)], int)
 
+    def of_points(self, names: Sequence[str]) -> bool:
+        """Whether one of two names is a point cloud's, whose balls are judged by what surrounds them."""
+        everything = [*self.setting.obstacles, *(one.obstacle for one in self.setting.attached)]
+        return any(isinstance(one, messages.PointCloud) and one.name in names for one in everything)
+
     def least_at(self, curve: Curve, time: float) -> float:
         """The smallest distance of links and obstacles at a time of a curve [m]."""
         at = np.array([time])
@@ -426,11 +433,11 @@ class Judge:
     def frame_at(self, values: Values, frame: str) -> Any:
         """Where a frame is at values of one row, in the world."""
         pin.forwardKinematics(self._model, self._data, self.configurations(values)[0])
-        return self._base * pin.updateFramePlacement(self._model, self._data, self._model.getFrameId(frame))
+        return self._base * pin.updateFramePlacement(self._model, self._data, _frame(self._model, frame))
 
     def frame_placements(self, curve: Curve, times: np.ndarray, frame: str) -> list[Any]:
         """Where a frame is at times (n,) of a curve, in the world."""
-        index, found = self._model.getFrameId(frame), []
+        index, found = _frame(self._model, frame), []
         for q in self.configurations(curve.at(times)):
             pin.forwardKinematics(self._model, self._data, q)
             found.append(self._base * pin.updateFramePlacement(self._model, self._data, index))
@@ -475,6 +482,12 @@ class Judge:
                 if pin.computeDistance(self.geometry, self._scratch, pair).min_distance > 0.0:
                     return self.pair_names(pair)
         return None
+
+
+def _frame(model: Any, name: str) -> int:
+    """Index of the frame of a link, or else of a joint, of that name."""
+    kind = pin.BODY if model.existBodyName(name) else pin.JOINT | pin.FIXED_JOINT | pin.OP_FRAME
+    return int(model.getFrameId(name, kind))
 
 
 def _radius(shape: Any) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from tests.planner.limit_attack import extremes, ranges
 
-from doubting.curve import Curve
+from doubting.curve import ROTATION, Curve
 from doubting.loaded import Loaded
 from guidefield.messages.requests import CertifyRequest, PlanRequest
 
@@ -67,21 +67,33 @@ def _limits(loaded: Loaded, request: Request, curve: Curve, rate: str) -> np.nda
 def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndarray) -> list[tuple[float, str]]:
     """Of each joint that moves, or follows one that does, how far it is beyond its limits.
 
-    Where the limits of two followers contradict each other, those of one are not kept, and the robot says so.
+    That of a follower is told of the joint that it follows. Where the limits of two followers contradict each other,
+    those of one are not kept, and the robot says so.
     """
     found = []
     for name, (lower, upper, scale, offset, driver) in ranges(loaded.text).items():
         known = loaded.model.joint(name)
         if driver in at and known is not None and np.isfinite([known.lower[0], known.upper[0]]).any():
             ends = scale * low[at[driver]] + offset, scale * high[at[driver]] + offset
-            found.append((float(max(lower - min(ends), max(ends) - upper)), name))
+            beyond = float(max(lower - min(ends), max(ends) - upper))
+            found.append((beyond / max(1.0, abs(scale)), name))
     return found
 
 
 def _noise(curve: Curve, z: np.ndarray, limits: dict[str, np.ndarray]) -> dict[str, float]:
     """What rounding of positions does to each share: they are divided by a power of the shortest time."""
     shortest = float(np.diff(curve.times).min(initial=np.inf))
-    rounding = 64.0 * np.finfo(float).eps * (1.0 + np.abs(z).max(initial=0.0))
+    rounding = 64.0 * np.finfo(float).eps * (1.0 + np.abs(z).max(initial=0.0)) * _conditioning(curve)
     return {
         rate: float(rounding / shortest ** (k + 1) / limits[rate].min(initial=np.inf)) for k, rate in enumerate(RATES)
     }
+
+
+def _conditioning(curve: Curve) -> float:
+    """By how much a rotation vector is more uncertain than its quaternion: without bound towards a whole turn."""
+    worst = 1.0
+    for part in curve.parts:
+        if part.width in ROTATION:
+            half = 0.5 * np.linalg.norm(curve.points[:, part.at][:, ROTATION[part.width]], axis=1)
+            worst = max(worst, float((1.0 / np.maximum(np.abs(np.sinc(half / np.pi)), 1e-6)).max(initial=1.0)))
+    return worst

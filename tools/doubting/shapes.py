@@ -75,6 +75,11 @@ def frames_at(message: messages.Obstacle, times: np.ndarray) -> list[Any]:
     return found
 
 
+def ball(radius: float) -> Any:
+    """A ball, as a capsule without length: Coal finds its own in contact with triangles without area, anywhere."""
+    return coal.Capsule(radius, 0.0)
+
+
 def triangle_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(triangles), len(vertices))
@@ -158,13 +163,12 @@ def _half_space(message: messages.HalfSpace) -> list[Body]:
 
 
 def _cloud(message: messages.PointCloud) -> list[Body]:
-    ball = coal.Sphere(message.radius)
-    return [Body(ball, pin.SE3(np.eye(3), point)) for point in points_of(message.points)]
+    return [Body(ball(message.radius), pin.SE3(np.eye(3), point)) for point in points_of(message.points)]
 
 
 MAKERS: dict[type, Callable[[Any], list[Body]]] = {
     messages.Box: lambda m: _solid(coal.Box(*m.size)),
-    messages.Sphere: lambda m: _solid(coal.Sphere(m.radius)),
+    messages.Sphere: lambda m: _solid(ball(m.radius)),
     messages.Cylinder: lambda m: _solid(coal.Cylinder(m.radius, m.length)),
     messages.Capsule: lambda m: _solid(coal.Capsule(m.radius, m.length)),
     messages.HalfSpace: _half_space,

@@ -17,23 +17,27 @@ import typer
 from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
-from guidefield.cli import demonstration, serving
+from guidefield.cli import demonstration, doctoring, serving
 from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, RunName, Service, recording_file
 from guidefield.cli.kept_runs import runs_app
+from guidefield.cli.quota_file import read_quotas
 from guidefield.cli.recording import fetch_recording
 from guidefield.cli.refereeing import refereed
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.tables import certify_table, plan_table
 from guidefield.client import Client
-from guidefield.endpoint.service import DEFAULT_LISTEN, CannotServe, ServiceSettings
+from guidefield.endpoint.own_session import DEFAULT_LISTEN
+from guidefield.endpoint.ros.options import Distribution, RosSettings
+from guidefield.endpoint.service import CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import compile_kernels
 from guidefield.messages import codec, requests
+from guidefield.messages.quotas import DEFAULT_QUOTAS
 from guidefield.messages.replies import CertifyReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
@@ -50,6 +54,17 @@ out = Console()
 err = Console(stderr=True)
 
 RequestFile = Annotated[Path, typer.Argument(help="JSON file with a request; - reads standard input.", allow_dash=True)]
+Connect = Annotated[
+    list[str] | None, typer.Option(help=f"Where a service listens, may be repeated; else {DEFAULT_LISTEN}.")
+]
+ServiceName = Annotated[
+    str | None, typer.Option(help="Name of the service; else the one with the least to do is asked.")
+]
+ClientConfig = Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")]
+User = Annotated[str | None, typer.Option(help="Ask on the keys of this user; else what the file says.")]
+ObjectiveOption = Annotated[
+    requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
+]
 ReplyFile = Annotated[
     Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=writable)
 ]
@@ -86,6 +101,7 @@ def plan(
     record: Annotated[
         Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=writable)
     ] = None,
+    objective: ObjectiveOption = None,
 ) -> None:
     """Plan in this process, without a service.
 
@@ -94,7 +110,7 @@ def plan(
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
-    asked = _read(request)
+    asked = _aimed(_read(request), objective)
     compile_kernels(err.print)
     _report(answer(asked, record_to=record), output)
 
@@ -161,24 +177,22 @@ def certify(
 @app.command()
 def query(
     request: RequestFile,
-    connect: Annotated[
-        list[str] | None, typer.Option(help=f"Where it listens, may be repeated; else {DEFAULT_LISTEN}.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Name of the service; else the one with the least to do is asked.")
-    ] = None,
-    config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")] = None,
+    connect: Connect = None,
+    name: ServiceName = None,
+    config: ClientConfig = None,
+    user: User = None,
     output: ReplyFile = None,
     record: Annotated[
         Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=writable)
     ] = None,
+    objective: ObjectiveOption = None,
 ) -> None:
     """Ask a service for a plan, a verdict or kinematics.
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
-    asked = _read(request)
-    with _connected(connect, name, config) as client:
+    asked = _aimed(_read(request), objective)
+    with _connected(connect, name, config, user) as client:
         if isinstance(asked, requests.PlanRequest):
             reply: Reply = client.plan(asked)
         elif isinstance(asked, requests.CertifyRequest):
@@ -219,10 +233,26 @@ def serve(
     keep_runs: Annotated[int, typer.Option(min=1, help="How many runs are kept.")] = Retention.runs,
     keep_gib: Annotated[float, typer.Option(min=0.01, help="How large they may be together [GiB].")] = 20.0,
     keep_days: Annotated[float, typer.Option(min=0.0, help="How many days they are kept.")] = float("inf"),
+    quota: Annotated[
+        Path | None, typer.Option(help="JSON file with what each user may have.", exists=True, dir_okay=False)
+    ] = None,
     json_logs: Annotated[bool, typer.Option("--json-logs", help="Log one JSON object a line.")] = False,
     otel: Annotated[
         bool, typer.Option("--otel", help="Trace queries with OpenTelemetry (needs the extra otel).")
     ] = False,
+    metrics: Annotated[
+        int | None,
+        typer.Option(min=1, max=65_535, help="Port on loopback for metrics and health (needs the extra metrics)."),
+    ] = None,
+    ros: Annotated[
+        bool, typer.Option("--ros", help="Answer ROS 2 nodes on rmw_zenoh, as MoveIt does (needs the extra ros).")
+    ] = False,
+    ros_robot: Annotated[str, typer.Option(help="The robot that ROS 2 nodes ask about.")] = "panda",
+    ros_domain: Annotated[int, typer.Option(min=0, max=232, help="Their ROS domain.")] = 0,
+    ros_distro: Annotated[Distribution, typer.Option(help="Their distribution.")] = Distribution.JAZZY,
+    ros_connect: Annotated[
+        str | None, typer.Option(help="Zenoh endpoint of the router, rmw_zenohd, that they are reached through.")
+    ] = None,
 ) -> None:
     """Serve over Zenoh until Ctrl-C or SIGTERM; on loopback only, unless told otherwise."""
     settings = ServiceSettings(
@@ -236,10 +266,44 @@ def serve(
         retention=Retention(keep_runs, int(keep_gib * 2**30), keep_days * 86_400.0),
         json_logs=json_logs,
         otel=otel,
+        metrics=metrics,
         packages=tuple(folder.resolve() for folder in packages or ()),
         prepare=tuple(prepare or ()),
+        quotas=DEFAULT_QUOTAS if quota is None else read_quotas(quota),
+        ros=RosSettings(ros_robot, ros_domain, ros_distro, ros_connect) if ros else None,
     )
     serving.serve_until_signal(settings, typer.echo)
+
+
+@app.command()
+def secure(
+    folder: Annotated[Path, typer.Argument(help="Where the files go.", file_okay=False)],
+    operator: Annotated[
+        list[str] | None, typer.Option(help="Who may do everything, may be repeated; else operator.")
+    ] = None,
+    user: Annotated[list[str] | None, typer.Option(help="Who has keys of its own, may be repeated; else user.")] = None,
+    onlooker: Annotated[
+        list[str] | None, typer.Option(help="Who sees lists and what is shared, may be repeated; else onlooker.")
+    ] = None,
+    host: Annotated[
+        list[str] | None, typer.Option(help="How clients reach this machine, may be repeated; else localhost.")
+    ] = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Where the service listens.")] = 7447,
+) -> None:
+    """Write certificates, passwords and Zenoh configurations for a service that a network can reach.
+
+    One file is for the service, service.json5, and one for each who may use it.
+    """
+    from guidefield.cli import securing
+    from guidefield.cli.rights import Roles
+
+    roles = Roles(tuple(operator or Roles.operators), tuple(user or Roles.users), tuple(onlooker or Roles.onlookers))
+    try:
+        written = securing.secure(folder, roles, tuple(host or securing.HOSTS), port)
+    except ImportError:
+        raise CannotServe("certificates need a package more: pip install 'guidefield[secure]'") from None
+    for path in written:
+        typer.echo(str(path))
 
 
 @app.command()
@@ -306,6 +370,38 @@ def show(
 
 
 @app.command()
+def mcp(
+    connect: Connect = None,
+    name: ServiceName = None,
+    config: ClientConfig = None,
+    user: User = None,
+) -> None:
+    """Serve plans to a client of the Model Context Protocol, over standard input and output (needs the extra mcp).
+
+    It asks a service, and never moves a robot: plan, certify, clearance, inverse kinematics, robots, scenes.
+    """
+    from guidefield.mcp_server.server import serve_stdio
+
+    try:
+        serve_stdio(tuple(connect or ()), name, config, user)
+    except ImportError:
+        raise CannotServe("this needs the package mcp: pip install 'guidefield[mcp]'") from None
+
+
+@app.command()
+def doctor(
+    data: Data = None,
+    name: Service = "local",
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Say what is wrong with this machine and what to do: processors, memory, disk, kernels, clock, Zenoh, graphics.
+
+    Exit code 0 where a service can work here, 1 where something is wrong.
+    """
+    raise typer.Exit(doctoring.examine(default_data_folder(name) if data is None else data, out, json=json))
+
+
+@app.command()
 def docs(
     subject: Annotated[str | None, typer.Argument(help="What to read about; without it the pages are listed.")] = None,
 ) -> None:
@@ -320,9 +416,9 @@ app.add_typer(runs_app, name="runs")
 app.command()(replay)
 
 
-def _connected(endpoints: list[str] | None, name: str | None, config: Path | None) -> Client:
+def _connected(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:
     try:
-        return Client.connect(*(endpoints or ()), instance=name, config=config)
+        return Client.connect(*(endpoints or ()), instance=name, config=config, user=user)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="'--config'" if not endpoints else "'--connect'") from None
 
@@ -337,6 +433,15 @@ def _read(path: Path) -> requests.Request:
     except MalformedRequest as error:
         where = "standard input" if str(path) == "-" else path
         raise MalformedRequest(f"{where}: {error.message}", **error.details) from None
+
+
+def _aimed(request: requests.Request, objective: requests.Objective | None) -> requests.Request:
+    """The request with what the command line says that its motion is optimised for."""
+    if objective is None:
+        return request
+    if not isinstance(request, requests.PlanRequest):
+        raise MalformedRequest(f"--objective goes with a plan request, not with a {type(request).__name__}")
+    return msgspec.structs.replace(request, objective=objective)
 
 
 def _report(reply: Reply, output: Path | None) -> NoReturn:

@@ -35,7 +35,7 @@ def largest_step(first: PlanReply, second: PlanReply) -> float | None:
 
 
 def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
-    """Outcome, motion, clearance and times of two plans, and what of the plan differs."""
+    """Outcome, motion, clearance and times of two plans, and where the plans differ."""
     table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
     for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
         table.add_row(name, one, other)

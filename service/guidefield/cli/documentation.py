@@ -12,7 +12,7 @@ from rich.markdown import Markdown
 from rich.table import Table
 
 from guidefield.errors import UnknownObject
-from guidefield.messages.faults import LONGEST, nearest
+from guidefield.messages.faults import LONGEST, meant
 
 _PACKAGE = "guidefield.docs"
 
@@ -37,10 +37,9 @@ def page(subject: str) -> str:
     """
     available = subjects()
     if subject not in available:
-        near = nearest(subject, available)
-        meant = f"did you mean {' or '.join(near)}? " if near else ""
         raise UnknownObject(
-            f"there is no page about {subject[:LONGEST]!r}; {meant}there are {', '.join(available)}",
+            f"there is no page about {subject[:LONGEST]!r}; {meant(subject, available)}"
+            f"there are {', '.join(available)}",
             subject=subject[:LONGEST],
             available=list(available),
         )

@@ -56,7 +56,7 @@ def list_runs(
 
 @runs_app.command()
 def compare(first: RunName, second: RunName, data: Data = None, name: Service = "local") -> None:
-    """Show two runs beside each other: waypoints, clearance, times, and what of the plan differs."""
+    """Show two runs beside each other: waypoints, clearance, times, and where the plans differ."""
     out.print(comparison_table(find_plan(first, data, name), find_plan(second, data, name)))
 
 

@@ -11,13 +11,15 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from guidefield import logs
 from guidefield.cli.ending import BY_FORCE, end_when_told
 from guidefield.cli.loopback import LOOPBACK, free_port
+from guidefield.cli.supervisor import tell_supervisor
 from guidefield.endpoint.service import ServiceSettings, serve
 
 WHERE = signal.SIGUSR1
@@ -48,7 +50,8 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
 
 
 def _tell(announce: Callable[[str], None], sentence: str) -> None:
-    """Announce a sentence, unless that would wait for whoever is to read standard output."""
+    """Announce a sentence, unless that would wait for whoever is to read standard output; tell the supervisor, too."""
+    tell_supervisor(sentence)
     output = select.poll()
     output.register(sys.stdout, select.POLLOUT)
     if output.poll(0) == [(sys.stdout.fileno(), select.POLLOUT)]:
@@ -65,7 +68,12 @@ class ChildService:
 
 @contextlib.contextmanager
 def service_in_child(
-    announce: Callable[[str], None], *, workers: int = 1, name: str = "local"
+    announce: Callable[[str], None],
+    *,
+    workers: int = 1,
+    name: str = "local",
+    options: Sequence[str] = (),
+    within: Path | None = None,
 ) -> Iterator[ChildService]:
     """A service of its own, in a child process on a free loopback port, with a data folder that goes with it.
 
@@ -73,6 +81,8 @@ def service_in_child(
         announce: Is told what the service tells while it starts.
         workers: Its worker processes.
         name: Its instance's name.
+        options: More of `guidefield serve`.
+        within: Where its data folder is made; None: where temporary ones are.
 
     Yields:
         The service, ready for requests.
@@ -80,10 +90,10 @@ def service_in_child(
     Raises:
         RuntimeError: if it doesn't start; if it doesn't end when it is told to, and has to be ended by force.
     """
-    serve_there = [sys.executable, "-m", "guidefield", "serve", "--workers", str(workers), "--name", name]
+    serve_there = [sys.executable, "-m", "guidefield", "serve", "--workers", str(workers), "--name", name, *options]
     with (
         free_port() as port,
-        tempfile.TemporaryDirectory(prefix="guidefield-") as data,
+        tempfile.TemporaryDirectory(prefix="guidefield-", dir=within) as data,
         subprocess.Popen(  # noqa: S603 - ourselves
             [*serve_there, "--data", data, "--listen", f"tcp/{LOOPBACK}:{port}"], stdout=subprocess.PIPE, text=True
         ) as child,

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from guidefield.errors import Status
-from guidefield.messages.certificate_in_words import certified
-from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, Stage, Timing
+from guidefield.messages.certificate_in_words import certified, place_in_words
+from guidefield.messages.replies import CertifyReply, ClearanceFigures, LimitUse, MotionReply, PlanReply, Stage, Timing
 
 
 def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
@@ -24,12 +24,7 @@ def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
         reply: The reply.
         title: What the table is headed with.
     """
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, value in _rows(reply):
-        table.add_row(name, value)
-    return table
+    return _headed(title, [*_planned_rows(reply), *_last_rows(reply)])
 
 
 def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType:
@@ -39,11 +34,16 @@ def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType
         reply: The reply.
         title: What the table is headed with.
     """
+    return _headed(title, [*_judged_rows(reply), *_last_rows(reply)])
+
+
+def _headed(title: str, rows: list[tuple[str, RenderableType]]) -> Table:
+    """Named values below a title."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
-    for name, value in (*_judged_rows(reply), *_last_rows(reply)):
-        table.add_row(name, value)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -57,30 +57,33 @@ def _judged_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
         ("certificate", Text.assemble(verdict, f", {certificate.covers}: {certificate.method}, {evaluations}")),
     ]
     if not certificate.collision_free:
-        rows.append(("free until", Text(_place(certificate.free_until.row, certificate.free_until.time))))
+        rows.append(("free until", Text(place_in_words(certificate.free_until.row, certificate.free_until.time))))
     if certificate.place is not None:
-        where = f"{_place(certificate.place.row, certificate.place.time)}{_pair(certificate.pair)}"
+        where = f"{place_in_words(certificate.place.row, certificate.place.time)}{_pair(certificate.pair)}"
         rows.append(("refused at", Text(where)))
-    if reply.clearance is not None:
-        rows.append(("clearance", Text(_clearance(reply))))
-    if reply.self_clearance is not None and reply.self_clearance.minimum is not None:
-        own = f"{_millimetres(reply.self_clearance.minimum)}{_pair(reply.self_clearance.pair)}"
-        rows.append(("to itself", Text(own)))
+    rows += _distances(reply)
     for name in reply.limits.__struct_fields__:
         use: LimitUse = getattr(reply.limits, name)
         if use.joint is not None and use.row is not None:
             share = "jumps below it" if use.share is None else f"{100 * use.share:.1f} %"
-            rows.append((f"{name} limit", Text(f"{share} by {use.joint}, at {_place(use.row, use.time)}")))
+            rows.append((f"{name} limit", Text(f"{share} by {use.joint}, at {place_in_words(use.row, use.time)}")))
     return rows
-
-
-def _place(row: float, time: float | None) -> str:
-    return f"row {row:.6g}" if time is None else f"{time:.6g} s (row {row:.6g})"
 
 
 def _status(reply: MotionReply) -> Text:
     style = "bold green" if reply.status.code == Status.SUCCESS else "bold red"
     return Text.assemble((reply.status.name, style), f"  {reply.status.message}")
+
+
+def _distances(reply: MotionReply) -> list[tuple[str, RenderableType]]:
+    """What was kept from obstacles, and between links."""
+    rows: list[tuple[str, RenderableType]] = []
+    if reply.clearance is not None:
+        rows.append(("clearance", Text(_clearance(reply.clearance))))
+    own = reply.self_clearance
+    if own is not None and own.minimum is not None:
+        rows.append(("to itself", Text(f"{_millimetres(own.minimum)}{_pair(own.pair)}")))
+    return rows
 
 
 def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
@@ -94,23 +97,18 @@ def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     return rows
 
 
-def _rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
+def _planned_rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
     rows: list[tuple[str, RenderableType]] = [
         ("status", _status(reply)),
-        ("run", Text(f"{reply.run_id}  (planner {reply.planner}, seed {reply.seed})")),
+        ("run", Text(f"{reply.run_id}  (planner {reply.planner}, objective {reply.objective}, seed {reply.seed})")),
         ("path", Text(_path(reply))),
     ]
     if reply.guide_planes:
         rows.append(("guide planes", Text(" → ".join(plane.name for plane in reply.guide_planes))))
-    if reply.clearance is not None:
-        rows.append(("clearance", Text(_clearance(reply))))
-    if reply.self_clearance is not None and reply.self_clearance.minimum is not None:
-        rows.append(
-            ("to itself", Text(f"{_millimetres(reply.self_clearance.minimum)}{_pair(reply.self_clearance.pair)}"))
-        )
+    rows += _distances(reply)
     rows.append(("certificate", _certificate(reply)))
     rows.extend(("stage", Text(_stage(reply, stage))) for stage in reply.stages)
-    return [*rows, *_last_rows(reply)]
+    return rows
 
 
 def _this_command() -> str:
@@ -131,9 +129,8 @@ def _path(reply: PlanReply) -> str:
     return ", ".join(parts)
 
 
-def _clearance(reply: MotionReply) -> str:
-    clearance = reply.clearance
-    if clearance is None or clearance.minimum is None:
+def _clearance(clearance: ClearanceFigures) -> str:
+    if clearance.minimum is None:
         return "no obstacle"
     text = f"{_millimetres(clearance.minimum)}{_pair(clearance.pair)}"
     if clearance.time is not None:

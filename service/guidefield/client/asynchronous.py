@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from types import MappingProxyType, TracebackType
+from typing import Any, Literal, Self, TypeVar, cast
 
 from guidefield.client import questions
 from guidefield.client.client import GIVE_UP_WITHIN, exchange_with
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
-from guidefield.client.watching import watching
+from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import (
     AnyRunReply,
@@ -26,10 +26,12 @@ from guidefield.messages.replies import (
     RunsReply,
 )
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
-from guidefield.messages.scene import Scene
-from guidefield.messages.values import RootJoint
+from guidefield.messages.scene import Obstacle, Scene
+from guidefield.messages.scene_changes import SceneChanged
+from guidefield.messages.values import Placement, RootJoint
 
 _R = TypeVar("_R")
+_T = TypeVar("_T")
 
 
 class AsyncClient:
@@ -44,10 +46,15 @@ class AsyncClient:
 
     @classmethod
     async def connect(
-        cls, *endpoints: str, instance: str | None = None, config: Path | None = None, wait: float = 3.0
+        cls,
+        *endpoints: str,
+        instance: str | None = None,
+        config: Path | None = None,
+        user: str | None = None,
+        wait: float = 3.0,
     ) -> Self:
         """Connect to a service, as `Client.connect`."""
-        return cls(await asyncio.to_thread(exchange_with, endpoints, instance, config, wait))
+        return cls(await asyncio.to_thread(exchange_with, endpoints, instance, config, user, wait))
 
     async def __aenter__(self) -> Self:
         return self
@@ -104,7 +111,7 @@ class AsyncClient:
         assert question.run_id is not None, "a run is asked for with a name"
         loop = asyncio.get_running_loop()
         hear = None if progress is None else _called_by(loop, progress)
-        with watching(self._exchange.session, question.run_id, hear):
+        with watching(self._exchange.session, self._exchange.user, question.run_id, hear):
             try:
                 return await self._ask(question)
             except asyncio.CancelledError:
@@ -161,13 +168,42 @@ class AsyncClient:
         """The scenes that can be named."""
         return (await self._ask(questions.scenes())).scenes
 
-    async def scene(self, name: str) -> Scene:
-        """One scene."""
-        return (await self._ask(questions.scene(name))).scene
+    async def scene(self, name: str, version: int | None = None) -> Scene:
+        """One scene: one of its last 16 versions, or the newest."""
+        return (await self._ask(questions.scene(name, version))).scene
+
+    async def scene_version(self, name: str) -> int | None:
+        """The version that a scene has; None if it comes with the package, and never changes."""
+        return (await self._ask(questions.scene(name, None))).version
 
     async def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
         """Store a scene under its own name; what is odd about its obstacles but harmless."""
         return (await self._ask(questions.store_scene(scene))).warnings
+
+    async def change_scene(
+        self,
+        name: str,
+        *,
+        add: Sequence[Obstacle | dict[str, Any]] = (),
+        move: Mapping[str, Placement | dict[str, Any]] = MappingProxyType({}),
+        remove: Sequence[str] = (),
+        version: int | None = None,
+    ) -> int:
+        """Change a stored scene; the version that it has from now on. As `Client.change_scene`."""
+        diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
+        return cast(int, (await self._ask(questions.change_scene(name, diff))).version)
+
+    def watching_scene(
+        self, name: str, hear: Callable[[SceneChanged], None]
+    ) -> contextlib.AbstractContextManager[None]:
+        """Hear what changes about a stored scene, as long as the block runs; the event loop calls `hear`."""
+        loop = asyncio.get_running_loop()
+        return watching_scene(self._exchange.session, self._exchange.user, name, _called_by(loop, hear))
+
+    def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
+        """Hear how far a run is that was asked for elsewhere; the event loop calls `hear`."""
+        loop = asyncio.get_running_loop()
+        return watching(self._exchange.session, self._exchange.user, run_id, _called_by(loop, hear))
 
     async def delete_scene(self, name: str) -> None:
         """Forget a stored scene."""
@@ -191,6 +227,14 @@ class AsyncClient:
         """The recording of one run, to be written to an `.rrd` file."""
         return await self._ask(questions.recording(run_id))
 
+    async def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
+        """Let every user read a run, scene or robot of one's own; says in a sentence by which name."""
+        return (await self._ask(questions.share(kind, name, shared=True))).done
+
+    async def unshare(self, kind: Literal["runs", "scenes", "robots"], name: str) -> None:
+        """Let nobody else read it any more, but operators."""
+        await self._ask(questions.share(kind, name, shared=False))
+
     async def info(self) -> InfoReply:
         """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""
         return await self._ask(questions.info())
@@ -199,8 +243,8 @@ class AsyncClient:
         return question.read(await asyncio.wrap_future(self._exchange.ask(question)))
 
 
-def _called_by(loop: asyncio.AbstractEventLoop, hear: Callable[[Progress], None]) -> Callable[[Progress], None]:
-    def called(progress: Progress) -> None:
-        loop.call_soon_threadsafe(hear, progress)
+def _called_by(loop: asyncio.AbstractEventLoop, hear: Callable[[_T], None]) -> Callable[[_T], None]:
+    def called(told: _T) -> None:
+        loop.call_soon_threadsafe(hear, told)
 
     return called

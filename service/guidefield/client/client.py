@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from types import MappingProxyType, TracebackType
+from typing import Any, Literal, Self, TypeVar, cast
 
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, awaited
 from guidefield.client.questions import KinematicsReply, Question
-from guidefield.client.session import configured, linked, opened, unreachable
-from guidefield.client.watching import watching
+from guidefield.client.session import configured, configured_user, linked, opened, unreachable
+from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError, NoService
+from guidefield.messages.identities import checked_user
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,
@@ -26,8 +27,9 @@ from guidefield.messages.replies import (
     RunsReply,
 )
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
-from guidefield.messages.scene import Scene
-from guidefield.messages.values import RootJoint
+from guidefield.messages.scene import Obstacle, Scene
+from guidefield.messages.scene_changes import SceneChanged
+from guidefield.messages.values import Placement, RootJoint
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 GIVE_UP_WITHIN = 2.0
@@ -64,7 +66,12 @@ class Client:
 
     @classmethod
     def connect(
-        cls, *endpoints: str, instance: str | None = None, config: Path | None = None, wait: float = 3.0
+        cls,
+        *endpoints: str,
+        instance: str | None = None,
+        config: Path | None = None,
+        user: str | None = None,
+        wait: float = 3.0,
     ) -> Self:
         """Connect to a service.
 
@@ -74,14 +81,17 @@ class Client:
             instance: The only instance to ask. None takes the one that has the least to do, and another one when that
                 is gone or too busy.
             config: Zenoh configuration file: certificates, user and password.
+            user: The user on whose keys to ask. None: the one that the configuration names, as the files of
+                ``guidefield secure`` do; else the plain keys, without a user.
             wait: How long to wait for it to be there [s].
 
         Raises:
             NoService: if in that time nobody listens there, who listens doesn't let this user in, or no service of that
                 name shows.
             ValueError: if an endpoint isn't one, or the configuration is wrong.
+            MalformedRequest: if nobody can be a user of that name.
         """
-        return cls(exchange_with(endpoints, instance, config, wait))
+        return cls(exchange_with(endpoints, instance, config, user, wait))
 
     def __enter__(self) -> Self:
         return self
@@ -161,7 +171,7 @@ class Client:
 
     def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
         assert question.run_id is not None, "a run is asked for with a name"
-        with watching(self._exchange.session, question.run_id, progress):
+        with watching(self._exchange.session, self._exchange.user, question.run_id, progress):
             answer = self._exchange.ask(question)
             try:
                 return question.read(awaited(answer))
@@ -273,16 +283,28 @@ class Client:
         """The scenes that can be named."""
         return self._ask(questions.scenes()).scenes
 
-    def scene(self, name: str) -> Scene:
+    def scene(self, name: str, version: int | None = None) -> Scene:
         """One scene.
 
         Args:
             name: Its name, as `scenes` lists them.
+            version: One of its last 16 versions; None: the newest.
+
+        Raises:
+            SceneInvalid: if there is none of that name, or no such version.
+        """
+        return self._ask(questions.scene(name, version)).scene
+
+    def scene_version(self, name: str) -> int | None:
+        """The version that a scene has; None if it comes with the package, and never changes.
+
+        Args:
+            name: Its name.
 
         Raises:
             SceneInvalid: if there is none of that name.
         """
-        return self._ask(questions.scene(name)).scene
+        return self._ask(questions.scene(name, None)).version
 
     def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
         """Store a scene, or the same as a dict, under its own name; what is odd about its obstacles but harmless.
@@ -292,6 +314,58 @@ class Client:
             SceneInvalid: if something in it can't be used, or the name is a packaged scene's.
         """
         return self._ask(questions.store_scene(scene)).warnings
+
+    def change_scene(
+        self,
+        name: str,
+        *,
+        add: Sequence[Obstacle | dict[str, Any]] = (),
+        move: Mapping[str, Placement | dict[str, Any]] = MappingProxyType({}),
+        remove: Sequence[str] = (),
+        version: int | None = None,
+    ) -> int:
+        """Change a stored scene; the version that it has from now on.
+
+        Args:
+            name: Its name.
+            add: Obstacles that come, or the same as dicts.
+            move: Where obstacles stand from now on, by their names.
+            remove: Names of obstacles that go, before others come: what is in both is replaced.
+            version: The version that is meant: nothing changes if the scene has another by now. None: whichever.
+
+        Raises:
+            MalformedRequest: if a dict is no obstacle or placement.
+            SceneInvalid: if nothing is stored under that name, the change does not fit, or another version was meant.
+
+        Example:
+            >>> with guidefield.Client() as client:  # doctest: +SKIP
+            ...     client.change_scene("cell", move={"pallet": {"position": [0.8, 0.1, 0.0]}})
+            7
+        """
+        diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
+        done = self._ask(questions.change_scene(name, diff))
+        return cast(int, done.version)
+
+    def watching_scene(
+        self, name: str, hear: Callable[[SceneChanged], None]
+    ) -> contextlib.AbstractContextManager[None]:
+        """Hear what changes about a stored scene, as long as the block runs.
+
+        Args:
+            name: Its name.
+            hear: Is called, in another thread, with each change and the version that it makes; what changed at the same
+                time may come in another order.
+        """
+        return watching_scene(self._exchange.session, self._exchange.user, name, hear)
+
+    def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
+        """Hear how far a run is that was asked for elsewhere, as long as the block runs.
+
+        Args:
+            run_id: Its name; of another user's, which is shared, with the user before it: ``alice:r1``.
+            hear: Is called, in another thread, each time that it is told.
+        """
+        return watching(self._exchange.session, self._exchange.user, run_id, hear)
 
     def delete_scene(self, name: str) -> None:
         """Forget a stored scene.
@@ -347,6 +421,14 @@ class Client:
         """
         return self._ask(questions.recording(run_id))
 
+    def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
+        """Let every user read a run, scene or robot of one's own; says in a sentence by which name."""
+        return (self._ask(questions.share(kind, name, shared=True))).done
+
+    def unshare(self, kind: Literal["runs", "scenes", "robots"], name: str) -> None:
+        """Let nobody else read it any more, but operators."""
+        self._ask(questions.share(kind, name, shared=False))
+
     def info(self) -> InfoReply:
         """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""
         return self._ask(questions.info())
@@ -355,12 +437,15 @@ class Client:
         return question.read(awaited(self._exchange.ask(question)))
 
 
-def exchange_with(endpoints: tuple[str, ...], instance: str | None, config: Path | None, wait: float) -> Exchange:
+def exchange_with(
+    endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None, wait: float
+) -> Exchange:
     """What carries questions to a service that is there; raises as `Client.connect`."""
     deadline = time.monotonic() + wait
     where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
     settings = configured(where, config)
-    exchange = Exchange(opened(settings, deadline), instance)
+    asking = checked_user(user) if user is not None else configured_user(settings)
+    exchange = Exchange(opened(settings, deadline), instance, asking)
     try:
         exchange.await_instance(deadline - time.monotonic())
     except BaseException as error:

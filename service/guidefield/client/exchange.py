@@ -23,8 +23,9 @@ import zenoh
 
 from guidefield.client.instances import Instances
 from guidefield.client.questions import Question, refusal
-from guidefield.errors import GuidefieldError, MalformedRequest, NoService, ServerBusy
+from guidefield.errors import GuidefieldError, MalformedRequest, NoService, QuotaExceeded, ServerBusy
 from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN, base_key
 
 RETURN_WITHIN = 3.0
 """How long another instance is waited for when the one that was asked is gone [s]."""
@@ -44,13 +45,15 @@ class Exchange:
     Args:
         session: An open session; closed with this.
         instance: The only instance to ask; None takes the freest, and another one when that is gone.
+        user: On whose keys they are asked.
     """
 
-    def __init__(self, session: zenoh.Session, instance: str | None) -> None:
+    def __init__(self, session: zenoh.Session, instance: str | None, user: str = PLAIN) -> None:
         self.session = session
+        self.user = user
         self.named = instance
         self.client = uuid.uuid4().hex
-        self._instances = Instances(session)
+        self._instances = Instances(session, user)
         self._current = instance
         self._runs: OrderedDict[str, str] = OrderedDict()
         self._stored: dict[str, str] = {}
@@ -135,7 +138,7 @@ class Exchange:
         """Let an instance know that this client is there, from its first question on until it is closed."""
         with self._lock:
             if instance not in self._present:
-                key = f"guidefield/{instance}/clients/{self.client}"
+                key = f"{base_key(instance, self.user)}/clients/{self.client}"
                 self._present[instance] = self.session.liveliness().declare_token(key)
 
     def remember(self, run_id: str, instance: str) -> None:
@@ -194,7 +197,7 @@ class _Asking:
         self._tried |= {instance}
         question = self._question
         try:
-            selector = zenoh.Selector(f"guidefield/{instance}/{question.key}")
+            selector = zenoh.Selector(f"{base_key(instance, self._exchange.user)}/{question.key}")
         except zenoh.ZError as error:
             raise MalformedRequest(f"{question.key!r} can't be asked for: {error}", key=question.key) from None
         self._exchange.be_present(instance)
@@ -216,7 +219,7 @@ class _Asking:
             self.answer.set_result(bytes(self._brought[0].ok.payload.to_bytes()))
             return
         error = self._refusal() if self._brought else self._gone()
-        if not self._brought or isinstance(error, ServerBusy):
+        if not self._brought or isinstance(error, ServerBusy | QuotaExceeded):
             # Not in Zenoh's own thread: to look for another instance takes its answers.
             threading.Thread(target=self._ask_another, args=(error,), name="guidefield-ask", daemon=True).start()
         else:
@@ -242,7 +245,10 @@ class _Asking:
         """Zenoh brings no answer where the instance is gone, and where this client has no right to the key."""
         name, key = self._instance, self._question.key
         if self._exchange.is_there(name):
-            told = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
+            told = (
+                f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it, or the "
+                "link is cut again and again"
+            )
         else:
             told = f"no service named {name!r} answers any more"
         return NoService(told, instance=name, key=key)

@@ -11,9 +11,9 @@ import zenoh
 
 from guidefield.client.loads import Loads
 from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN, base_key
 from guidefield.messages.replies import InfoReply
 
-BRIEFLY = "guidefield/*/info?brief"
 REFRESHED_EVERY = 0.5
 """How old may be what an instance told of others' questions [s]; this client's own count at once."""
 ASK_WITHIN = 1.0
@@ -25,13 +25,15 @@ class Instances:
 
     Args:
         session: An open session.
+        user: On whose keys they are asked.
 
     Attributes:
         loads: How much each has to do.
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, user: str = PLAIN) -> None:
         self._session = session
+        self._briefly = f"{base_key('*', user)}/info?brief"
         self.loads = Loads()
         self._living: set[str] = set()
         self._refreshed = -REFRESHED_EVERY
@@ -46,7 +48,7 @@ class Instances:
                 return
             self._refreshed = now
         self._session.get(
-            BRIEFLY,
+            self._briefly,
             zenoh.handlers.Callback(self._be_told, indirect=False),
             encoding=Encoding.MSGPACK.value,
             timeout=ASK_WITHIN,
@@ -104,7 +106,7 @@ class Instances:
         """What each says about itself, briefly."""
         infos = {}
         encoding = Encoding.MSGPACK.value
-        for reply in self._session.get(BRIEFLY, encoding=encoding, timeout=ASK_WITHIN):
+        for reply in self._session.get(self._briefly, encoding=encoding, timeout=ASK_WITHIN):
             if (told := self._be_told(reply)) is not None:
                 infos[_instance(reply.ok.key_expr)] = told
         return infos

@@ -6,7 +6,7 @@ import re
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import msgspec
 
@@ -37,6 +37,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import RequestScene, SceneDiff
 from guidefield.messages.values import Reply, RootJoint
 
 KinematicsReply = (
@@ -104,17 +105,7 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
     given = codec.decode_request(_either("plan", request, fields))
     if not isinstance(given, PlanRequest):
         raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")
-    run_id = given.run_id or uuid.uuid4().hex
-    named = msgspec.structs.replace(given, run_id=run_id)
-    return Question(
-        "plan",
-        _reader("plan", PlanReply),
-        _sent(named),
-        given.allowed_planning_time + PLAN_MARGIN,
-        run_id,
-        work=True,
-        needs=_needed(given),
-    )
+    return _run("plan", given, given.allowed_planning_time, PlanReply)
 
 
 def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[CertifyReply]:
@@ -131,10 +122,7 @@ def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, A
     given = codec.decode_request({"type": CERTIFY, **asked} if isinstance(asked, dict) else asked)
     if not isinstance(given, CertifyRequest):
         raise MalformedRequest(f"a judgement is asked for with a CertifyRequest, not with {type(given).__name__}")
-    run_id = given.run_id or uuid.uuid4().hex
-    named = msgspec.structs.replace(given, run_id=run_id)
-    read, timeout = _reader("certify", CertifyReply), given.allowed_time + PLAN_MARGIN
-    return Question("certify", read, _sent(named), timeout, run_id, work=True, needs=_needed(given))
+    return _run("certify", given, given.allowed_time, CertifyReply)
 
 
 def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[KinematicsReply]:
@@ -179,9 +167,10 @@ def scenes() -> Question[ScenesReply]:
     return _reading("scenes", ScenesReply)
 
 
-def scene(name: str) -> Question[SceneReply]:
-    """One scene."""
-    return _reading(_key("scenes", name), SceneReply)
+def scene(name: str, version: int | None) -> Question[SceneReply]:
+    """One scene, the newest version or one that is named."""
+    key = _key("scenes", name)
+    return _reading(key if version is None else f"{key}?version={version}", SceneReply)
 
 
 def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
@@ -193,6 +182,17 @@ def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
     given = codec.convert(scene, Scene) if isinstance(scene, dict) else scene
     key = _key("scenes", given.name)
     return Question(key, _reader(key, Done), _sent(given), stores=key)
+
+
+def change_scene(name: str, diff: dict[str, Any]) -> Question[Done]:
+    """A stored scene is to be changed; never asked again, for it would be changed twice.
+
+    Raises:
+        MalformedRequest: if that is no change.
+    """
+    given = codec.convert({"type": "scene_diff", **diff}, SceneDiff)
+    key = _key("scenes", name)
+    return Question(key, _reader(key, Done), _sent(given), needs=(key,), repeatable=False)
 
 
 def delete_scene(name: str) -> Question[Done]:
@@ -242,6 +242,13 @@ def recording(run_id: str) -> Question[bytes]:
     return Question(f"{_key('runs', run_id)}/recording", bytes, run_id=run_id)
 
 
+def share(kind: Literal["runs", "scenes", "robots"], name: str, *, shared: bool) -> Question[Done]:
+    """Something is to be read by everybody, or by nobody else any more."""
+    key = _key(kind, name)
+    run_id = name if kind == "runs" else None
+    return _reading(f"{key}?{'share' if shared else 'unshare'}", Done, run_id)
+
+
 def info() -> Question[InfoReply]:
     """What the service says about itself."""
     return _reading("info", InfoReply)
@@ -254,6 +261,13 @@ def refusal(payload: bytes) -> GuidefieldError | None:
     except msgspec.DecodeError:
         return None
     return error_of(error)
+
+
+def _run(key: str, request: MotionRequest, allowed: float, kind: type[_M]) -> Question[_M]:
+    """A run under its name; a new one where it has none."""
+    run_id = request.run_id or uuid.uuid4().hex
+    sent, timeout = _sent(msgspec.structs.replace(request, run_id=run_id)), allowed + PLAN_MARGIN
+    return Question(key, _reader(key, kind), sent, timeout, run_id, work=True, needs=_needed(request))
 
 
 def _either(what: str, request: _Q | dict[str, Any] | None, fields: dict[str, Any]) -> _Q | dict[str, Any]:
@@ -287,7 +301,8 @@ def _deleting(key: str, run_id: str | None = None) -> Question[Done]:
 
 def _needed(request: MotionRequest | KinematicsRequest) -> tuple[str, ...]:
     """Keys of the robot and the scene that a request names."""
-    named = {"robots": getattr(request, "robot", None), "scenes": getattr(request, "scene", None)}
+    robot, scene = getattr(request, "robot", None), getattr(request, "scene", None)
+    named = {"robots": robot, "scenes": scene.base if isinstance(scene, RequestScene) else scene}
     return tuple(f"{room}/{name}" for room, name in named.items() if isinstance(name, str))
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import zenoh
 
 from guidefield.errors import NoService, without_source
+from guidefield.messages.identities import PLAIN, checked_user
 
 LOOK_AGAIN = 0.05
 """How often something that isn't there yet is looked for [s]."""
@@ -80,6 +81,18 @@ def _listened_at(endpoint: str) -> bool:
 def linked(session: zenoh.Session) -> bool:
     """Whether a session has a link to anybody."""
     return bool(list(session.info.peers_zid()) or list(session.info.routers_zid()))
+
+
+def configured_user(settings: zenoh.Config) -> str:
+    """The user that a configuration names, in what Zenoh leaves to others to say: ``metadata: {guidefield: {user}}``.
+
+    Raises:
+        MalformedRequest: if nobody can be a user of that name.
+    """
+    told = json.loads(settings.get_json("metadata"))
+    ours = told.get("guidefield") if isinstance(told, dict) else None
+    user = ours.get("user") if isinstance(ours, dict) else None
+    return PLAIN if user is None else checked_user(str(user))
 
 
 def configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:

@@ -1,33 +1,62 @@
-"""The progress of a run, heard while a block runs."""
+"""What is published, heard while a block runs: the progress of a run, the changes of a scene."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import msgspec
 import zenoh
 
+from guidefield.messages.identities import base_key, shared_key
 from guidefield.messages.replies import Progress
+from guidefield.messages.scene_changes import SceneChanged
+
+_M = TypeVar("_M", Progress, SceneChanged)
 
 
 @contextlib.contextmanager
-def watching(session: zenoh.Session, run_id: str, hear: Callable[[Progress], None] | None) -> Iterator[None]:
+def watching(session: zenoh.Session, user: str, run_id: str, hear: Callable[[Progress], None] | None) -> Iterator[None]:
     """Have somebody hear how far a run is, whichever instance makes it; nothing is done for nobody.
 
     Args:
         session: An open session.
-        run_id: Name of the run.
+        user: Whose run it is.
+        run_id: Name of the run; of another user's, which is shared, with the user before it.
         hear: Who hears it, in a thread of the session.
     """
     if hear is None:
         yield
         return
 
-    def heard(sample: zenoh.Sample) -> None:
-        hear(msgspec.json.decode(sample.payload.to_bytes(), type=Progress))
+    base = shared_key("*") if ":" in run_id else base_key("*", user)
+    with _hearing(session, f"{base}/runs/{run_id}/progress", Progress, hear):
+        yield
 
-    subscriber = session.declare_subscriber(f"guidefield/*/runs/{run_id}/progress", heard)
+
+@contextlib.contextmanager
+def watching_scene(
+    session: zenoh.Session, user: str, name: str, hear: Callable[[SceneChanged], None]
+) -> Iterator[None]:
+    """Have somebody hear what changes about a stored scene, in whichever instance.
+
+    Args:
+        session: An open session.
+        user: Whose scene it is.
+        name: Name of the scene.
+        hear: Who hears it, in a thread of the session.
+    """
+    with _hearing(session, f"{base_key('*', user)}/scenes/{name}/changes", SceneChanged, hear):
+        yield
+
+
+@contextlib.contextmanager
+def _hearing(session: zenoh.Session, key: str, kind: type[_M], hear: Callable[[_M], None]) -> Iterator[None]:
+    def heard(sample: zenoh.Sample) -> None:
+        hear(msgspec.json.decode(sample.payload.to_bytes(), type=kind))
+
+    subscriber = session.declare_subscriber(key, heard)
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Balls about the robot's bodies, boxes about obstacles: their distance at least, and which joints move what."""
+"""Balls about the robot's bodies, and which joints move what."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import TRANSLATION
-from guidefield.scene.obstacle import Obstacle
 
 PARTS = 8
 """Into so many boxes the box about a robot body is cut: balls about them follow a long body closer than one ball."""
@@ -47,10 +46,9 @@ def joint_placements(data: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What is known about bodies before any configuration is.
+    """What is known about the robot's bodies before any configuration is, in the order of the group's geometry.
 
-    Robot bodies come first, in the order of the group's geometry, then obstacles. Columns j are those of the velocity
-    of the group's `model`, followers included.
+    Columns j are those of the velocity of the group's `model`, followers included.
 
     Attributes:
         joints: Joint that carries each robot body, shape (r,); 0 is the world.
@@ -60,9 +58,6 @@ class Bodies:
         part_radii: Their radii, shape (r,) [m].
         moved_by: Whether joint j moves a robot body, shape (r, nv).
         turns: Whether joint j turns (revolute, continuous) rather than slides, shape (nv,).
-        box_axes: Axes of the boxes about obstacles in the world, shape (3, 3 o), three columns each.
-        box_centres: Their centres along those axes, shape (3 o,) [m].
-        box_halves: Their half extents along those axes, shape (3 o,) [m]; infinite for a half-space.
     """
 
     joints: np.ndarray
@@ -72,9 +67,6 @@ class Bodies:
     part_radii: np.ndarray
     moved_by: np.ndarray
     turns: np.ndarray
-    box_axes: np.ndarray
-    box_centres: np.ndarray
-    box_halves: np.ndarray
 
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
         """Centres of the balls in the world.
@@ -89,79 +81,25 @@ class Bodies:
         centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres
 
-    def separations(self, centres: np.ndarray, pairs: np.ndarray, self_pairs: int) -> np.ndarray:
-        """Lower bounds (..., n) of the signed distances of pairs of bodies [m].
-
-        A ball that overlaps another, or a box from outside, bounds the depth too; a centre inside a box bounds nothing:
-        minus infinity.
-
-        Args:
-            centres: Centres of the balls, shape (..., r, 3) [m, world].
-            pairs: Pairs of bodies, shape (n, 2): the robot's own first, then robot body and obstacle.
-            self_pairs: How many are the robot's own.
-        """
-        first, second = pairs.T
-        a, b = first[:self_pairs], second[:self_pairs]
-        between = centres[..., a, :] - centres[..., b, :]
-        own = np.sqrt(np.einsum("...i,...i->...", between, between)) - self.radii[a] - self.radii[b]
-        outside = np.maximum(np.abs(centres @ self.box_axes - self.box_centres) - self.box_halves, 0.0)
-        outside = outside.reshape(*centres.shape[:-1], -1, 3)
-        gaps = np.sqrt(np.einsum("...i,...i->...", outside, outside))
-        bounds = np.where(gaps > 0.0, gaps - self.radii[:, None], -np.inf)
-        return np.concatenate([own, bounds[..., first[self_pairs:], second[self_pairs:] - len(self.radii)]], axis=-1)
-
-    def closer_separations(
-        self, placements: np.ndarray, which: np.ndarray, pairs: np.ndarray, against_obstacles: np.ndarray
-    ) -> np.ndarray:
-        """The same (m,) [m] by the balls about parts of bodies: closer to the distances, for chosen pairs.
-
-        Where balls overlap they bound no depth, because bodies can overlap in several parts: minus infinity.
+    def part_centres_in_world(self, placements: np.ndarray, which: np.ndarray, of: np.ndarray) -> np.ndarray:
+        """Centres of the balls about parts of robot bodies in the world.
 
         Args:
             placements: As in `centres_in_world`, of s configurations, shape (s, njoints, 3, 4) [m].
-            which: Configuration of each pair that is asked for, shape (m,).
-            pairs: The pairs, shape (m, 2).
-            against_obstacles: Whether the second of a pair is an obstacle, shape (m,).
-        """
-        bounds = np.empty(len(which))
-        first, second = pairs.T
-        centres = self._part_centres(placements, which, first)
-        own = ~against_obstacles
-        if own.any():
-            others = self._part_centres(placements, which[own], second[own])
-            between = centres[own][:, :, None] - others[:, None]
-            nearest = np.sqrt(np.einsum("mabi,mabi->mab", between, between).min(axis=(1, 2)))
-            bounds[own] = nearest - self.part_radii[first[own]] - self.part_radii[second[own]]
-        boxes = second[against_obstacles] - len(self.radii)
-        axes = self.box_axes.reshape(3, -1, 3)[:, boxes].swapaxes(0, 1)
-        along = centres[against_obstacles] @ axes - self.box_centres.reshape(-1, 3)[boxes, None]
-        outside = np.maximum(np.abs(along) - self.box_halves.reshape(-1, 3)[boxes, None], 0.0)
-        gaps = np.sqrt(np.einsum("mai,mai->ma", outside, outside).min(axis=1))
-        bounds[against_obstacles] = gaps - self.part_radii[first[against_obstacles]]
-        return np.where(bounds > 0.0, bounds, -np.inf)
+            which: Configuration for each body that is asked for, shape (m,).
+            of: The bodies, shape (m,).
 
-    def _part_centres(self, placements: np.ndarray, which: np.ndarray, of: np.ndarray) -> np.ndarray:
-        """Centres of the balls about parts of robot bodies (m,) in the world, shape (m, `PARTS`, 3)."""
+        Returns:
+            Shape (m, `PARTS`, 3) [m, world].
+        """
         carriers = placements[which, self.joints[of]]
         centres: np.ndarray = self.part_centres[of] @ carriers[..., :3].swapaxes(1, 2) + carriers[:, None, :, 3]
         return centres
 
 
-def bodies(group: PlanningGroup, obstacles: tuple[Obstacle, ...]) -> Bodies:
-    """Measure the bodies of a robot and of obstacles, once."""
-    boxes = [_box(obstacle) for obstacle in obstacles]
-    arrays = {
-        "box_axes": np.hstack([np.empty((3, 0)), *(axes for axes, _, _ in boxes)]),
-        "box_centres": np.concatenate([np.empty(0), *(centre @ axes for axes, centre, _ in boxes)]),
-        "box_halves": np.concatenate([np.empty(0), *(halves for _, _, halves in boxes)]),
-    }
-    read_only(*arrays.values())
-    return Bodies(**_of_robot(group), **arrays)
-
-
 @kept_with_alike
-def _of_robot(group: PlanningGroup) -> dict[str, np.ndarray]:
-    """What is known about the robot's bodies, by the name of the attribute."""
+def bodies(group: PlanningGroup) -> Bodies:
+    """Measure the bodies of a robot, once."""
     model, shapes = group.model, list(group.geometry.geometryObjects)
     balls = [bounding_ball(shape.geometry) for shape in shapes]
     parts = [parts_of(shape.geometry) for shape in shapes]
@@ -191,7 +129,7 @@ def _of_robot(group: PlanningGroup) -> dict[str, np.ndarray]:
         "turns": turns,
     }
     read_only(*arrays.values())
-    return arrays
+    return Bodies(**arrays)
 
 
 BALLS: dict[type, Callable[[Any], float]] = {
@@ -228,13 +166,3 @@ def parts_of(shape: Any) -> tuple[np.ndarray, float]:
     cell = (high - low) / counts
     places = np.indices(tuple(counts.tolist())).reshape(3, -1).T
     return low + (places + 0.5) * cell, 0.5 * float(np.linalg.norm(cell))
-
-
-def _box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The box about an obstacle along its own axes: axes as columns, centre [m, world], half extents [m]."""
-    axes = np.array(obstacle.placement.rotation)
-    if isinstance(obstacle.shape, coal.Halfspace):
-        return axes, np.zeros(3), np.full(3, np.inf)
-    obstacle.shape.computeLocalAABB()
-    low, high = obstacle.shape.aabb_local.min_, obstacle.shape.aabb_local.max_
-    return axes, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low) + obstacle.rounding

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ModelConfiguration
+
+FIRST_REACH = 0.1
+"""Obstacles are looked for within this of the robot first, then within twice as much [m]."""
 
 HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
@@ -46,18 +48,16 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
         world: Robot and obstacles.
         q: Configuration of the group's model, shape (model.nq,).
     """
-    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
-    if world.hulls is not world.geometry:
-        pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data)
-    centres = world.bodies.centres_in_world(world.joint_placements)
-    bounds = world.bodies.separations(centres, world.pairs, world.n_self)
-    own = _closest(world, bounds[: world.n_self], 0)
-    obstacle = _closest(world, bounds[world.n_self :], world.n_self)
+    world.place(q)
+    centres = world.bodies.centres_in_world(world.joint_placements)[None]
+    own = _closest(world, centres, np.arange(world.pairs.n_self))
+    obstacle = _closest_obstacle(world, centres)
     witness = None
     if obstacle is not None:
         witness = np.array([obstacle[2].getNearestPoint1(), obstacle[2].getNearestPoint2()])
         between = witness[0] - witness[1]
-        witness[1] += between * (world.roundings[obstacle[1]] / max(float(np.linalg.norm(between)), 1e-12))
+        rounding = sum(map(world.rounding, world.pairs.of(obstacle[1])))
+        witness[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
     return ClearanceAt(
         obstacle_distance=np.inf if obstacle is None else obstacle[0],
         obstacle_pair=None if obstacle is None else world.pair_names(obstacle[1]),
@@ -67,18 +67,32 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
     )
 
 
-def _closest(world: World, bounds: np.ndarray, first_pair: int) -> tuple[float, int, Any] | None:
-    """Distance, index and Coal's result of the closest of some pairs."""
+def _closest_obstacle(world: World, centres: np.ndarray) -> tuple[float, int, Any] | None:
+    """Distance, index and Coal's result of the closest pair with an obstacle: looked for within ever more around.
+
+    Args:
+        world: Robot and obstacles; the robot is placed.
+        centres: Of the balls about its bodies, shape (1, r, 3) [m, world].
+    """
+    reach, count = FIRST_REACH, len(world.pairs) - world.pairs.n_self
+    while True:
+        pairs = world.near_pairs.by_place(centres, np.full((1, world.pairs.links), reach))[1]
+        closest = _closest(world, centres, pairs)
+        if len(pairs) == count or (closest is not None and closest[0] <= reach):
+            return closest
+        reach = 2.0 * reach if closest is None else closest[0]
+
+
+def _closest(world: World, centres: np.ndarray, pairs: np.ndarray) -> tuple[float, int, Any] | None:
+    """Distance, index and Coal's result of the closest of some pairs (k,)."""
     closest = None
-    waiting = [(bound, index, world.hulls is world.geometry) for index, bound in enumerate(bounds.tolist())]
+    bounds = world.near_pairs.separations(centres, np.zeros(len(pairs), int), pairs)
+    waiting = [(bound, pair, False) for bound, pair in zip(bounds.tolist(), pairs.tolist(), strict=True)]
     heapq.heapify(waiting)
     while waiting and (closest is None or waiting[0][0] <= closest[0]):
-        bound, index, last = heapq.heappop(waiting)
-        pair = first_pair + index
-        if world.hulled[pair] and not last:
-            hulls_apart = pin.computeDistance(world.hulls, world.hull_margin_data, pair).min_distance
-            apart = float(hulls_apart) - float(world.roundings[pair]) - HULL_ACCURACY
-            heapq.heappush(waiting, (max(bound, apart), index, True))
+        bound, pair, last = heapq.heappop(waiting)
+        if not last and world.is_hulled(pair):
+            heapq.heappush(waiting, (max(bound, world.hull_distance(pair) - HULL_ACCURACY), pair, True))
             continue
         distance, result = world.distance(pair)
         if closest is None or distance < closest[0]:

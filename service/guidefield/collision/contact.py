@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import pinocchio as pin
-
 from guidefield.collision.world import World
 from guidefield.robot.model.spaces import ModelConfiguration
 
@@ -25,15 +23,10 @@ class Contact:
 
 def contacts_at(world: World, q: ModelConfiguration) -> list[Contact]:
     """Every pair that touches at a configuration of the model, shape (model.nq,), in the order of the world's pairs."""
-    world.set_margins(world.hulls, world.hull_margin_data, 0.0)
-    pin.computeCollisions(world.model, world.data, world.hulls, world.hull_margin_data, q, False)
-    near = [k for k, result in enumerate(world.hull_margin_data.collisionResults) if result.isCollision()]
-    pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
-    touching = [k for k in near if pin.computeCollision(world.geometry, world.geometry_data, k)]
-    return [Contact(world.pair_names(k), _depth(world, k)) for k in touching]
+    return [Contact(world.pair_names(k), _depth(world, k)) for k in world.near(q) if world.touches(k)]
 
 
 def _depth(world: World, pair: int) -> float | None:
-    if not world.signed[pair]:
+    if not world.is_signed(pair):
         return None
     return max(0.0, -world.distance(pair)[0])

@@ -9,11 +9,11 @@ from typing import Any
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree, spread_points
+from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.parts import (
     DISC,
     HALF_LENGTH,
@@ -62,10 +62,10 @@ class PartsTable:
         if isinstance(shape, coal.BVHModelBase):
             return self._mesh(_known_mesh(shape), placement)
         if isinstance(shape, coal.Convex):
-            return self._polytope(_moved(placement, np.array(shape.points())))
+            return self._polytope(moved(placement, np.array(shape.points())))
         if isinstance(shape, coal.Box):
             corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * np.array(shape.halfSide)
-            return self._polytope(_moved(placement, corners))
+            return self._polytope(moved(placement, corners))
         if isinstance(shape, coal.Cylinder):
             numbers[DISC], numbers[HALF_LENGTH] = shape.radius, shape.halfLength
             return self._single(CYLINDER, numbers, centre, float(np.hypot(shape.radius, shape.halfLength)))
@@ -81,16 +81,19 @@ class PartsTable:
             return self._single(HALF_SPACE, numbers, centre, np.inf)
         raise UnservedError(type(shape).__name__)
 
-    def add_triangles(self, corners: np.ndarray) -> int:
-        """Add triangles.
+    def add_tree(self, mesh: MeshTree) -> int:
+        """Add a mesh in the body's frame to a table that is empty; the root of its tree."""
+        self.add_moved(mesh, None)
+        return 0
 
-        Args:
-            corners: Shape (t, 3, 3) [m], in the body's frame.
+    def add_parts(self, alone: Parts) -> int:
+        """Add the parts of a body that were made alone, its root the first node; the root of its tree."""
+        return self._add(alone, np.zeros(1, np.int64))
 
-        Returns:
-            The root of their tree.
-        """
-        return self._mesh(mesh_tree(corners), pin.SE3.Identity())
+    def add_surface(self, shape: Any, placement: Any) -> int:
+        """Add a Coal mesh as its triangles, that stands at a pinocchio.SE3 in its body; the root of its tree."""
+        vertices, faces = triangulation(shape)
+        return self._mesh(mesh_tree(vertices[faces]), placement)
 
     def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
         """Add a Coal mesh in convex parts that stands at a pinocchio.SE3 in its body; the root of its tree."""
@@ -102,36 +105,44 @@ class PartsTable:
 
     def _mesh(self, mesh: MeshTree, placement: Any) -> int:
         """Add a mesh that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        alone, root = _mesh_alone(mesh, placement), self._n_nodes
+        return self._add(_mesh_alone(mesh, placement), mesh.pieces)
+
+    def _add(self, alone: Parts, pieces: np.ndarray) -> int:
+        """Add the parts of one mesh, in pieces from some nodes on; the root of its tree."""
+        root = self._n_nodes
         links, shapes = alone.links.reshape(-1, LINK), alone.shapes.reshape(-1, SHAPE)
         self._balls.append(alone.balls)
         self._links.append((links + np.where(links >= 0, [root, root, self._n_parts], 0)).ravel())
         self._shapes.append((shapes + np.array([0, self._n_blocks, 0])).ravel())
         self._numbers.append(alone.numbers)
         self._vertices.append(alone.vertices)
-        self._pieces[root] = root + mesh.pieces
+        self._pieces[root] = root + pieces
         self._n_nodes += len(links)
         self._n_parts += len(shapes)
         self._n_blocks += len(alone.vertices) // BLOCK
         return root
 
-    def add_moved(self, mesh: MeshTree, placement: Any) -> None:
-        """Add a mesh that stands at a pinocchio.SE3 to a table that is empty: its root is 0."""
+    def add_moved(self, mesh: MeshTree, placement: Any | None) -> None:
+        """Add a mesh that stands at a pinocchio.SE3 to a table that is empty: its root is 0; None: where it is."""
+
+        def there(points: np.ndarray) -> np.ndarray:
+            return points if placement is None else moved(placement, points)
+
         count = len(mesh.corners)
         numbers = np.zeros((count, PART))
-        numbers[:, :9] = _moved(placement, mesh.corners.reshape(-1, 3)).reshape(-1, 9)
+        numbers[:, :9] = there(mesh.corners.reshape(-1, 3)).reshape(-1, 9)
         self._numbers.append(numbers.ravel())
         self._shapes.append(np.tile([TRIANGLE, 0, 0], count))
         links = mesh.links.copy()
         self._n_parts, self._n_nodes = count, len(mesh.balls)
         for nodes, members in mesh.clusters:
             corners = corners_of_clusters(mesh.corners, members)
-            links[nodes, OWN] = self._add_clusters(_moved(placement, corners.reshape(-1, 3)), len(nodes))
+            links[nodes, OWN] = self._add_clusters(there(corners.reshape(-1, 3)), len(nodes))
         for node, hull in mesh.hulls.items():
-            links[node, OWN] = self._add_hull(POLYTOPE, _moved(placement, hull))
+            links[node, OWN] = self._add_hull(POLYTOPE, there(hull))
             if len(mesh.pieces) > 1 and node in mesh.pieces:
-                self._add_hull(SURFACE, _moved(placement, spread_points(mesh, node)))
-        self._balls.append(np.column_stack([_moved(placement, mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
+                self._add_hull(SURFACE, there(spread_points(mesh, node)))
+        self._balls.append(np.column_stack([there(mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
 
     def _add_clusters(self, vertices: np.ndarray, count: int) -> np.ndarray:
@@ -237,8 +248,3 @@ def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree]) -> Me
             del _KNOWN[next(iter(_KNOWN))]
         _KNOWN[key] = make(*triangulation(shape))
     return _KNOWN[key]
-
-
-def _moved(placement: Any, points: np.ndarray) -> np.ndarray:
-    moved: np.ndarray = points @ placement.rotation.T + placement.translation
-    return moved

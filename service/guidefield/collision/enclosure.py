@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.geometry.closed import connected_pieces
@@ -17,7 +15,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.mesh import mesh_surface
-from guidefield.scene.scene import Scene
+from guidefield.scene.obstacle import Obstacle
 
 
 def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
@@ -31,31 +29,33 @@ def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
         world: The robot among obstacles.
         q: Configuration of the group's model, shape (model.nq,).
     """
-    could = _enclosable(world)
-    if not (len(could.pairs) or could.about_clouds):
+    if not world.has_surfaces:
         return None
-    pin.forwardKinematics(world.model, world.data, q)
-    for pair, outer, solid, points in could.about_clouds:
-        if _around_a_point(world, outer, solid, points):
-            return world.pair_names(pair)
-    if not len(could.pairs):
-        return None
-    joints = np.array([world.data.oMi[joint].homogeneous[:3] for joint in could.joints])
-    placed = joints[could.joint_of] @ could.placements
-    points = np.einsum("kij,kj->ki", placed[could.inner, :, :3], could.points) + placed[could.inner, :, 3]
-    local = np.einsum("kji,kj->ki", placed[could.outer, :, :3], points - placed[could.outer, :, 3])
-    within = ((local > could.boxes[:, 0]) & (local < could.boxes[:, 1])).all(axis=1)
-    for row in np.flatnonzero(within).tolist():
-        if abs(winding_number(local[row], could.surfaces[row])) > 0.5:
-            return world.pair_names(int(could.pairs[row]))
+    for pair in world.near(q):
+        first, second = world.pairs.of(pair)
+        for outer, inner in ((first, second), (second, first)):
+            if _is_around(world, outer, inner):
+                return world.pair_names(pair)
     return None
+
+
+def _is_around(world: World, outer: int, inner: int) -> bool:
+    """Whether a body where the robot stands is a closed mesh around another, or around one of a cloud's points."""
+    if not world.is_surface(outer) or (solid := _solid_of(world, outer)).surface is None:
+        return False
+    cloud = None if inner < world.pairs.links else world.scene.obstacles[inner - world.pairs.links].cloud
+    if cloud is not None:
+        return _around_a_point(world, outer, solid, cloud.points)
+    there, at = world.placement(outer), world.placement(inner)
+    local = np.array([there.actInv(at.act(point)) for point in _solid_of(world, inner).points]).reshape(-1, 3)
+    within = ((local > solid.box[0]) & (local < solid.box[1])).all(axis=1)
+    return any(abs(winding_number(point, solid.surface)) > 0.5 for point in local[within])
 
 
 def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray) -> bool:
     """Whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
     assert solid.surface is not None, "only closed meshes are asked for"
-    joint, placement = _on_joint(world, outer)
-    there = world.data.oMi[joint] * placement
+    there = world.placement(outer)
     low, high = solid.box
     middle, reach, near = there.act(0.5 * (low + high)), 0.5 * float(np.linalg.norm(high - low)), points
     for axis in range(3):  # one after another: few are left after the first
@@ -101,86 +101,12 @@ class _Solid:
     points: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class _Enclosable:
-    """Points of bodies that could be inside others, a row for each.
-
-    Attributes:
-        joints: Joints of the model that they are on, shape (j,).
-        joint_of, placements: Of each body that is meant, which of `joints`, shape (b,), and where on it, (b, 4, 4) [m].
-        pairs: Of each row, which of the world's pairs it is about, shape (n,).
-        outer, inner: Which body could be around which, shape (n,).
-        points: A point of the inner one, in its frame, shape (n, 3) [m].
-        boxes: Corners about the outer one, in its frame, shape (n, 2, 3) [m].
-        surfaces: Its triangles, each (t, 3, 3) [m].
-        about_clouds: Pairs of such a robot body and a cloud: pair, body, its solid, points (p, 3) [m, world].
-    """
-
-    joints: list[int]
-    joint_of: np.ndarray
-    placements: np.ndarray
-    pairs: np.ndarray
-    outer: np.ndarray
-    inner: np.ndarray
-    points: np.ndarray
-    boxes: np.ndarray
-    surfaces: list[np.ndarray]
-    about_clouds: list[tuple[int, int, _Solid, np.ndarray]]
-
-
-@kept_with
-def _enclosable(world: World) -> _Enclosable:
-    solids = _solids(world)
-    surfaced = np.array([solid.surface is not None for solid in solids])
-    could = np.flatnonzero(surfaced[world.pairs].any(axis=1))
-    rows = [
-        (pair, outer, inner, point)
-        for pair, (first, second) in zip(could.tolist(), world.pairs[could].tolist(), strict=True)
-        for outer, inner in ((first, second), (second, first))
-        if solids[outer].surface is not None
-        for point in solids[inner].points
-    ]
-    clouds = [None] * world.group.geometry.ngeoms + [obstacle.cloud for obstacle in world.scene.obstacles]
-    about_clouds = [
-        (pair, first, solids[first], cloud.points)
-        for pair, (first, second) in zip(could.tolist(), world.pairs[could].tolist(), strict=True)
-        if (cloud := clouds[second]) is not None
-    ]
-    ends = np.array([row[1:3] for row in rows], int).reshape(-1, 2)
-    bodies, places = np.unique(ends, return_inverse=True)
-    outer, inner = places.reshape(-1, 2).T
-    on_joints = [_on_joint(world, body) for body in bodies.tolist()]
-    joints, joint_of = np.unique([joint for joint, _ in on_joints], return_inverse=True)
-    return _Enclosable(
-        joints=joints.astype(int).tolist(),
-        joint_of=joint_of,
-        placements=np.array([placement.homogeneous for _, placement in on_joints]).reshape(-1, 4, 4),
-        pairs=np.array([row[0] for row in rows], int),
-        outer=outer,
-        inner=inner,
-        points=np.array([row[3] for row in rows]).reshape(-1, 3),
-        boxes=np.array([solids[row[1]].box for row in rows]).reshape(-1, 2, 3),
-        surfaces=[surface for row in rows if (surface := solids[row[1]].surface) is not None],
-        about_clouds=about_clouds,
-    )
-
-
-def _on_joint(world: World, body: int) -> tuple[int, Any]:
-    """The joint of the model that a body is on, 0 for the world, and its placement there (pinocchio.SE3)."""
-    links = world.group.geometry.geometryObjects
-    if body < len(links):
-        return links[body].parentJoint, links[body].placement
-    return 0, world.scene.obstacles[body - len(links)].placement
-
-
-def _solids(world: World) -> Sequence[_Solid]:
-    """Of each body of a world."""
-    group, of_links = world.group, _of_links(world.group.robot)
-    index_of = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
-    return [
-        *(of_links[index_of[shape.name]] for shape in group.geometry.geometryObjects),
-        *_of_obstacles(world.scene),
-    ]
+def _solid_of(world: World, body: int) -> _Solid:
+    """Of a body of a world."""
+    if body >= world.pairs.links:
+        return _of_obstacle(world.scene.obstacles[body - world.pairs.links])
+    name, robot = world.group.geometry.geometryObjects[body].name, world.group.robot
+    return _of_links(robot)[int(robot.geometry.getGeometryId(name))]
 
 
 @kept_with
@@ -189,8 +115,12 @@ def _of_links(robot: RobotModel) -> tuple[_Solid, ...]:
 
 
 @kept_with
-def _of_obstacles(scene: Scene) -> tuple[_Solid, ...]:
-    return tuple(_NOTHING if obstacle.cloud is not None else _solid(obstacle.shape) for obstacle in scene.obstacles)
+def _of_obstacle(obstacle: Obstacle) -> _Solid:
+    if obstacle.cloud is not None:
+        return _NOTHING
+    if obstacle.facets is None:
+        return _solid(obstacle.shape)
+    return _of_surface(*obstacle.recipe.surface(obstacle.message), solid=obstacle.solid)
 
 
 _NOTHING = _Solid(None, _NOWHERE, np.empty((0, 3)))
@@ -204,10 +134,12 @@ def _solid(shape: Any) -> _Solid:
     if not isinstance(shape, coal.BVHModelBase):
         return _Solid(None, _NOWHERE, np.zeros((1, 3)))
     mesh = mesh_surface(*triangulation(shape))
-    if mesh is None:
-        return _NOTHING
-    first_of_each = np.unique(connected_pieces(len(mesh.vertices), mesh.triangles))
-    if not mesh.solid:
-        return _Solid(None, _NOWHERE, mesh.vertices[first_of_each])
-    corners = mesh.vertices[mesh.triangles]
-    return _Solid(corners, np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]), mesh.vertices[first_of_each])
+    return _NOTHING if mesh is None else _of_surface(mesh.vertices, mesh.triangles, solid=mesh.solid)
+
+
+def _of_surface(vertices: np.ndarray, triangles: np.ndarray, *, solid: bool) -> _Solid:
+    """Of a mesh, vertices (v, 3) [m] and triangles (t, 3)."""
+    first_of_each = vertices[np.unique(connected_pieces(len(vertices), triangles))]
+    if not solid:
+        return _Solid(None, _NOWHERE, first_of_each)
+    return _Solid(vertices[triangles], np.array([vertices.min(axis=0), vertices.max(axis=0)]), first_of_each)

@@ -9,29 +9,22 @@ import numpy as np
 
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.kept import kept_with
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import hull, triangulation
+from guidefield.robot.model.shapes import hull
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.scene import Scene
+
+MOST_TRIANGLES = 20_000
+"""An obstacle of more has no hull."""
 
 
-def with_hulls(geometry: Any, group: PlanningGroup, scene: Scene) -> Any:
-    """A copy of a world's geometry model in which each mesh that has a volume is its convex hull.
-
-    Args:
-        geometry: Pinocchio geometry model of the group's bodies, then the obstacles.
-        group: The robot.
-        scene: The obstacles.
-    """
-    hulls, of_links = geometry.copy(), _link_hulls(group.robot)
+@kept_with_alike
+def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
+    """The hull of each of a group's bodies that is judged as a mesh; None for all others."""
+    of_robot = _link_hulls(group.robot)
     index_of = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
-    bodies = list(hulls.geometryObjects)
-    for shape in bodies[: group.geometry.ngeoms]:
-        shape.geometry = of_links[index_of[shape.name]] or shape.geometry
-    for shape, obstacle in zip(bodies[group.geometry.ngeoms :], scene.obstacles, strict=True):
-        shape.geometry = _obstacle_hull(obstacle) or shape.geometry
-    return hulls
+    return tuple(of_robot[index_of[shape.name]] for shape in group.geometry.geometryObjects)
 
 
 @kept_with
@@ -42,15 +35,16 @@ def _link_hulls(robot: RobotModel) -> tuple[Any | None, ...]:
 
 
 @kept_with
-def _obstacle_hull(obstacle: Obstacle) -> Any | None:
+def obstacle_hull(obstacle: Obstacle) -> Any | None:
     """The hull of an obstacle that is judged as a mesh; None for a flat one, and for all others.
 
-    A cloud of points has none: what is among its points is mostly free.
+    A cloud of points has none: what is among its points is mostly free. So is what is within the hull of a mesh of very
+    many triangles, which takes long to find.
     """
-    if obstacle.cloud is not None or not isinstance(obstacle.shape, coal.BVHModelBase):
+    if obstacle.cloud is not None or not 0 < obstacle.faces <= MOST_TRIANGLES:
         return None
     try:
-        found = convex_hull(triangulation(obstacle.shape)[0])
+        found = convex_hull(obstacle.recipe.surface(obstacle.message)[0])
     except ValueError:
         return None
     return convex(np.asarray(found.vertices), np.asarray(found.triangles))

@@ -37,7 +37,6 @@ class MotionBound(ReadOnly):
         moved_by: Whether a joint moves a robot body, shape (r, nv of the model).
         own: The robot's own pairs, shape (n_self, 2).
         first_only, second_only: Joints that move the one body of those pairs and not the other, shape (n_self, nv).
-        before_obstacles: The robot's body of each pair with an obstacle, shape (n - n_self,).
     """
 
     half_widths: np.ndarray
@@ -49,20 +48,23 @@ class MotionBound(ReadOnly):
     own: np.ndarray
     first_only: np.ndarray
     second_only: np.ndarray
-    before_obstacles: np.ndarray
 
-    def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
-        """How much closer each pair can come within boxes about configurations, shape (s, n) [m].
+    def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How much closer bodies can come within boxes about configurations.
 
         Args:
             jacobians: Joint Jacobians there in the world frame, shape (s, 6, nv of the model): at a unit speed of joint
                 j a point c moves at v_j + w_j x c, which is as fast as c is far from the axis.
             centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
             half_widths: Of the boxes in the group's chart, shape (s, group.nv) [rad or m].
+
+        Returns:
+            Each of the robot's own pairs, shape (s, n_self) [m], and each of its bodies to what stands still, shape
+            (s, r) [m].
         """
         reach, sweep = self.reach(jacobians, centres), self.sweep(half_widths)[..., None]
         own = (reach[:, self.own[:, 0]] * self.first_only + reach[:, self.own[:, 1]] * self.second_only) @ sweep
-        return np.concatenate([own[..., 0], (reach @ sweep)[..., 0][:, self.before_obstacles]], axis=1)
+        return own[..., 0], (reach @ sweep)[..., 0]
 
     def spread(self, half_widths: np.ndarray) -> np.ndarray:
         """Half widths, or rates, of the joints' moves, shape (s, nv of the model), of those in the chart, (s, nv)."""
@@ -97,9 +99,8 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def motion_bound(group: PlanningGroup, bodies: Bodies, pairs: np.ndarray, n_self: int) -> MotionBound:
-    """The bound for pairs of bodies (n, 2), of which the first `n_self` are the robot's own."""
-    own, mixed = pairs[:n_self], pairs[n_self:]
+def motion_bound(group: PlanningGroup, bodies: Bodies, own: np.ndarray) -> MotionBound:
+    """The bound for a robot whose own pairs of bodies are given, shape (n_self, 2)."""
     first, second = bodies.moved_by[own[:, 0]], bodies.moved_by[own[:, 1]]
     together, centred = _moves(group)
     arrays = {
@@ -112,7 +113,6 @@ def motion_bound(group: PlanningGroup, bodies: Bodies, pairs: np.ndarray, n_self
         "own": own.copy(),
         "first_only": first & ~second,
         "second_only": second & ~first,
-        "before_obstacles": mixed[:, 0].copy(),
     }
     return MotionBound(**arrays)
 

@@ -12,6 +12,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import known_pieces
 from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import coverage
@@ -26,16 +27,12 @@ LONG = 1.0
 """A preparation that takes longer is worth a line in the log [s]."""
 
 
-class StoppedError(Exception):
-    """A preparation was stopped; its text says before what."""
-
-
 def is_prepared(robot: RobotModel) -> bool:
     """Whether `prepare` came to its end for a robot in this process."""
     return robot in _prepared
 
 
-def prepare(robot: RobotModel, spent: Callable[[], object] = lambda: None, told: Told = lambda _: None) -> None:
+def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda _: None) -> None:
     """Find all that is missing.
 
     Args:

@@ -107,10 +107,8 @@ def swept_world(world: World) -> SweptWorld:
         capsules=np.array(capsules, float).reshape(-1, 7),
         carriers=np.array(carriers, np.int64),
         moved=moved,
-        own=np.ascontiguousarray(world.pairs[: world.n_self], np.int64).reshape(-1, 2),
+        own=world.pairs.own,
     )
     read_only(robot.capsules, robot.carriers, robot.moved, robot.own, robot.origin)
-    moving = sum(carrier != 0 for carrier in carriers)
-    every_pair = len(world.pairs) - world.n_self == moving * len(world.scene.obstacles)
-    exact = every_pair and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)
+    exact = not len(world.pairs.left_out) and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)
     return SweptWorld(group, robot, distance_tables(world.scene), exact)

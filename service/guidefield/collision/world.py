@@ -1,10 +1,11 @@
-"""The world: a robot among obstacles as one Pinocchio geometry model, and every pair of bodies that must stay apart."""
+"""The world: a robot among obstacles, and which pairs of bodies must stay apart. No list of these is ever made."""
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import coal
@@ -12,17 +13,22 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import Bodies, bodies, joint_placements
-from guidefield.collision.broad_phase import broad_phase, thickened
-from guidefield.collision.hulls import with_hulls
+from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
+from guidefield.collision.narrow_phase import NarrowPhase
+from guidefield.collision.near_pairs import NearPairs
+from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
+from guidefield.collision.pairs import Pairs
 from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.scratch_space import scratch_space
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 
 PairNames = tuple[str, str]
+
+TOUCHING = 1e-6
+"""Pairs that balls and boxes tell to be farther apart than this don't touch [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,23 +39,19 @@ class World:
     can move relative to each other, then every body on a moving link with every obstacle; a body that stands still in
     the world, such as a base on the floor, is not tested against obstacles. Allowed collisions are left out.
 
-    Pinocchio's data are scratch space: a world answers one question at a time, and is not for two threads. What lanes
-    don't need is made when it is asked for. Whoever asks it gives a configuration of the group's model, as Pinocchio
-    takes it: `PlanningGroup.expand` and `expand_from_chart` lead there.
+    A world's scratch space answers one question at a time, and is not for two threads. What lanes don't need is made
+    when it is asked for. Whoever asks it gives a configuration of the group's model, as Pinocchio takes it:
+    `PlanningGroup.expand` and `expand_from_chart` lead there.
 
     Attributes:
         group: The robot's planned joints.
         scene: The scene.
-        body_names: Link or obstacle by body.
-        pairs: Bodies of each pair, shape (n, 2), the lower index first.
-        n_self: How many pairs are the robot's own.
+        pairs: The pairs, counted.
     """
 
     group: PlanningGroup
     scene: Scene
-    body_names: tuple[str, ...]
-    pairs: np.ndarray
-    n_self: int
+    pairs: Pairs
 
     @classmethod
     def build(cls, group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]] = ()) -> World:
@@ -65,13 +67,11 @@ class World:
             UnknownObject: if an allowed name is neither a link nor an obstacle; lists those there are.
         """
         _require_other_names(group, scene)
-        names, (pairs, n_self) = _link_names(group), _pairs(group, len(scene.obstacles))
-        bodies = (*names, *[obstacle.name for obstacle in scene.obstacles])
-        allowed = _allowed(group, scene, allowed_collisions)
-        if allowed:
-            own, mixed = (_without(some, bodies, allowed) for some in (pairs[:n_self], pairs[n_self:]))
-            pairs, n_self = _frozen(np.concatenate([own, mixed])), len(own)
-        return cls(group, scene, bodies, pairs, n_self)
+        return cls(group, scene, _pairs(group, scene, _allowed(group, scene, allowed_collisions)))
+
+    def among(self, obstacles: np.ndarray) -> World:
+        """The robot among some of the obstacles, ascending indices of shape (k,), with the pairs that there are."""
+        return World(self.group, self.scene.of(obstacles.tolist()), self.pairs.among(obstacles))
 
     @property
     def model(self) -> Any:
@@ -79,51 +79,56 @@ class World:
         return self.group.model
 
     @cached_property
-    def is_obstacle_pair(self) -> np.ndarray:
-        """Which pairs are of a robot's body and an obstacle, shape (n,)."""
-        return _frozen(np.arange(len(self.pairs)) >= self.n_self)
+    def body_names(self) -> tuple[str, ...]:
+        """Link or obstacle by body."""
+        return (*_link_names(self.group), *(one.name for one in self.scene.obstacles))
+
+    def pair_names(self, pair: int) -> PairNames:
+        """Names of a pair's bodies: a link, and a link or an obstacle."""
+        first, second = self.pairs.of(pair)
+        names = _link_names(self.group)
+        return names[first], names[second] if second < self.pairs.links else self._obstacle(second).name
+
+    def rounding(self, body: int) -> float:
+        """What a body is rounded by, beyond its Coal shape [m]."""
+        return 0.0 if body < self.pairs.links else self._obstacle(body).rounding
+
+    def is_surface(self, body: int) -> bool:
+        """Whether Coal judges a body as a surface, which has no inside."""
+        return _surfaces(self.group)[body] if body < self.pairs.links else not self._obstacle(body).convex
 
     @cached_property
-    def geometry(self) -> Any:
-        """Pinocchio geometry model of all bodies, with the pairs."""
-        geometry = self.group.geometry.copy()
-        for obstacle in self.scene.obstacles:
-            name = f"obstacle/{obstacle.name}"
-            geometry.addGeometryObject(pin.GeometryObject(name, 0, obstacle.placement, obstacle.shape))
-        geometry.removeAllCollisionPairs()
-        for first, second in self.pairs.tolist():
-            geometry.addCollisionPair(pin.CollisionPair(first, second))
-        for body in geometry.geometryObjects:
-            body.geometry = thickened(body.geometry)
-        return geometry
+    def has_surfaces(self) -> bool:
+        """Whether Coal judges any body as a surface."""
+        return any(_surfaces(self.group)) or not self.scene.convex
+
+    def is_signed(self, pair: int) -> bool:
+        """Whether both bodies of a pair are convex, so that distances are signed."""
+        return not any(map(self.is_surface, self.pairs.of(pair)))
+
+    def is_hulled(self, pair: int) -> bool:
+        """Whether in `hulls` a hull stands for a body of a pair."""
+        return any(self._hull(body) is not None for body in self.pairs.of(pair))
 
     @cached_property
-    def _are_surfaces(self) -> np.ndarray:
-        """Which bodies Coal judges as surfaces."""
-        return np.array([isinstance(body.geometry, coal.BVHModelBase) for body in self.geometry.geometryObjects], bool)
+    def boxes(self) -> ObstacleBoxes:
+        """Boxes about the obstacles."""
+        return obstacle_boxes(self.scene)
 
     @cached_property
-    def signed(self) -> np.ndarray:
-        """Whether both bodies of a pair are convex, so that distances are signed, shape (n,)."""
-        return _frozen(~self._are_surfaces[self.pairs].any(axis=1))
+    def bodies(self) -> Bodies:
+        """Balls about the robot's bodies."""
+        return bodies(self.group)
 
     @cached_property
-    def hulled(self) -> np.ndarray:
-        """Whether in `hulls` a hull stands for a body of a pair, shape (n,)."""
-        of_hulls = np.array([isinstance(body.geometry, coal.Convex) for body in self.hulls.geometryObjects], bool)
-        return _frozen((self._are_surfaces & of_hulls)[self.pairs].any(axis=1))
+    def near_pairs(self) -> NearPairs:
+        """Which pairs may be near each other."""
+        return NearPairs(self.pairs, self.bodies, self.boxes)
 
     @cached_property
-    def roundings(self) -> np.ndarray:
-        """What the bodies of a pair are rounded by together, beyond their Coal shapes, shape (n,) [m]."""
-        robot = np.zeros(self.group.geometry.ngeoms)
-        radii = np.concatenate([robot, [obstacle.rounding for obstacle in self.scene.obstacles]])
-        return _frozen(radii[self.pairs].sum(axis=1))
-
-    @cached_property
-    def hulls(self) -> Any:
-        """The same model with the hull of each mesh that has a volume in its place."""
-        return with_hulls(self.geometry, self.group, self.scene) if self._are_surfaces.any() else self.geometry
+    def motion_bound(self) -> MotionBound:
+        """How much closer bodies can come when the robot moves."""
+        return motion_bound(self.group, self.bodies, self.pairs.own)
 
     @cached_property
     def data(self) -> Any:
@@ -136,76 +141,113 @@ class World:
         return joint_placements(self.data)
 
     @cached_property
-    def geometry_data(self) -> Any:
-        """Scratch of `geometry`, for contact itself."""
-        scratch = scratch_space(self.geometry)
-        if self.roundings.any():
-            self.set_margins(self.geometry, scratch, 0.0)
-        return scratch
+    def exact(self) -> NarrowPhase:
+        """Coal's judgement of the bodies as they are; where they stand is what `place` was told last."""
+        world: World = weakref.proxy(self)  # so that a world goes with its last user
+        return NarrowPhase(partial(World._shape, world), partial(World.placement, world), self.pairs.links)
 
     @cached_property
-    def margin_data(self) -> Any:
-        """Scratch of `geometry`, for contact within margins."""
-        return scratch_space(self.geometry)
+    def hulls(self) -> NarrowPhase:
+        """The same with the hull of each mesh that has a volume in its place."""
+        world: World = weakref.proxy(self)
 
-    @cached_property
-    def hull_margin_data(self) -> Any:
-        """Scratch of `hulls`, for contact within margins."""
-        return scratch_space(self.hulls)
+        def shape(body: int) -> Any:
+            return world._hull(body) or world.exact.shape(body)
 
-    @cached_property
-    def broad_phase(self) -> Any:
-        """What finds bodies that touch."""
-        return broad_phase(self.model, self.geometry, self.geometry_data)
+        return NarrowPhase(shape, partial(World.placement, world), self.pairs.links)
 
-    @cached_property
-    def bodies(self) -> Bodies:
-        """Balls and boxes about the bodies."""
-        return bodies(self.group, self.scene.obstacles)
+    def place(self, q: ModelConfiguration) -> None:
+        """Put the robot at a configuration of the model, shape (model.nq,)."""
+        pin.forwardKinematics(self.model, self.data, q)
+        self.place_bodies()
 
-    @cached_property
-    def motion_bound(self) -> MotionBound:
-        """How much closer pairs can come when the robot moves."""
-        return motion_bound(self.group, self.bodies, self.pairs, self.n_self)
+    def place_bodies(self) -> None:
+        """Put the robot's bodies where the joints in `data` stand."""
+        pin.updateGeometryPlacements(self.model, self.data, self.group.geometry, self._robot)
+        self.exact.forget_placements()
+        self.hulls.forget_placements()
 
-    def set_margins(self, geometry: Any, scratch: Any, margins: np.ndarray | float) -> None:
-        """Let pairs that come within margins of each other count as touching.
+    def move(self, obstacle: int, placement: Any) -> None:
+        """Put the body of an obstacle elsewhere, at a pinocchio.SE3, until the robot is placed anew."""
+        self.exact.move(obstacle, placement)
+        self.hulls.move(obstacle, placement)
 
-        Args:
-            geometry: `geometry` or `hulls`.
-            scratch: Its scratch space.
-            margins: Of each pair, shape (n,), or of all [m].
-        """
-        self._margins[self.pairs[:, 0], self.pairs[:, 1]] = margins + self.roundings
-        scratch.setSecurityMargins(geometry, self._margins, True, True)
-
-    @cached_property
-    def _margins(self) -> np.ndarray:
-        """By two bodies."""
-        return np.zeros((self.geometry.ngeoms, self.geometry.ngeoms))
+    def placement(self, body: int) -> Any:
+        """Where a body stands, a pinocchio.SE3."""
+        return self._robot.oMg[body] if body < self.pairs.links else self._obstacle(body).placement
 
     def distance(self, pair: int) -> tuple[float, Any]:
-        """Distance of a pair [m] where `geometry_data` stands, signed or 0 in contact, and what Coal says of it.
+        """Distance of a pair [m] where the robot stands, signed or 0 in contact, and what Coal says of it.
 
         Of a rounded body Coal sees the inside only.
         """
-        result = pin.computeDistance(self.geometry, self.geometry_data, pair)
-        distance = float(result.min_distance) - float(self.roundings[pair])
-        return (distance if self.signed[pair] else max(0.0, distance)), result
+        first, second = self.pairs.of(pair)
+        result = self.exact.distance(first, second)
+        distance = float(result.min_distance) - (self.rounding(first) + self.rounding(second))
+        return (distance if self.is_signed(pair) else max(0.0, distance)), result
 
-    def pair_names(self, pair: int) -> PairNames:
-        """Names of a pair's bodies: a link, and a link or an obstacle."""
-        first, second = self.pairs[pair]
-        return self.body_names[first], self.body_names[second]
+    def hull_distance(self, pair: int) -> float:
+        """The distance of what stands in `hulls` for a pair [m], where the robot stands: at most that of the pair."""
+        first, second = self.pairs.of(pair)
+        apart = float(self.hulls.distance(first, second).min_distance)
+        return apart - (self.rounding(first) + self.rounding(second))
+
+    def penetration(self, pair: int, margin: float = 0.0, *, by_hulls: bool = False) -> float | None:
+        """How far the bodies of a pair are apart where the robot stands [m]; None if they keep a margin [m].
+
+        See `NarrowPhase.penetration`. Of a rounded body Coal sees the inside only, and is asked within so much more.
+        """
+        first, second = self.pairs.of(pair)
+        rounding = self.rounding(first) + self.rounding(second)
+        apart = (self.hulls if by_hulls else self.exact).penetration(first, second, margin + rounding)
+        return None if apart is None else apart - rounding
+
+    def touches(self, pair: int) -> bool:
+        """Whether the bodies of a pair touch where the robot stands; hulls are asked first, they are sooner tested."""
+        if self.is_hulled(pair) and self.penetration(pair, by_hulls=True) is None:
+            return False
+        return self.penetration(pair) is not None
+
+    def near(self, q: ModelConfiguration) -> list[int]:
+        """The pairs that may touch at a configuration of the model, shape (model.nq,), where the robot is placed."""
+        self.place(q)
+        centres = self.bodies.centres_in_world(self.joint_placements)[None]
+        own, mixed = np.full((1, self.pairs.n_self), TOUCHING), np.full((1, self.pairs.links), TOUCHING)
+        found: list[int] = self.near_pairs.within(self.joint_placements[None], centres, own, mixed)[1].tolist()
+        return found
 
     def in_collision(self, q: ModelConfiguration) -> bool:
         """Whether any pair touches at a configuration of the model, shape (model.nq,)."""
-        return bool(pin.computeCollisions(self.model, self.data, self.broad_phase, q, True))
+        return any(map(self.touches, self.near(q)))
+
+    @cached_property
+    def _robot(self) -> Any:
+        """Scratch for placements of the robot's bodies."""
+        return self.group.geometry.createData()
+
+    def _obstacle(self, body: int) -> Any:
+        return self.scene.obstacles[body - self.pairs.links]
+
+    def _shape(self, body: int) -> Any:
+        """A body's Coal shape; of very many triangles, their patches."""
+        if body < self.pairs.links:
+            return self.group.geometry.geometryObjects[body].geometry
+        obstacle = self._obstacle(body)
+        patches = None if obstacle.facets is None else obstacle.facets.patches
+        return obstacle.shape if patches is None else patches
+
+    def _hull(self, body: int) -> Any | None:
+        """The hull that stands for a body; None where there is none."""
+        if not self.is_surface(body):
+            return None
+        return link_hulls(self.group)[body] if body < self.pairs.links else obstacle_hull(self._obstacle(body))
 
 
 def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
     """Refuse an obstacle that is named as a link: in pairs, given or told, nobody could say which is meant."""
     links = set(group.robot.links)
+    if links.isdisjoint(scene.names):
+        return
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.name in links:
             raise SceneInvalid(
@@ -244,30 +286,38 @@ def _link_names(group: PlanningGroup) -> tuple[str, ...]:
 
 
 @kept_with_alike
-def _pairs(group: PlanningGroup, obstacles: int) -> tuple[np.ndarray, int]:
-    """All pairs among so many obstacles, shape (n, 2), the lower index first; how many are the robot's own.
+def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
+    """Which of the robot's bodies Coal judges as surfaces."""
+    return tuple(isinstance(shape.geometry, coal.BVHModelBase) for shape in group.geometry.geometryObjects)
 
-    Those are the pairs that count and move relative to each other; the others are of a body that moves.
-    """
+
+def _pairs(group: PlanningGroup, scene: Scene, allowed: set[frozenset[str]]) -> Pairs:
+    """The pairs of a group's bodies, and of those that move and obstacles, without names that are allowed to touch."""
+    (own, moving), count = _own_pairs(group), len(scene.obstacles)
+    if not allowed:
+        return Pairs(own, group.geometry.ngeoms, moving, count, np.empty(0, np.int64))
+    names, named = _link_names(group), set().union(*allowed)
+    kept = [frozenset((names[first], names[second])) not in allowed for first, second in own.tolist()]
+    known = [(index, one.name) for index, one in enumerate(scene.obstacles) if one.name in named]
+    left_out = [
+        row * count + index
+        for row, body in enumerate(moving.tolist())
+        for index, name in known
+        if frozenset((names[body], name)) in allowed
+    ]
+    return Pairs(own[np.array(kept, bool)], group.geometry.ngeoms, moving, count, np.array(left_out, np.int64))
+
+
+@kept_with_alike
+def _own_pairs(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
+    """The robot's own pairs that count and move relative to each other, shape (n, 2), and its bodies that move."""
     joints = [shape.parentJoint for shape in group.geometry.geometryObjects]
     own = [
         (min(pair.first, pair.second), max(pair.first, pair.second))
         for pair in group.geometry.collisionPairs
         if joints[pair.first] != joints[pair.second]
     ]
-    moving = np.flatnonzero(joints)
-    first = np.repeat(moving, obstacles)
-    mixed = np.column_stack([first, len(joints) + np.tile(np.arange(obstacles), len(moving))])
-    return _frozen(np.concatenate([np.array(own, int).reshape(-1, 2), mixed])), len(own)
-
-
-def _without(pairs: np.ndarray, names: tuple[str, ...], allowed: set[frozenset[str]]) -> np.ndarray:
-    """Pairs of bodies but those whose names are allowed to touch."""
-    kept = [frozenset((names[first], names[second])) not in allowed for first, second in pairs.tolist()]
-    left: np.ndarray = pairs[np.array(kept, bool)]
-    return left
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array.setflags(write=False)
-    return array
+    found = np.array(own, np.int64).reshape(-1, 2), np.flatnonzero(joints)
+    for array in found:
+        array.setflags(write=False)
+    return found

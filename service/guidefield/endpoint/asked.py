@@ -14,6 +14,7 @@ import zenoh
 from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN, Asker, divided, owned
 from guidefield.messages.replies import error_reply
 from guidefield.pool.waiting import Answer
 
@@ -27,11 +28,11 @@ LONGEST_CLIENT = 64
 _log = logging.getLogger(__name__)
 
 
-Post = Callable[[str, int, Callable[[], None]], bool]
-"""Has an answer sent to a client, of a size [bytes]; whether it will be."""
+Post = Callable[[Asker, int, Callable[[], None]], bool]
+"""Has an answer sent to who asked, of a size [bytes]; whether it will be."""
 
 
-def _at_once(_client: str, _size: int, send: Callable[[], None]) -> bool:
+def _at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
     send()
     return True
 
@@ -54,6 +55,7 @@ class Asked:
         self._query = query
         self._prefix = f"guidefield/{instance}"
         self._key = str(query.key_expr)
+        self._user = PLAIN
         self._encoding = Encoding.JSON
         self._count = count
         self._post = post
@@ -63,7 +65,7 @@ class Asked:
         """What the query says.
 
         Raises:
-            MalformedRequest: if its encoding is unknown, or its key has wildcards.
+            MalformedRequest: if its encoding is unknown, or its key has wildcards or names nobody who can be a user.
         """
         name = str(self._query.encoding or "").partition(";")[0]
         if name == Encoding.MSGPACK:
@@ -77,12 +79,16 @@ class Asked:
         chunks = self._key.split("/")
         if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
             raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)
+        self._user, below = divided(chunks[2:])
+        owner, key = owned(self._user, below)
         payload = self._query.payload
         return keys.Query(
-            key=tuple(chunks[2:]),
+            key=key,
             parameters=dict(self._query.parameters),
             payload=b"" if payload is None else payload.to_bytes(),
             encoding=self._encoding,
+            user=self._user,
+            owner=owner,
             client=self._client(),
         )
 
@@ -91,20 +97,20 @@ class Asked:
         attachment = self._query.attachment
         return "" if attachment is None else attachment.to_bytes()[:LONGEST_CLIENT].decode(errors="replace")
 
-    def settle(self, future: Future[Answer]) -> None:
-        """Answer with what a future holds."""
+    def settle(self, future: Future[Answer], encoding: str | None = None) -> None:
+        """Answer with what a future holds; a reply in the query's encoding, unless it has another one."""
         with self.answering_failures():
-            self.answer(future.result())
+            self.answer(future.result(), encoding)
 
     def answer(self, answer: Answer, encoding: str | None = None) -> None:
         """Have the answer sent, unless one was sent; an error in its place where too much waits for this client."""
         if not self._open.acquire(blocking=False):
             return
-        client, told = self._client(), "answered" if answer[0] else "refused"
-        if not self._post(client, len(answer[1]), partial(self._send, answer, encoding)):
+        asker, told = Asker(self._user, self._client()), "answered" if answer[0] else "refused"
+        if not self._post(asker, len(answer[1]), partial(self._send, answer, encoding)):
             told = "refused"
             unread = False, codec.encode(error_reply(_unread()), self._encoding)
-            if not self._post(client, 0, partial(self._send, unread, None)):
+            if not self._post(asker, 0, partial(self._send, unread, None)):
                 told = "dropped"
                 self._query.drop()
         self._count(told)

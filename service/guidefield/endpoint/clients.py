@@ -9,6 +9,9 @@ from collections.abc import Callable
 
 import zenoh
 
+from guidefield.errors import MalformedRequest
+from guidefield.messages.identities import USERS, Asker, divided
+
 GRACE = 6.0
 """A client that isn't back in so long is gone [s]: a cut link is noticed after two, and asked again within three."""
 
@@ -19,28 +22,34 @@ class Clients:
     Args:
         session: An open session.
         instance: Name of the service.
-        gone: Is told the name of a client that has been gone for `GRACE`.
+        gone: Is told of a client that has been gone for `GRACE`.
     """
 
-    def __init__(self, session: zenoh.Session, instance: str, gone: Callable[[str], object]) -> None:
+    def __init__(self, session: zenoh.Session, instance: str, gone: Callable[[Asker], object]) -> None:
         self._gone = gone
-        self._left: OrderedDict[str, float] = OrderedDict()
+        self._left: OrderedDict[Asker, float] = OrderedDict()
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._tell_gone, name="guidefield-clients", daemon=True)
         self._thread.start()
-        self._tokens = session.liveliness().declare_subscriber(f"guidefield/{instance}/clients/*", self._heard)
+        keys = (f"guidefield/{instance}/clients/*", f"guidefield/{instance}/{USERS}/*/clients/*")
+        self._tokens = [session.liveliness().declare_subscriber(key, self._heard) for key in keys]
 
     def close(self) -> None:
         """Follow no more."""
-        self._tokens.undeclare()
+        for tokens in self._tokens:
+            tokens.undeclare()
         with self._changed:
             self._closed = True
             self._changed.notify()
         self._thread.join()
 
     def _heard(self, token: zenoh.Sample) -> None:
-        client = str(token.key_expr).rpartition("/")[2]
+        try:
+            user, key = divided(str(token.key_expr).split("/")[2:])
+        except MalformedRequest:  # nobody who can ask
+            return
+        client = Asker(user, key[-1])
         with self._changed:
             self._left.pop(client, None)
             if token.kind == zenoh.SampleKind.DELETE:
@@ -51,7 +60,7 @@ class Clients:
         while (client := self._next_gone()) is not None:
             self._gone(client)
 
-    def _next_gone(self) -> str | None:
+    def _next_gone(self) -> Asker | None:
         """The next client that is gone, once one is; None at the end."""
         with self._changed:
             while not self._closed:

@@ -10,25 +10,28 @@ the `Outbox`, so that whoever doesn't read holds up nobody.
 from __future__ import annotations
 
 import logging
-import threading
 import time
 import uuid
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import zenoh
 
+from guidefield.endpoint.allowances import Allowances
 from guidefield.endpoint.asked import Asked
 from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.meter import Meter
 from guidefield.endpoint.outbox import Outbox
+from guidefield.endpoint.promised import Promised, Settled
+from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
-from guidefield.engine import Engine
-from guidefield.errors import ServerBusy, WorkerCrashed
-from guidefield.handlers.info import Figures, brief_info, disk_of, info
+from guidefield.engines import Engines
+from guidefield.errors import MalformedRequest, WorkerCrashed
+from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.handlers.unbegun import (
     cancelled_before,
     cancelled_waiting,
@@ -40,12 +43,15 @@ from guidefield.handlers.unbegun import (
 )
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import Done, Health, error_reply
+from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
+from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.messages.replies import Done, Health, Identity, UserFigures, error_reply
+from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import BACKSTOP, Answer, Deadline, Task
 from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
-from guidefield.stores.runs import Runs
+from guidefield.stores.shared import Kind
 from guidefield.worker import Job
 
 _log = logging.getLogger(__name__)
@@ -58,8 +64,6 @@ LATE, LATE_SHARE = 0.02, 0.03
 """How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
 LAST_ANSWERS = 5.0
 """How long the last answers may take to be read at the end [s]."""
-MOST_READS = 64
-"""How many queries for files may wait."""
 
 
 class Endpoint:
@@ -67,39 +71,43 @@ class Endpoint:
 
     Args:
         instance: Name of the service.
-        engine: Answers what needs no worker.
-        runs: Where recordings are read.
+        engines: Answer what needs no worker.
         pool: Answers the rest; jobs are `worker.Job`.
         publish: Publishes JSON on a key.
         trace: Begins the trace of each query.
         condition: How the service is; None: ready.
         data: Folder whose disk is told of.
+        rules: What the service keeps to, as `info` tells it.
+        quotas: What each user may have.
+        access_control: Whether the configuration keeps users to their own keys.
     """
 
     def __init__(
         self,
         instance: str,
-        engine: Engine,
-        runs: Runs,
+        engines: Engines,
         pool: Pool,
         publish: Callable[[str, bytes], None],
         trace: Trace = no_trace,
         condition: Condition | None = None,
         data: Path | None = None,
+        rules: Rules | None = None,
+        quotas: Quotas = DEFAULT_QUOTAS,
+        access_control: bool = False,
     ) -> None:
         self._instance = instance
-        self._engine = engine
-        self._runs = runs
+        self._engines = engines
         self._pool = pool
         self._publish = publish
         self._trace = trace
         self._condition = condition
         self._data = data
+        self._rules = rules or Rules()
         self._under_way = UnderWay(pool)
         self._outbox = Outbox()
-        self._readers = ThreadPoolExecutor(2, thread_name_prefix="guidefield-reader")
-        self._closed = False
-        self._free_reads = threading.Semaphore(MOST_READS)
+        self._readers = Readers()
+        self._quotas, self._access_control = quotas, access_control
+        self._allowances = Allowances(quotas, pool.waiting)
         self._meter = Meter()
         self._began = time.monotonic()
 
@@ -113,28 +121,58 @@ class Endpoint:
         self._meter.count("asked")
         with asked.answering_failures():
             read = asked.read()
+            if read.user != PLAIN:
+                self._pool.stand_by()
+            if not keys.is_cancel(read):  # that gives something back
+                self._allowances.ask(read.user)
             keys.check(read)
+            self._require_right(read)
             if read.key == ("info",):
-                reply = (brief_info if keys.is_brief(read) else info)(self._figures())
+                figures = self.figures(read.user)
+                reply = brief_info(figures) if keys.is_brief(read) else info(figures, self._rules)
                 asked.answer((True, codec.encode(reply, read.encoding)))
             elif keys.is_cancel(read):
                 asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
-            elif read.key[0] in HEAVY_KEYS or read.payload:
+            elif not keys.is_sharing(read) and (read.key[0] in HEAVY_KEYS or read.payload):
                 self._hand_over(asked, read, received)
             else:
                 self._look_up(asked, read)
 
-    def forget(self, client: str) -> None:
+    def _require_right(self, read: keys.Query) -> None:
+        """Refuse what a user may not do with what is another's."""
+        if read.owner != read.user:
+            kind, name = _thing(read)
+            reading = keys.is_reading(read)
+            self._engines.stores.require_right(read.user, read.owner, kind, name, read_only=reading)
+
+    def ask(self, read: keys.Query, received: float) -> Future[Answer]:
+        """Have work done that was asked for in another way than by a query on one of the keys.
+
+        Args:
+            read: What a query would say.
+            received: When it was asked, by `time.monotonic()` [s].
+
+        Raises:
+            GuidefieldError: if nothing such is served, or it can't wait its turn.
+        """
+        self._meter.count("asked")
+        self._pool.stand_by()  # there are others beside the keys
+        self._allowances.ask(read.user)
+        keys.check(read)
+        promised = Promised(partial(self._count_answer, read.key[0], received, _untraced))
+        self._hand_over(promised, read, received)
+        return promised.answer
+
+    def forget(self, client: Asker) -> None:
         """End whatever a client asked for that is gone."""
         ended = self._under_way.cancel_all_of(client)
         if ended:
             self._meter.count("forgotten")
-            _log.info("client %s is gone: %d requests of it end", client, ended)
+            _log.info("client %s of %s is gone: %d requests of it end", client.client, client.user, ended)
 
     def close(self) -> None:
         """Answer what is being read, refuse what waits to be, and send what waits to be sent."""
-        self._closed = True
-        self._readers.shutdown(wait=True)
+        self._readers.close()
         self._outbox.close(LAST_ANSWERS)
 
     def _count_answer(self, kind: str, received: float, end: End, what: str) -> None:
@@ -142,7 +180,8 @@ class Endpoint:
         self._meter.count(what)
         self._meter.time(kind, time.monotonic() - received)
 
-    def _figures(self) -> Figures:
+    def figures(self, user: str = PLAIN) -> Figures:
+        """What it counts and measures, as it stands now, and as a user may see it."""
         return Figures(
             counters={**self._meter.counters(), "crashes": self._pool.crashes},
             uptime=time.monotonic() - self._began,
@@ -153,35 +192,46 @@ class Endpoint:
             latency=self._meter.latency(),
             health=Health() if self._condition is None else self._condition.now,
             disk=None if self._data is None else disk_of(self._data),
+            identity=Identity(user=user, access_control=self._access_control, quota=self._quotas.of(user)),
+            users=self._users(user),
         )
+
+    def _users(self, asking: str) -> dict[str, UserFigures]:
+        waiting = self._pool.waiting
+        return {
+            user: UserFigures(
+                waiting=waiting.of_user(user), running=waiting.running(user), processor=round(waiting.used(user), 3)
+            )
+            for user in (sorted(waiting.users()) if asking == PLAIN else [asking])
+        }
 
     def _cancel(self, read: keys.Query) -> str:
         self._meter.count("cancels")
         kind, own = read.key[:2]
-        return self._under_way.cancel((kind, checked_name(own, f"{kind[:-1]}_id")))
+        return self._under_way.cancel((read.owner, kind, checked_name(own, f"{kind[:-1]}_id")))
 
     def _look_up(self, asked: Asked, read: keys.Query) -> None:
-        if self._closed:
-            raise ServerBusy("the service is shutting down")
-        if not self._free_reads.acquire(blocking=False):
-            raise ServerBusy(f"{MOST_READS} queries wait for the disk already; ask again later", limit=MOST_READS)
-        self._readers.submit(self._read_files, asked, read)
+        task = self._readers.submit(read.asker, partial(self._read_files, read))
+        encoding = "application/octet-stream" if keys.is_recording(read) else None
+        task.add_done_callback(partial(asked.settle, encoding=encoding))
 
-    def _read_files(self, asked: Asked, read: keys.Query) -> None:
-        with asked.answering_failures():
-            try:
-                if self._closed:
-                    raise ServerBusy("the service is shutting down")
-                if keys.is_recording(read):
-                    asked.answer((True, whole_recording(self._runs, read.key[1])), "application/octet-stream")
-                else:
-                    asked.answer((True, codec.encode(self._engine.answer(keys.request_of(read)), read.encoding)))
-            finally:
-                self._free_reads.release()
+    def _read_files(self, read: keys.Query) -> Answer:
+        if keys.is_recording(read):
+            return True, whole_recording(self._engines.stores.of(read.owner).runs, read.key[1])
+        if keys.is_sharing(read):
+            kind, name = _thing(read)
+            shared = self._engines.share(read.owner, kind, name, shared="unshare" not in read.parameters)
+            return True, codec.encode(shared, read.encoding)
+        reply = self._engines.answer(read.user, read.owner, keys.request_of(read))
+        answer = True, codec.encode(reply, read.encoding)
+        if keys.is_scene(read) and "delete" in read.parameters:
+            self._tell_changed(read, SceneChanged(name=read.key[1], version=None))
+        return answer
 
-    def _hand_over(self, asked: Asked, read: keys.Query, received: float) -> None:
+    def _hand_over(self, asked: Settled, read: keys.Query, received: float) -> None:
         if self._condition is not None:
             self._condition.require_ready()
+        self._allowances.work(read.user)
         head = keys.run_head(read)
         size = len(read.payload)
         if head is None:
@@ -193,16 +243,16 @@ class Endpoint:
             head.allowed + BACKSTOP,
             deadline=Deadline(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
             late=Deadline(_late(received, head.allowed), partial(_timed_out_loading, run_id, head, read.encoding)),
-            client=read.client,
+            asker=read.asker,
             size=size,
-            hear=partial(self._publish, f"guidefield/{self._instance}/runs/{run_id}/progress"),
+            hear=partial(self._tell_progress, read.user, run_id),
         )
         cancelled = partial(_cancelled, run_id, head, read.encoding, received)
-        task = self._under_way.submit(("runs", run_id), task, cancelled, (read.encoding, read.payload))
-        task.add_done_callback(partial(self._end_run, run_id))
+        task = self._under_way.submit((read.user, "runs", run_id), task, cancelled, (read.encoding, read.payload))
+        task.add_done_callback(partial(self._end_run, read.user, run_id))
         task.add_done_callback(asked.settle)
 
-    def _hand_work_over(self, asked: Asked, read: keys.Query, received: float) -> None:
+    def _hand_work_over(self, asked: Settled, read: keys.Query, received: float) -> None:
         """Have something done that makes no run."""
         head = keys.work_head(read)
         told = partial(error_answer, read.encoding)
@@ -212,26 +262,62 @@ class Endpoint:
             head.allowed + BACKSTOP,
             deadline=Deadline(received + head.allowed, partial(told, time_up_waiting(head.allowed))),
             late=None if keys.changes_store(read) else late,
-            client=read.client,
+            asker=read.asker,
             size=len(read.payload),
         )
-        name = None if head.request_id is None else ("requests", checked_name(head.request_id, "request_id"))
+        own = head.request_id
+        name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
         words = (read.key, read.encoding, read.payload)
         task = self._under_way.submit(name, task, partial(told, cancelled_before()), words)
         task.add_done_callback(asked.settle)
+        if keys.is_scene(read):
+            task.add_done_callback(partial(self._tell_change, read))
 
-    def _end_run(self, run_id: str, future: Future[Answer]) -> None:
+    def _tell_progress(self, user: str, run_id: str, told: bytes) -> None:
+        """Publish how far a run is, for everybody if its user shares it."""
+        self._publish(f"{base_key(self._instance, user)}/runs/{run_id}/progress", told)
+        if self._engines.stores.of(user).shared.has("runs", run_id):
+            self._publish(f"{shared_key(self._instance)}/runs/{user}:{run_id}/progress", told)
+
+    def _tell_change(self, read: keys.Query, future: Future[Answer]) -> None:
+        """Publish that a scene was stored or changed."""
+        if future.cancelled() or future.exception() is not None or not future.result()[0]:
+            return
+        done = codec.decode(future.result()[1], Done, read.encoding)
+        self._tell_changed(read, SceneChanged(name=read.key[1], version=done.version, diff=keys.diff_of(read)))
+
+    def _tell_changed(self, read: keys.Query, told: SceneChanged) -> None:
+        self._publish(f"{base_key(self._instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
+
+    def _end_run(self, user: str, run_id: str, future: Future[Answer]) -> None:
         error = future.exception()
         if isinstance(error, WorkerCrashed):
             try:
-                self._runs.fail(run_id, error_reply(error))
+                self._engines.stores.of(user).runs.fail(run_id, error_reply(error))
             except OSError:
                 _log.exception("the end of run %s is not kept", run_id)
 
 
+def _thing(read: keys.Query) -> tuple[Kind, str]:
+    """What a query is about that somebody may have.
+
+    Raises:
+        MalformedRequest: if its key names nothing of that kind.
+    """
+    kinds: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
+    if len(read.key) < 2 or read.key[0] not in kinds:
+        raise MalformedRequest(f"nobody has anything at {'/'.join(read.key)!r}", key="/".join(read.key))
+    return kinds[read.key[0]], read.key[1]
+
+
+def _untraced(_what: str) -> None:
+    pass
+
+
 def _kind(key: str) -> str:
     """What a query's time is counted under."""
-    _, _, kind = f"{key}///".split("/")[:3]
+    chunks = f"{key}/////".split("/")
+    kind = chunks[4] if chunks[2] == USERS else chunks[2]
     return kind if kind in KINDS else "other"
 
 

@@ -3,7 +3,8 @@
 Theory of operation. Zenoh sends an answer in the thread that gives it, and keeps that thread for seconds where a link
 takes nothing more. So answers are given by threads that do nothing else. Those of one client are sent one after the
 other; a client that doesn't read keeps one thread, until Zenoh ends its link. Of a client without a name each answer
-counts as one's. What waits is bounded, for each client and for all.
+counts as one's. What waits is bounded, for each client, each user and all.
+One user has at most half of the threads and of the room.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+
+from guidefield.messages.identities import Asker
 
 MOST_THREADS = 128
 """How many answers may be sent at once."""
@@ -23,6 +26,8 @@ MOST_BYTES = 2**30
 """What may wait for all of them [bytes]."""
 MOST_LETTERS = 10_000
 """How many answers may wait."""
+OF_USER = 0.5
+"""Which share of the threads, bytes and answers one user may have."""
 IDLE = 10.0
 """A thread that has had nothing to send for so long ends [s]."""
 
@@ -39,9 +44,23 @@ class _Letter:
 class _Lane:
     """What waits for one client; whether one of it is being sent."""
 
+    user: str
     letters: deque[_Letter] = field(default_factory=deque)
     size: int = 0
     busy: bool = False
+
+
+@dataclass
+class _Share:
+    """What one user has: threads that send to its clients, answers that wait, and their size [bytes]."""
+
+    threads: int = 0
+    letters: int = 0
+    size: int = 0
+
+    def takes(self, size: int) -> bool:
+        """Whether an answer of a size [bytes] may wait beside them."""
+        return not self.letters or (self.letters < OF_USER * MOST_LETTERS and self.size + size <= OF_USER * MOST_BYTES)
 
 
 class Outbox:
@@ -49,16 +68,17 @@ class Outbox:
 
     def __init__(self) -> None:
         self._lanes: dict[object, _Lane] = {}
-        self._ready: deque[object] = deque()
+        self._shares: dict[str, _Share] = {}
+        self._ready: OrderedDict[str, deque[object]] = OrderedDict()
         self._size = self._count = self._threads = self._idle = 0
         self._changed = threading.Condition()
         self._closed = False
 
-    def post(self, client: str, size: int, send: Callable[[], None]) -> bool:
+    def post(self, asker: Asker, size: int, send: Callable[[], None]) -> bool:
         """Have an answer sent, if not too much waits already.
 
         Args:
-            client: Who asked; empty: somebody without a name.
+            asker: Who asked.
             size: Room that the answer takes [bytes].
             send: Sends it; may take as long as the client's link does.
 
@@ -66,21 +86,25 @@ class Outbox:
             Whether it will be sent. One answer to a client always is.
         """
         with self._changed:
-            key: object = client or object()
+            key: object = asker if asker.client else object()
             lane = self._lanes.get(key)
             if lane is not None and lane.size + size > MOST_BYTES_OF_CLIENT:
+                return False
+            if not self._shares.get(asker.user, _Share()).takes(size):
                 return False
             if self._count >= MOST_LETTERS or (self._count and self._size + size > MOST_BYTES):
                 return False
             if lane is None:
-                lane = self._lanes[key] = _Lane()
+                lane = self._lanes[key] = _Lane(asker.user)
             lane.letters.append(_Letter(size, send))
             lane.size += size
+            share = self._shares.setdefault(asker.user, _Share())
+            share.size += size
+            share.letters += 1
             self._size += size
             self._count += 1
             if not lane.busy and len(lane.letters) == 1:
-                self._ready.append(key)
-                self._wake()
+                self._be_ready(asker.user, key)
             return True
 
     def close(self, within: float) -> None:
@@ -93,9 +117,10 @@ class Outbox:
             self._closed = True
             self._changed.notify_all()
 
-    def _wake(self) -> None:
-        """Have a thread send what is ready: one that idles, or a new one."""
-        if self._idle >= len(self._ready):
+    def _be_ready(self, user: str, key: object) -> None:
+        """Something may be sent to a client: have a thread do it, one that idles or a new one."""
+        self._ready.setdefault(user, deque()).append(key)
+        if self._idle:
             self._changed.notify_all()
         elif self._threads < MOST_THREADS:
             self._threads += 1
@@ -114,27 +139,44 @@ class Outbox:
         """The next answer to send; None where there was none for a while, or nothing more is to be sent."""
         with self._changed:
             self._idle += 1
-            self._changed.wait_for(lambda: self._ready or self._closed, IDLE)
+            found = self._changed.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
             self._idle -= 1
-            if self._closed or not self._ready:
+            user = self._sendable()
+            if not found or self._closed or user is None:
                 self._threads -= 1
                 return None
-            key = self._ready.popleft()
+            keys = self._ready.pop(user)
+            key = keys.popleft()
+            if keys:
+                self._ready[user] = keys  # at the end: every other user comes first
+            self._shares[user].threads += 1
             lane = self._lanes[key]
             lane.busy = True
             return key, lane.letters.popleft()
+
+    def _sendable(self) -> str | None:
+        """The first user to whose clients something may be sent: one that doesn't have too many threads."""
+        most = OF_USER * MOST_THREADS
+        return next((user for user in self._ready if self._shares[user].threads < most), None)
 
     def _sent(self, key: object, letter: _Letter) -> None:
         with self._changed:
             lane = self._lanes[key]
             lane.busy = False
             lane.size -= letter.size
+            share = self._shares[lane.user]
+            share.threads -= 1
+            share.letters -= 1
+            share.size -= letter.size
+            if not share.letters:
+                del self._shares[lane.user]
             self._size -= letter.size
             self._count -= 1
             if lane.letters:
-                self._ready.append(key)  # at the end: every other client comes first
-                self._wake()
+                self._be_ready(lane.user, key)  # at the end: every other client comes first
             else:
                 del self._lanes[key]
+                if self._ready:
+                    self._changed.notify_all()  # somebody of the same user may have waited for this thread
             if not self._count:
                 self._changed.notify_all()

@@ -8,6 +8,7 @@ import json
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -18,11 +19,20 @@ import zenoh
 from guidefield.endpoint.clients import Clients
 from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.endpoint import Endpoint
+from guidefield.endpoint.link import RUNTIME, UNLESS_TOLD
+from guidefield.endpoint.metrics import metrics_server
+from guidefield.endpoint.own_session import DEFAULT_LISTEN
+from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
+from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
-from guidefield.errors import WorkerCrashed, without_source
+from guidefield.engines import Engines
+from guidefield.errors import GuidefieldError, WorkerCrashed, without_source
 from guidefield.first_start import compile_kernels
+from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
-from guidefield.messages.replies import error_reply
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.messages.replies import InfoReply, error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
 from guidefield.stores.files import checked_name
@@ -31,27 +41,10 @@ from guidefield.worker import EngineSetup
 
 _log = logging.getLogger(__name__)
 
-DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
-READ_WITHIN = 15_000_000
-"""How long an answer may take to be read, beside what the system keeps of it, before its link is ended [us]."""
-RUNTIME = "(rx: (worker_threads: 32), tx: (worker_threads: 4), net: (worker_threads: 4), app: (worker_threads: 4))"
-"""Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
-
-Zenoh blocks one of those that receive, for up to `READ_WITHIN`, where a link ends to which something is still being
-sent; of two, the default, the other links would end, too.
-"""
-UNLESS_TOLD = {
-    "scouting/multicast/enabled": "false",
-    "scouting/gossip/enabled": "false",
-    "transport/link/tx/lease": "2000",  # [ms]; a cut link is noticed after it
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": str(READ_WITHIN),
-    "transport/link/rx/max_message_size": str(4 * codec.MAX_REQUEST_BYTES),
-}
-"""What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end.
-
-Zenoh drops a message above its limit without a word, so the limit is some times that of a payload: what is between them
-is refused with an answer.
-"""
+DEFAULT_QUEUE = 64
+"""How many requests may wait."""
+DEFAULT_GRACE = 10.0
+"""How long requests that are being worked on may take at the end [s]."""
 ANSWERS_WITHIN = 5.0
 """How long a service of the same name may take to say that it is alive [s]; where there is none it takes no time."""
 PATIENCE = 0.2
@@ -77,9 +70,12 @@ class ServiceSettings:
         retention: How many runs are kept.
         json_logs: Whether its workers log JSON.
         otel: Whether queries are traced with OpenTelemetry.
+        metrics: Port on loopback where metrics and health are told over HTTP; None: nowhere.
         grace: How long requests that are being worked on may take at the end [s]; then plans are ended early.
         packages: Folders of packages from which a robot that a client sends may take meshes.
         prepare: Robots that are prepared for their first plan before the service is ready.
+        quotas: What each user may have.
+        ros: How it is offered to ROS 2 nodes; None: not at all.
     """
 
     data: Path
@@ -87,14 +83,22 @@ class ServiceSettings:
     listen: tuple[str, ...] | None = None
     config: Path | None = None
     workers: int = 2
-    queue_limit: int = 64
+    queue_limit: int = DEFAULT_QUEUE
     memory: int = DEFAULT_MEMORY
     retention: Retention = DEFAULT_RETENTION
     json_logs: bool = False
     otel: bool = False
-    grace: float = 10.0
+    metrics: int | None = None
+    grace: float = DEFAULT_GRACE
     packages: tuple[Path, ...] = ()
     prepare: tuple[str, ...] = ()
+    quotas: Quotas = DEFAULT_QUOTAS
+    ros: RosSettings | None = None
+
+
+def limits_of(queue: int) -> Limits:
+    """How much may wait, where so many requests may; a single client may have half of them."""
+    return Limits(tasks=queue, tasks_of_client=(queue + 1) // 2)
 
 
 def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[str], None] = _log.info) -> None:
@@ -108,7 +112,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     Raises:
         MalformedRequest: if its name can't be one.
         CannotServe: if a service of that name is alive, on this data folder or on the network; if the configuration is
-            wrong, or an endpoint can't be listened on; if the workers can't be prepared.
+            wrong, or an endpoint or the port of metrics can't be listened on; if the workers can't be prepared.
     """
     checked_name(settings.instance, "instance")
     setup = EngineSetup(
@@ -119,29 +123,42 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         retention=settings.retention,
         packages=settings.packages,
         prepare=settings.prepare,
+        quotas=settings.quotas,
     )
     config = session_config(settings)
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data))
+        condition = Condition()
+        told = _Told(condition)
+        _tell_metrics(settings, told, opened)
         session = opened.enter_context(_opened(config))
         trace = _trace(settings, opened)
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
-        runs = setup.runs()
-        runs.sweep(error_reply(WorkerCrashed("the service stopped while it worked on this run")))
-        limits = Limits(tasks=settings.queue_limit, tasks_of_client=(settings.queue_limit + 1) // 2)
+        engines = setup.engines()
+        for user in (PLAIN, *engines.stores.users()):
+            stopped = WorkerCrashed("the service stopped while it worked on this run")
+            engines.stores.of(user).runs.sweep(error_reply(stopped))
+        limits = limits_of(settings.queue_limit)
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
-        condition, publish = Condition(), partial(_publish, session)
-        endpoint = Endpoint(settings.instance, setup.engine(), runs, pool, publish, trace, condition, settings.data)
+        publish = partial(_publish, session)
+        rules = Rules(limits_told(limits, settings.memory, settings.retention, settings.grace), DELIVERY)
+        known = (publish, trace, condition, settings.data, rules, settings.quotas, _has_access_control(config))
+        endpoint = Endpoint(settings.instance, engines, pool, *known)
+        told.figures = endpoint.figures
         opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
         opened.callback(endpoint.close)
         opened.callback(Clients(session, settings.instance, endpoint.forget).close)
+        offer = _ros_offer(settings.ros, session, engines, endpoint, opened)
         opened.callback(pool.close, settings.grace)
         opened.callback(condition.end, f"what is being worked on is finished, within {settings.grace:g} s")
         announce(f"starting (workers: {settings.workers})")
         if not _started(settings, pool, condition, announce, stop):
             return
+        if _has_access_control(config):  # there are users
+            pool.stand_by()
+        offer(opened)
         starting.undeclare()
         opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
         announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
@@ -164,10 +181,16 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
         for key, value in UNLESS_TOLD.items():
             if config.get_json(key) == zenoh.Config().get_json(key):
                 config.insert_json5(key, value)
+        if settings.ros is not None:
+            config.insert_json5(*LATCHING)
     except zenoh.ZError as error:
         file = "" if settings.config is None else f" {str(settings.config)!r}"
         raise CannotServe(f"the Zenoh configuration{file} is wrong: {without_source(error)}") from None
     return config
+
+
+def _has_access_control(config: zenoh.Config) -> bool:
+    return bool(json.loads(config.get_json("access_control/enabled")))
 
 
 def _listen(config: zenoh.Config, endpoints: tuple[str, ...]) -> None:
@@ -186,6 +209,30 @@ def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
         raise CannotServe("traces need OpenTelemetry: pip install 'guidefield[otel]'") from None
     opened.callback(provider.shutdown)
     return opentelemetry_trace(provider)
+
+
+class _Told:
+    """What a service says about itself over HTTP: how it is, and its figures once there is an endpoint."""
+
+    def __init__(self, condition: Condition) -> None:
+        began = time.monotonic()
+        self.figures: Callable[[], Figures] = lambda: Figures({}, time.monotonic() - began, health=condition.now)
+
+    def brief(self) -> InfoReply:
+        """What it says."""
+        return brief_info(self.figures())
+
+
+def _tell_metrics(settings: ServiceSettings, told: _Told, opened: contextlib.ExitStack) -> None:
+    """Tell metrics and health until the service has ended, if that is asked for."""
+    if settings.metrics is None:
+        return
+    try:
+        opened.enter_context(metrics_server(settings.metrics, settings.instance, told.brief))
+    except ImportError:
+        raise CannotServe("metrics need prometheus-client: pip install 'guidefield[metrics]'") from None
+    except OSError as error:
+        raise CannotServe(f"metrics can't be told at port {settings.metrics}: {error.strerror}") from None
 
 
 def _started(
@@ -212,6 +259,37 @@ def _started(
         raise CannotServe(str(error)) from None
     condition.be_ready()
     return True
+
+
+def _ros_offer(
+    settings: RosSettings | None,
+    own: zenoh.Session,
+    engines: Engines,
+    endpoint: Endpoint,
+    opened: contextlib.ExitStack,
+) -> Callable[[contextlib.ExitStack], object]:
+    """What offers the service to ROS 2 nodes, once it is ready; nothing where nobody asked for it.
+
+    It is withdrawn before the pool is closed, and its last answers go out after that.
+    """
+    if settings is None:
+        return lambda _: None
+    try:
+        from guidefield.endpoint.ros.offering import ros_node, session_for
+    except ImportError:
+        raise CannotServe("ROS needs rosbags: pip install 'guidefield[ros]'") from None
+    try:
+        session = opened.enter_context(session_for(settings, own))
+        node = ros_node(settings, session, engines.of(IDENTITY).robot(settings.robot), endpoint.ask)
+    except (GuidefieldError, zenoh.ZError) as error:
+        raise CannotServe(f"the service can't be offered to ROS: {without_source(error)}") from None
+    opened.callback(node.finish)
+
+    def offer(ready: contextlib.ExitStack) -> None:
+        ready.callback(node.withdraw)
+        node.offer()
+
+    return offer
 
 
 def _opened(config: zenoh.Config) -> zenoh.Session:

@@ -8,6 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from guidefield.messages.identities import Asker
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Answer, Task
 
@@ -15,8 +16,8 @@ REMEMBERED = 10.0
 """How long a cancel that arrives before its run is remembered [s]."""
 MOST_REMEMBERED = 1_000
 
-Name = tuple[str, str]
-"""The key below which something is cancelled, ``runs`` or ``requests``, and its id there."""
+Name = tuple[str, str, str]
+"""Whose it is, the key below which it is cancelled, ``runs`` or ``requests``, and its id there."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class UnderWay:
 
     def cancel(self, name: Name) -> str:
         """End something early; says in a sentence what that means."""
-        kind, own = name[0].removesuffix("s"), name[1]
+        kind, own = name[1].removesuffix("s"), name[2]
         with self._lock:
             work = self._named.get(name)
             if work is None:
@@ -85,10 +86,10 @@ class UnderWay:
         self._pool.cancel(work.task, work.cancelled)
         return f"{kind} {own!r} ends"
 
-    def cancel_all_of(self, client: str) -> int:
+    def cancel_all_of(self, asker: Asker) -> int:
         """End early whatever a client asked for; how much that was."""
         with self._lock:
-            found = [work for work in self._all.values() if work.task.client == client]
+            found = [work for work in self._all.values() if work.task.asker == asker]
         for work in found:
             self._pool.cancel(work.task, work.cancelled)
         return len(found)

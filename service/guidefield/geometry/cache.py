@@ -15,7 +15,7 @@ import hashlib
 import logging
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -37,6 +37,9 @@ LOOK_SHARE = 0.01
 
 STALE = 3600.0
 """A draft of that age was left by a process that was killed [s]."""
+
+NAMES = "names.json"
+"""The file of what sources name."""
 
 _DIGEST = hashlib.sha256().digest_size
 _PACKAGE = Path(__file__).parent.parent
@@ -114,26 +117,57 @@ def _sources(module: str) -> str:
     found: set[str] = set()
     waiting = {module}
     digest = hashlib.sha256(np.__version__.encode())
-    while waiting:
-        found |= waiting
-        waiting = {needed for name in waiting for needed in _imports(name)} - found
+    with _kept_names() as known:
+        while waiting:
+            found |= waiting
+            waiting = {needed for name in waiting for needed in _imports(name, known)} - found
     for name in sorted(found):
         if (path := _source(name)) is not None:
             digest.update(b"\0" + name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
 
-def _imports(module: str) -> set[str]:
-    """The modules of the rooms that compute that a module of this package imports, by their full names."""
+@contextlib.contextmanager
+def _kept_names() -> Iterator[dict[str, list[str]]]:
+    """The modules that a source names, by the hash of the source: kept on disk, for reading a source takes long."""
+    kept, known = folder() / NAMES, dict[str, list[str]]()
+    with contextlib.suppress(OSError, msgspec.MsgspecError):
+        known = msgspec.json.decode(kept.read_bytes(), type=dict[str, list[str]])
+    count = len(known)
+    yield known
+    if len(known) > count:
+        with contextlib.suppress(OSError):  # where nothing can be written, entries say so
+            kept.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_whole(kept, msgspec.json.encode(known), durable=False)
+
+
+def _imports(module: str, known: dict[str, list[str]]) -> set[str]:
+    """The modules of the rooms that compute that a module of this package imports, by their full names.
+
+    Args:
+        module: The module.
+        known: What sources name, by their hashes; what was read is added.
+    """
     path = _source(module)
+    if path is None:
+        return set()
+    content = path.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    if digest not in known:
+        known[digest] = sorted(_named(content))
+    rooms = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
+    return {name for name in known[digest] if name.startswith(rooms) and _source(name) is not None}
+
+
+def _named(content: bytes) -> set[str]:
+    """All that a source may import, by full names."""
     named: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_bytes())) if path is not None else ():
+    for node in ast.walk(ast.parse(content)):
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             named.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
         elif isinstance(node, ast.Import):
             named.update(alias.name for alias in node.names)
-    rooms = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
-    return {name for name in named if name.startswith(rooms) and _source(name) is not None}
+    return named
 
 
 def _source(module: str) -> Path | None:

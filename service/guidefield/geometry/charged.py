@@ -28,9 +28,16 @@ from guidefield.kernels.field.faces import (
     THIRD,
 )
 from guidefield.kernels.field.field_tables import (
+    CAPSULE_COLUMNS,
+    CAPSULE_RADIUS,
     CHARGE_PER_AREA,
     NODE_COLUMNS,
+    PLANE_COLUMNS,
+    POINT_COLUMNS,
     QUAD_COLUMNS,
+    SOFTENING,
+    SPHERE_COLUMNS,
+    SPHERE_RADIUS,
     TRIANGLE_COLUMNS,
     FieldTables,
     frozen,
@@ -82,10 +89,14 @@ def field_tables(
     charge = _charges("triangle", triangle_charge, len(corners))
     four_charge = _charges("quad", quad_charge, len(fours))
     owners = np.zeros(len(corners), np.int64) if triangle_owner is None else np.asarray(triangle_owner, np.int64)
-    balls, pills = _checked("spheres", spheres, (5,)), _checked("capsules", capsules, (8,))
-    walls, crates = _checked("planes", planes, (5,)), _checked("boxes", boxes, (16,))
-    points = _checked("cloud", cloud, (5,)).copy()
-    for name, size in (("spheres", balls[:, 3]), ("capsules", pills[:, 6]), ("cloud", points[:, 4])):
+    balls, pills = _checked("spheres", spheres, (SPHERE_COLUMNS,)), _checked("capsules", capsules, (CAPSULE_COLUMNS,))
+    walls, crates = _checked("planes", planes, (PLANE_COLUMNS,)), _checked("boxes", boxes, (16,))
+    points = _checked("cloud", cloud, (POINT_COLUMNS,)).copy()
+    for name, size in (
+        ("spheres", balls[:, SPHERE_RADIUS]),
+        ("capsules", pills[:, CAPSULE_RADIUS]),
+        ("cloud", points[:, SOFTENING]),
+    ):
         if (size <= 0.0).any():
             raise ValueError(f"`{name}` must have positive radii, got {size.min()}")
     if (crates[:, 12:15] <= 0.0).any():
@@ -93,7 +104,7 @@ def field_tables(
     for name, units in (("planes", walls[:, :3]), ("boxes", crates[:, 3:12].reshape(-1, 3))):
         if (np.abs(np.linalg.norm(units, axis=1) - 1.0) > 1e-9).any():
             raise ValueError(f"`{name}` must have unit normals")
-    points[:, 4] **= 2
+    points[:, SOFTENING] **= 2
     faces = _faces(corners, charge, owners, fours, four_charge, opening)
     return FieldTables(
         origin=frozen(np.zeros(3)),

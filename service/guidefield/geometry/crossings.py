@@ -65,7 +65,8 @@ def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
     orders = [np.argsort(low[:, axis], kind="stable") for axis in range(3)]
     ends = [np.searchsorted(low[o, axis], high[o, axis], side="right") for axis, o in enumerate(orders)]
     axis = int(np.argmin([end.sum() for end in ends]))
-    order = orders[axis]
+    order, across = orders[axis], [other for other in range(3) if other != axis]
+    low, high = low[order].T.copy(), high[order].T.copy()
     counts = np.maximum(ends[axis] - np.arange(len(order)) - 1, 0)
     before = np.concatenate([[0], np.cumsum(counts)])
     start = 0
@@ -76,9 +77,10 @@ def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
             return
         own = np.repeat(np.arange(start, stop), counts[start:stop])
         others = np.arange(len(own)) + before[start] - before[own] + own + 1
-        first, second = order[own], order[others]
-        near = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
-        yield np.column_stack([first[near], second[near]])
+        for side in across:  # one after the other: few are left after the first
+            near = (low[side, own] <= high[side, others]) & (low[side, others] <= high[side, own])
+            own, others = own[near], others[near]
+        yield np.column_stack([order[own], order[others]])
         start = stop
 
 

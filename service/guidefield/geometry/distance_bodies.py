@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import coal
@@ -18,6 +18,9 @@ from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_IDENTITY = np.eye(3, 4)
+_IDENTITY.setflags(write=False)
 
 NO_SURFACE = (np.empty((0, 3)), np.empty((0, 3), np.int64))
 
@@ -57,7 +60,7 @@ class Body:
         """
         turned = rotation @ self.placement
         turned[:, 3] += translation
-        return replace(self, placement=turned)
+        return Body(self.kind, self.size, self.bounds, turned, self.surface, self.cloud)
 
 
 def primitive(shape: Any) -> Body | None:
@@ -79,7 +82,7 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
     longest = np.maximum.reduce([((b - a) ** 2).sum(axis=1), ((c - b) ** 2).sum(axis=1), ((a - c) ** 2).sum(axis=1)])
     used = triangles[area > _THIN * longest]
     bounds = np.r_[vertices[used].min(axis=(0, 1)), vertices[used].max(axis=(0, 1))]
-    return Body(kind, (0.0, 0.0, 0.0), bounds, _identity(), (vertices, used))
+    return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used))
 
 
 def balls_about(points: Floats, radius: float, cloud: int) -> Body:
@@ -91,7 +94,7 @@ def balls_about(points: Floats, radius: float, cloud: int) -> Body:
         cloud: Where the words of their `LaneCloud` are; they have to stay there.
     """
     bounds = np.r_[points.min(axis=0) - radius, points.max(axis=0) + radius]
-    return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _identity(), cloud=cloud)
+    return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
 
 
 def boxes_in_world(bodies: Sequence[Body]) -> Floats:
@@ -173,11 +176,7 @@ _PRIMITIVES: dict[type, Callable[[Any], Body]] = {
 
 
 def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float, float, float]) -> Body:
-    return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _identity())
-
-
-def _identity() -> Floats:
-    return np.eye(3, 4)
+    return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _IDENTITY)
 
 
 def _surface_tables(surfaces: Sequence[tuple[Floats, Integers]]) -> tuple[SurfaceTables, Integers]:

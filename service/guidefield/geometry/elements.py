@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
-from guidefield.geometry.surfaces import Floats, Integers
+from guidefield.geometry.surfaces import Floats, Integers, area_of
 
 
 class Pieces(NamedTuple):
@@ -24,8 +24,7 @@ class Pieces(NamedTuple):
     @property
     def area(self) -> float:
         """Area of all [m^2]."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        return area_of(self.corners)
 
     def some(self, chosen: np.ndarray | slice) -> Pieces:
         """Those that indices (k,), a mask (n,) or a slice choose."""

@@ -29,5 +29,6 @@ def unit(quaternion_xyzw: Sequence[float]) -> tuple[float, float, float, float]:
 
 def moved(placement: Any, points: np.ndarray) -> np.ndarray:
     """Points (n, 3) of a body that is placed so, a pinocchio.SE3, in the world [m]."""
-    there: np.ndarray = points @ placement.rotation.T + placement.translation
+    # by this sum, not by `@`: for three columns BLAS takes ten times as long
+    there: np.ndarray = np.einsum("nj,ij->ni", points, placement.rotation) + placement.translation
     return there

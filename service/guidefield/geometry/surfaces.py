@@ -29,13 +29,18 @@ class Surface(NamedTuple):
     @property
     def area(self) -> float:
         """Area of all triangles [m^2]."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        return area_of(self.corners)
 
     @property
     def corners(self) -> Floats:
         """Corners of every triangle, shape (t, 3, 3) [m]."""
         return self.vertices[self.triangles]
+
+
+def area_of(corners: Floats) -> float:
+    """Area of triangles with corners (n, 3, 3) [m^2]."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def surface(vertices: Floats, triangles: Integers) -> Surface:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from guidefield.errors import InvalidConfiguration
 from guidefield.messages.requests import MotionRequest, Positions
+from guidefield.messages.streams import StreamOpen
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
 from guidefield.robot.model.model import RobotModel
@@ -33,7 +36,7 @@ def clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration
     return clamp(slight, q)
 
 
-def limited(group: PlanningGroup, request: MotionRequest) -> PlanningGroup:
+def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> PlanningGroup:
     """The group with the limits of a request, and its scaling factors.
 
     Raises:
@@ -55,7 +58,36 @@ def limited(group: PlanningGroup, request: MotionRequest) -> PlanningGroup:
     )
 
 
-def jerk_limits(group: PlanningGroup, request: MotionRequest) -> ChartRate | None:
+def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> ChartRate | None:
+    """Rates of every coordinate, shape (nv,), 0 where none is given; None where none is asked for.
+
+    Args:
+        asked: By joint.
+        field: What it is called in the request.
+        group: The joints that move.
+
+    Raises:
+        InvalidConfiguration: if a joint is named that doesn't move, or has several coordinates.
+    """
+    joints = {joint.name: joint for joint in group.joints}
+    for name in asked:
+        details = {"joint": name, "path": f"$.{field}.{name}"}
+        if name not in joints:
+            raise InvalidConfiguration(
+                f"`{field}` names joint {name!r}, which is not planned for; planned are {', '.join(joints)}",
+                available=list(joints),
+                **details,
+            )
+        if joints[name].nv != 1:
+            raise InvalidConfiguration(
+                f"`{field}` is served for joints of one coordinate; {name!r} is {joints[name].kind.value}", **details
+            )
+    if not any(asked.values()):
+        return None
+    return np.concatenate([np.full(joint.nv, asked.get(joint.name, 0.0)) for joint in group.joints])
+
+
+def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> ChartRate | None:
     """Jerk limits of every coordinate, shape (nv,), infinite where there is none; None where none is asked for."""
     asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
     if not asked:

@@ -15,7 +15,7 @@ from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
-from guidefield.scene.mesh import bvh
+from guidefield.scene.facets import bvh
 from guidefield.scene.scene import Scene
 
 

@@ -6,35 +6,25 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
-from typing import Protocol
 
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
+from guidefield.handlers.preparing import prepare_in_time
+from guidefield.handlers.recording import Recording
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, judge
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.quality import Clearance, ClearanceProfile, clearance, clearance_profile
+from guidefield.planner.quality import Clearance, clearance, clearance_profile
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.stages import Stages
-from guidefield.planner.task.trace import Event, Silent
+from guidefield.planner.task.trace import Silent
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 
-
-class CertifyRecording(Protocol):
-    """Somebody who records a judgement: an observer who is told the end, once."""
-
-    def observe(self, event: Event) -> None:
-        """Be told of an event."""
-
-    def finish(self, reply: CertifyReply, profile: Callable[[], ClearanceProfile | None]) -> None:
-        """Be told the end, and write; the clearance along the way is measured when it is asked for."""
-
-
-RecordGiven = Callable[[PlanningGroup, Scene, GivenMotion], CertifyRecording | None]
+RecordGiven = Callable[[PlanningGroup, Scene, GivenMotion], Recording[CertifyReply] | None]
 """Opens the recording of a run, once it is known what moves where, and how."""
 
 
@@ -64,10 +54,12 @@ def answer_certify(
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
+        StoppedError: if time was up before the scene was prepared.
     """
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_time, cancelled)
     problem, warnings = certify_problem(request, robot, scene, budget)
+    prepare_in_time(None, scene, budget.spent)
     recording = record(problem.group, scene, problem.motion)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began
@@ -77,7 +69,7 @@ def answer_certify(
         stage.outcome = judgement.verdict.reason.value
     with stages.entered("measure", "the smallest distances along the motion"):
         measured = _measured(problem)
-    seconds = {"load": load_seconds, **stages.seconds}
+    seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
         recording.finish(reply, lambda: clearance_profile(measured, problem))

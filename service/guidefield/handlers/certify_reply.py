@@ -12,6 +12,7 @@ from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
+from guidefield.messages.certificate_in_words import place_in_words
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.given_leaving import Leaving
 from guidefield.planner.judgement import GivenProblem, Judgement
@@ -72,12 +73,12 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
         return Ending(Status.SUCCESS, "the motion is certified free over its whole length and within its limits")
     if verdict.free:
         return _beyond_a_rate(problem, judgement)
-    where = _where(*_refused(problem, verdict))
+    where = place_in_words(*_refused(problem, verdict))
     details = refused_at(problem.group, verdict)
     if verdict.reason is Reason.STOPPED:
         status = problem.budget.spent() or Status.TIMED_OUT
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
-        until = _where(*_free_until(problem, verdict))
+        until = place_in_words(*_free_until(problem, verdict))
         return Ending(status, f"{why} before the motion was certified; it is free until {until}", details)
     return Ending(Status.INVALID_MOTION_PLAN, f"{_why(problem, judgement)}, at {where}", details)
 
@@ -124,16 +125,11 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     place = motion.along(use.piece, use.at)
     more = f" (and {', '.join(other for other in exceeded if other != name)})" if len(exceeded) > 1 else ""
     if use.share is None:
-        message = f"the acceleration of joint {joint} jumps at {_where(*place)}, so that it keeps no jerk limit"
+        message = f"the acceleration of joint {joint} jumps at {place_in_words(*place)}, so that it keeps no jerk limit"
     else:
-        message = f"joint {joint} uses {100 * use.share:.4g} % of its {name} limit{more}, at {_where(*place)}"
+        message = f"joint {joint} uses {100 * use.share:.4g} % of its {name} limit{more}, at {place_in_words(*place)}"
     details: dict[str, Any] = {"stage": "limits", "limit": name, "joint": joint, "share": use.share}
     return Ending(Status.INVALID_MOTION_PLAN, message, details)
-
-
-def _where(row: float, time: float | None) -> str:
-    """A place, for a person."""
-    return f"row {row:.6g}" if time is None else f"{time:.6g} s (row {row:.6g})"
 
 
 def _refused(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:

@@ -14,9 +14,19 @@ from typing import Any
 import msgspec
 
 from guidefield.messages import codec
-from guidefield.messages.replies import Disk, Health, Histogram, InfoReply
+from guidefield.messages.codes import CODES
+from guidefield.messages.replies import (
+    DeliveryRule,
+    Disk,
+    Health,
+    Histogram,
+    Identity,
+    InfoReply,
+    LimitInfo,
+    UserFigures,
+)
 from guidefield.messages.served import KEYS
-from guidefield.resident import resident
+from guidefield.system import resident
 
 PACKAGES = ("pin", "coal", "numba", "numpy", "eclipse-zenoh", "rerun-sdk", "example-robot-data", "msgspec")
 """Packages whose versions a bug report should name."""
@@ -35,15 +45,34 @@ class Figures:
     latency: Mapping[str, Histogram] = field(default_factory=dict)
     health: Health = field(default_factory=Health)
     disk: Disk | None = None
+    identity: Identity | None = None
+    users: Mapping[str, UserFigures] = field(default_factory=dict)
 
 
-def info(figures: Figures) -> InfoReply:
-    """Versions, keys, the JSON Schema of every message, and the figures given."""
-    return msgspec.structs.replace(brief_info(figures), packages=_packages(), keys=list(KEYS), schemas=_schemas())
+@dataclass(frozen=True)
+class Rules:
+    """What a service keeps to: the fields of InfoReply of the same names; empty where there is no service."""
+
+    limits: tuple[LimitInfo, ...] = ()
+    delivery: tuple[DeliveryRule, ...] = ()
+
+
+def info(figures: Figures, rules: Rules | None = None) -> InfoReply:
+    """Versions, keys, codes, rules, the JSON Schema of every message, and the figures given."""
+    kept = rules or Rules()
+    return msgspec.structs.replace(
+        brief_info(figures),
+        packages=_packages(),
+        keys=list(KEYS),
+        codes=list(CODES),
+        limits=list(kept.limits),
+        delivery=list(kept.delivery),
+        schemas=_schemas(),
+    )
 
 
 def brief_info(figures: Figures) -> InfoReply:
-    """The figures, without the packages' versions, the keys and the schemas."""
+    """The figures, without what stays the same while a service runs."""
     return InfoReply(
         version=_version(),
         packages={},
@@ -59,6 +88,8 @@ def brief_info(figures: Figures) -> InfoReply:
         own_memory=resident(os.getpid()),
         disk=figures.disk,
         payload_limit=codec.MAX_REQUEST_BYTES,
+        identity=figures.identity,
+        users=dict(figures.users),
     )
 
 

@@ -17,6 +17,7 @@ from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
 from guidefield.handlers.allowance import UNLIMITED, Allowance
+from guidefield.handlers.attached import holding
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import requests, scene as scene_messages
@@ -100,10 +101,13 @@ def inverse_kinematics(
 
     Raises:
         InvalidGroup: if the group cannot be planned for.
-        UnknownFrame: if the robot lacks the tip.
+        UnknownFrame: if the robot lacks the tip, or a link that holds something.
+        UnknownObject: if a pair that may touch is of nothing there, or what is held has a name that is taken.
         InvalidConfiguration: if a start configuration doesn't fit the robot, or differs from the first in a joint
             outside the group.
     """
+    obstacles = scene or _empty_scene()
+    robot = holding(robot, request.attached_objects, obstacles)
     starts = [configuration_from_wire(robot, positions) for positions in request.start_configurations]
     reference = starts[0] if starts else robot.rest
     group = select(
@@ -115,7 +119,7 @@ def inverse_kinematics(
     )
     for index, start in enumerate(starts):
         _require_same_outside(group, start, f"start_configurations[{index}]")
-    world = World.build(group, scene or _empty_scene()) if request.collision_free else None
+    world = World.build(group, obstacles, request.allowed_collisions) if request.collision_free else None
     configurations, reasons = [], []
     for index, pose in enumerate(_within(allowance, request.poses)):
         result = solve(
@@ -143,18 +147,23 @@ def clearance(
 
     Raises:
         InvalidConfiguration: if a configuration doesn't fit the robot.
+        UnknownFrame, UnknownObject: as `inverse_kinematics`.
     """
+    robot = holding(robot, request.attached_objects, scene)
     group = _whole_group(robot, request.robot_placement)
-    world = World.build(group, scene)
-    found = [
-        clearance_at(world, group.expand(group.part_of(configuration_from_wire(robot, positions))))
-        for positions in _within(allowance, request.configurations)
-    ]
+    world = World.build(group, scene, request.allowed_collisions)
+    found, contacts = [], []
+    for positions in _within(allowance, request.configurations):
+        q = group.expand(group.part_of(configuration_from_wire(robot, positions)))
+        found.append(clearance_at(world, q))
+        if request.contacts:
+            contacts.append([list(pair) for pair in blocking_pairs(world, [q]).counts])
     return ClearanceReply(
         minimum=[_finite(one.obstacle_distance) for one in found],
         pair=[None if one.obstacle_pair is None else list(one.obstacle_pair) for one in found],
         witness_points=[None if one.witness is None else [_vector(point) for point in one.witness] for one in found],
         self_minimum=[_finite(one.self_distance) for one in found],
+        contacts=contacts if request.contacts else None,
     )
 
 

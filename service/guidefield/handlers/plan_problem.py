@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from guidefield.collision.world import World
-from guidefield.errors import InvalidGoal, MalformedRequest
+from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import clamp_slight, jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import clamp_slight, jerk_limits, limited, rates_of, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.many_turns import many_turns_warnings
@@ -13,7 +13,7 @@ from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.task.conditions import Budget
-from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Problem, TipGoal
+from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Objective, Problem, TipGoal
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
@@ -54,6 +54,8 @@ def problem_of(
     planes = given_planes(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
+    if in_motion(request):
+        _require_served_in_motion(request, group, planes)
     problem = Problem(
         group=group,
         scene=scene,
@@ -69,6 +71,10 @@ def problem_of(
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
         optimization_iterations=request.optimization_iterations,
+        start_velocity=rates_of(request.start_velocities, "start_velocities", group),
+        start_acceleration=rates_of(request.start_accelerations, "start_accelerations", group),
+        end_velocity=rates_of(request.end_velocities, "end_velocities", group),
+        objective=Objective(request.objective),
         seed=request.seed,
         budget=budget,
     )
@@ -86,6 +92,7 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
             not isinstance(request.goal, requests.GuidePlaneGoal),
             "give one of type 'guide_plane', the last of the `guide_planes`",
         ),
+        "start_velocities": (in_motion(request), "leave them out, and accelerations and `end_velocities`"),
         "limits.jerk": (any(limits.jerk is not None for limits in request.limits.values()), "leave it out"),
     }
     moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
@@ -95,6 +102,42 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
             raise MalformedRequest(
                 f"among obstacles that move ({moving}) {such} is not served: {instead}", unserved=what
             )
+
+
+def in_motion(request: PlanRequest) -> bool:
+    """Whether a request's motion begins or ends in motion."""
+    asked = (request.start_velocities, request.start_accelerations, request.end_velocities)
+    return any(any(rates.values()) for rates in asked)
+
+
+def _require_served_in_motion(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> None:
+    """Refuse what is not served for motions that begin or end in motion, by name."""
+    if not group.is_euclidean:
+        several = [joint.name for joint in group.joints if joint.nv > 1]
+        raise InvalidConfiguration(
+            "velocities and accelerations at the ends are served for joints of one coordinate, and planned for is"
+            f" {', '.join(several)}",
+            joints=several,
+        )
+    asks_for_planes = request.guide_planes == "auto" and request.planner != "tree"
+    unserved = {
+        "path_constraints": (bool(request.path_constraints), "leave them out"),
+        "leave_start_contact": (request.leave_start_contact, "leave it out"),
+        "guide_planes": (bool(planes) or asks_for_planes, "give them as []"),
+    }
+    for what, (asked, instead) in unserved.items():
+        if asked:
+            raise MalformedRequest(
+                f"with velocities or accelerations at the ends `{what}` is not served: {instead}",
+                unserved=what,
+                path=f"$.{what}",
+            )
+    if any(request.end_velocities.values()) and not isinstance(
+        request.goal, requests.JointsGoal | requests.JointSetGoal
+    ):
+        raise MalformedRequest(
+            "`end_velocities` need a `goal` of type 'joints' or 'joint_set'", path="$.end_velocities"
+        )
 
 
 def _why_no_plane(request: PlanRequest) -> str:
@@ -107,6 +150,7 @@ def _why_no_plane(request: PlanRequest) -> str:
 
 def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:
     goal = request.goal
+    assert goal is not None, "a request with steps has one for each of them"
     if isinstance(goal, requests.GuidePlaneGoal):
         if not planes:
             raise InvalidGoal(f"the goal is the last guide plane, but there is none: {_why_no_plane(request)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -16,7 +16,8 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.quality import Clearance, Closest, figures
 from guidefield.planner.task.problem import Problem
-from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, Tangents
 
 CERTIFICATE = (
@@ -33,8 +34,7 @@ def reply_to(
     measured: Clearance | None,
     run_id: str,
     received: float,
-    load_seconds: float,
-    measure_seconds: float,
+    seconds: Mapping[str, float],
     warnings: Sequence[str],
 ) -> PlanReply:
     """Put a plan into the wire's words.
@@ -46,13 +46,13 @@ def reply_to(
         measured: How far the trajectory keeps from everything; None without one.
         run_id: Name of the run.
         received: As in `answer_plan`.
-        load_seconds: As in `answer_plan`.
-        measure_seconds: Time that measuring took [s].
+        seconds: Time that waiting, loading and measuring took [s].
         warnings: What was odd before planning.
     """
     group, begin = problem.group, time.monotonic()
-    metrics = _metrics(made, problem)
-    measure_seconds += time.monotonic() - begin
+    metrics = motion_metrics(made.trajectory, problem.kinematics)
+    spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
+    spent["measure"] += time.monotonic() - begin
     return PlanReply(
         run_id=run_id,
         status=replies.Outcome(
@@ -61,8 +61,8 @@ def reply_to(
         warnings=[*warnings, *made.warnings, *unmeasured(measured)],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
-        path=[group.wire_positions(z) for z in made.path],
-        trajectory=_trajectory(made.trajectory, request.sample_rate, group),
+        path=group.wire_path(made.path),
+        trajectory=wire_trajectory(made.trajectory, request.sample_rate, group),
         guide_planes=[
             GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()])
             for plane in problem.guide_planes
@@ -80,12 +80,7 @@ def reply_to(
             evaluations=made.verdict.evaluations,
         ),
         metrics=metrics,
-        timing=replies.Timing(
-            load=load_seconds,
-            measure=measure_seconds,
-            total=time.monotonic() - received,
-            **{stage: made.seconds.get(stage, 0.0) for stage in STAGES},
-        ),
+        timing=replies.Timing(total=time.monotonic() - received, **spent),
         counters=replies.Counters(
             iterations=problem.counters.iterations,
             potential_evaluations=problem.robot_field.evaluations,
@@ -93,6 +88,7 @@ def reply_to(
         ),
         seed=request.seed,
         planner=request.planner,
+        objective=request.objective,
         recording=None,
     )
 
@@ -104,13 +100,17 @@ def _covered(made: Plan) -> str:
     return "trajectory" if made.judged_from == 0.0 else f"trajectory after {made.judged_from:.6f} s"
 
 
-def _trajectory(
+def wire_trajectory(
     trajectory: Trajectory | None, sample_rate: float | None, group: PlanningGroup
 ) -> replies.Trajectory | None:
-    """The knots of the certified curve, or samples of it; rates in the tangent space, as the wire has them."""
+    """The knots of the certified curve, or samples of it; rates in the tangent space, as the wire has them.
+
+    An orientation doesn't say which way it was turned to, and who reads it takes the shorter one: a piece that turns by
+    `LONGEST_TURN` or more has knots within it.
+    """
     if trajectory is None:
         return None
-    states = trajectory if sample_rate is None else trajectory.resampled(sample_rate)
+    states = _turning_less(trajectory, group) if sample_rate is None else trajectory.resampled(sample_rate)
     velocities, accelerations = cast(Tangents, states.velocities), cast(Tangents, states.accelerations)
     if not group.is_euclidean:
         velocities, accelerations = _tangent_rates(group, states.positions, states.velocities, states.accelerations)
@@ -120,6 +120,15 @@ def _trajectory(
         velocities=velocities.tolist(),
         accelerations=accelerations.tolist(),
     )
+
+
+def _turning_less(trajectory: Trajectory, group: PlanningGroup) -> Trajectory:
+    """The same curve with as many knots as its readers need."""
+    made = trajectory
+    while (far := group.turns(made.positions) >= LONGEST_TURN).any():
+        times = np.sort(np.concatenate([made.times, 0.5 * (made.times[:-1] + made.times[1:])[far]]))
+        made = Trajectory(times, *trajectory.evaluate(times)[:2])
+    return made
 
 
 def _tangent_rates(
@@ -138,7 +147,12 @@ def _tangent_rates(
 def _clearance(measured: Clearance | None, made: Plan, problem: Problem) -> replies.ClearanceFigures | None:
     if measured is None:
         return None
-    closest, certified = measured.obstacle, _certified(made, problem.min_clearance)
+    return clearance_figures(measured, _certified(made, problem.min_clearance))
+
+
+def clearance_figures(measured: Clearance, certified: float) -> replies.ClearanceFigures:
+    """Distances from obstacles as the reply has them; `certified` is kept all along, by the certificate [m]."""
+    closest = measured.obstacle
     if closest.pair is None:
         return replies.ClearanceFigures(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
     return replies.ClearanceFigures(
@@ -154,9 +168,14 @@ def _clearance(measured: Clearance | None, made: Plan, problem: Problem) -> repl
 def _self_clearance(measured: Clearance | None, made: Plan) -> replies.SelfClearance | None:
     if measured is None:
         return None
+    return self_figures(measured, _certified(made, 0.0))
+
+
+def self_figures(measured: Clearance, certified: float) -> replies.SelfClearance:
+    """The distance of the robot from itself as the reply has it; arguments as of `clearance_figures`."""
     if measured.own.pair is None:
         return replies.SelfClearance(minimum=None, pair=None)
-    return replies.SelfClearance(minimum=stated(measured.own, _certified(made, 0.0)), pair=list(measured.own.pair))
+    return replies.SelfClearance(minimum=stated(measured.own, certified), pair=list(measured.own.pair))
 
 
 def _certified(made: Plan, kept: float) -> float:
@@ -189,10 +208,11 @@ def unmeasured(measured: Clearance | None) -> list[str]:
     ]
 
 
-def _metrics(made: Plan, problem: Problem) -> replies.Metrics | None:
-    if made.trajectory is None:
+def motion_metrics(trajectory: Trajectory | None, kinematics: Kinematics) -> replies.Metrics | None:
+    """Figures of a trajectory, if there is one."""
+    if trajectory is None:
         return None
-    found = figures(made.trajectory, problem.kinematics)
+    found = figures(trajectory, kinematics)
     return replies.Metrics(
         joint_path_length=found.joint_path_length,
         tip_path_length=found.tip_path_length,

@@ -7,7 +7,8 @@ import time
 from collections.abc import Iterable
 from typing import Protocol
 
-from guidefield.collision.preparation import StoppedError, prepare
+from guidefield.aside import StoppedError
+from guidefield.collision.preparation import prepare
 from guidefield.errors import RobotInvalid
 from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply, RobotSummary
 from guidefield.messages.robot_replies import CoverInfo, PartsInfo
@@ -34,15 +35,20 @@ class StoredRobots(Protocol):
 
 def robots(catalog: Catalog, stored: StoredRobots) -> RobotsReply:
     """The robots that can be named, and what was found wrong with those that cannot be used."""
+    return RobotsReply(robots=[*catalog.summaries(), *summaries_of(catalog, stored, stored.names())])
+
+
+def summaries_of(catalog: Catalog, stored: StoredRobots, names: Iterable[str]) -> list[RobotSummary]:
+    """A line about each stored robot of some names, the damaged ones last."""
     sent, damaged = [], []
-    for name in stored.names():
+    for name in names:
         try:
             found = stored.find(name)
         except RobotInvalid as fault:
             damaged.append(RobotSummary(name=name, source="stored", family=name, problem=fault.message))
         else:
             sent += [] if found is None else [found]
-    return RobotsReply(robots=[*catalog.summaries(sent), *damaged])
+    return [*map(catalog.line, sent), *damaged]
 
 
 def prepared(model: RobotModel) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from guidefield.errors import GuidefieldError, Preempted, Status, TimedOut
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.keys import PlanHead, RunHead
+from guidefield.messages.keys import CertifyHead, PlanHead, RunHead
 from guidefield.messages.replies import (
     Along,
     CertificateFigures,
@@ -22,6 +22,7 @@ from guidefield.messages.replies import (
     Timing,
     error_reply,
 )
+from guidefield.messages.requests import CertifyRequest, MotionRequest
 
 
 def timed_out_waiting(run_id: str, head: RunHead) -> MotionReply:
@@ -32,7 +33,21 @@ def timed_out_waiting(run_id: str, head: RunHead) -> MotionReply:
         head: What the request says about it.
     """
     message = f"all workers were busy for the {head.allowed:g} s that were allowed; ask again, or allow more"
-    return _unbegun(run_id, head, Status.TIMED_OUT, message, {_field(head): head.allowed}, head.allowed)
+    waited = Timing(queue=head.allowed, total=head.allowed)
+    return _unbegun(run_id, head, Status.TIMED_OUT, message, {_field(head): head.allowed}, waited)
+
+
+def head_of(request: MotionRequest) -> RunHead:
+    """What a request says about its run."""
+    if isinstance(request, CertifyRequest):
+        return CertifyHead(request.run_id, request.allowed_time)
+    return PlanHead(
+        run_id=request.run_id,
+        allowed_planning_time=request.allowed_planning_time,
+        planner=request.planner,
+        objective=request.objective,
+        seed=request.seed,
+    )
 
 
 def timed_out_loading(run_id: str, head: RunHead) -> MotionReply:
@@ -47,7 +62,7 @@ def timed_out_loading(run_id: str, head: RunHead) -> MotionReply:
         "its first use; what is prepared is kept: ask again, or allow more time for the first one"
     )
     details = {_field(head): head.allowed, "stage": "load"}
-    return _unbegun(run_id, head, Status.TIMED_OUT, message, details, head.allowed)
+    return _unbegun(run_id, head, Status.TIMED_OUT, message, details, Timing(load=head.allowed, total=head.allowed))
 
 
 def time_up_waiting(allowed: float) -> TimedOut:
@@ -80,7 +95,31 @@ def cancelled_waiting(run_id: str, head: RunHead, waited: float) -> MotionReply:
         head: What the request says about it.
         waited: How long it waited [s].
     """
-    return _unbegun(run_id, head, Status.PREEMPTED, "the run was cancelled before it began", {}, waited)
+    timing = Timing(queue=waited, total=waited)
+    return _unbegun(run_id, head, Status.PREEMPTED, "the run was cancelled before it began", {}, timing)
+
+
+def stopped_loading(run_id: str, request: MotionRequest, doing: str, cancelled: bool, waited: float) -> MotionReply:
+    """TIMED_OUT or PREEMPTED where a run ended while what it needs was loaded.
+
+    Args:
+        run_id: Name of the run.
+        request: What was asked.
+        doing: Before what it ended.
+        cancelled: Whether somebody ended it, and not its time.
+        waited: How long it took [s].
+    """
+    head = head_of(request)
+    if cancelled:
+        status, message = Status.PREEMPTED, f"the run was cancelled before {doing}; what is loaded is kept"
+    else:
+        status = Status.TIMED_OUT
+        message = (
+            f"the {head.allowed:g} s that were allowed were up before {doing}; what is loaded is kept: ask again, or "
+            "allow more time for the first one"
+        )
+    details = {_field(head): head.allowed, "stage": "load", "preparing": doing}
+    return _unbegun(run_id, head, status, message, details, Timing(load=waited, total=waited))
 
 
 def _field(head: RunHead) -> str:
@@ -89,10 +128,9 @@ def _field(head: RunHead) -> str:
 
 
 def _unbegun(
-    run_id: str, head: RunHead, status: Status, message: str, details: dict[str, Any], waited: float
+    run_id: str, head: RunHead, status: Status, message: str, details: dict[str, Any], timing: Timing
 ) -> MotionReply:
     ended = Outcome(code=int(status), name=status.name, message=message, details={"stage": "queue", **details})
-    timing = Timing(queue=waited, total=waited)
     if isinstance(head, PlanHead):
         return _without_plan(run_id, head, ended, timing)
     return _without_judgement(run_id, ended, timing)
@@ -116,6 +154,7 @@ def _without_plan(run_id: str, head: PlanHead, ended: Outcome, timing: Timing) -
         counters=Counters(),
         seed=head.seed,
         planner=head.planner,
+        objective=head.objective,
         recording=None,
     )
 

@@ -9,7 +9,7 @@ import msgspec
 
 from guidefield.messages.conditions import AttachedObject, JointLimits, PathConstraint
 from guidefield.messages.goals import Positions, require_finite_positions
-from guidefield.messages.references import RobotReference, SceneReference
+from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
     LARGEST,
     Message,
@@ -128,6 +128,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     recording: Literal["full", "summary", "off"] = "full"
 
     def __post_init__(self) -> None:
+        settle_scene(self)
         require_finite_positions("start", self.start)
         require_finite_number("min_clearance", self.min_clearance)
         if self.time_step is not None:

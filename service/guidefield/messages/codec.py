@@ -11,6 +11,7 @@ import msgspec
 from guidefield.errors import MalformedRequest, RequestTooLarge
 from guidefield.messages import faults, replies, requests
 from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import SceneChanged, SceneDiff
 from guidefield.messages.values import Reply
 
 MAX_REQUEST_BYTES = 64 * 2**20
@@ -129,6 +130,11 @@ def convert(plain: dict[str, Any], kind: Any) -> Any:
         raise _refused(error, plain, kind) from None
 
 
+def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a message by name as plain data: what is a message itself among them, or in them, as a dict."""
+    return {name: msgspec.to_builtins(value, enc_hook=_listed) for name, value in fields.items()}
+
+
 def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
     """As `decode_request`; a Struct that was made in Python, which no decoder has seen, is checked too.
 
@@ -162,6 +168,8 @@ def json_schemas() -> dict[str, Any]:
         *replies.AnyReply.__args__,
         replies.ErrorReply,
         Scene,
+        SceneDiff,
+        SceneChanged,
     ]
     schemas, components = msgspec.json.schema_components(kinds)
     return {

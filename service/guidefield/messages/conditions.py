@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from guidefield.messages.scene import Obstacle
 from guidefield.messages.values import (
     Message,
@@ -11,6 +13,9 @@ from guidefield.messages.values import (
     Vector3,
     require_finite_number,
 )
+
+Objective = Literal["balanced", "time", "clearance"]
+"""What a motion is optimised for."""
 
 
 class AttachedObject(Message):

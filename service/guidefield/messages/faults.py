@@ -91,6 +91,18 @@ def nearest(said: str, choices: Iterable[str]) -> list[str]:
     return [lowered[near] for near in difflib.get_close_matches(said[:LONGEST].lower(), lowered, n=3, cutoff=0.6)]
 
 
+def meant(said: str, choices: Sequence[str]) -> str:
+    """A question that names those choices that may have been meant, and a space; empty without one."""
+    near = nearest(said, choices)
+    return f"did you mean {' or '.join(near)}? " if near else ""
+
+
+def listed(choices: Sequence[str]) -> str:
+    """Choices in a row, the first `MOST_NAMED`, and how many more there are."""
+    more = f" and {len(choices) - MOST_NAMED} more" if len(choices) > MOST_NAMED else ""
+    return f"{', '.join(choices[:MOST_NAMED])}{more}"
+
+
 def _advised(
     message: str, said: str, choices: Sequence[Any], written: Callable[[Any], str], others: Sequence[str] = ()
 ) -> str:

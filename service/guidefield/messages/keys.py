@@ -11,9 +11,11 @@ import msgspec
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN, Asker
 from guidefield.messages.kinematics_requests import DEFAULT_TIME, LONGEST_TIME
 from guidefield.messages.scene import Scene
-from guidefield.messages.served import SERVED
+from guidefield.messages.scene_changes import SceneDiff
+from guidefield.messages.served import SERVED, SHARING
 
 LONGEST_STORING = 120.0
 """How long a robot or scene may take that is stored or described, and how long the list of robots [s]."""
@@ -24,18 +26,27 @@ class Query:
     """A query as it came.
 
     Attributes:
-        key: Chunks of its key below the instance's, such as ("scenes", "shelf").
+        key: Chunks of its key below the instance's or the user's, such as ("scenes", "shelf").
         parameters: Those after the question mark.
         payload: Empty where there is none.
         encoding: How the payload is written, and the reply is to be.
-        client: Who asks, as far as it says so.
+        user: Whose keys it uses.
+        owner: Whose things it is about.
+        client: Which client of this user asks, as far as it says so.
     """
 
     key: tuple[str, ...]
     parameters: Mapping[str, str]
     payload: bytes
     encoding: Encoding
+    user: str = PLAIN
+    owner: str = PLAIN
     client: str = ""
+
+    @property
+    def asker(self) -> Asker:
+        """Who asks."""
+        return Asker(self.user, self.client)
 
 
 class PlanHead(msgspec.Struct, frozen=True):
@@ -44,6 +55,7 @@ class PlanHead(msgspec.Struct, frozen=True):
     run_id: str | None = None
     allowed_planning_time: float = 5.0
     planner: str = "auto"
+    objective: str = "balanced"
     seed: int = 0
 
     @property
@@ -62,6 +74,12 @@ class CertifyHead(msgspec.Struct, frozen=True):
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
         return min(self.allowed_time, 3600.0) if self.allowed_time > 0.0 else 0.0
+
+
+class _Head(msgspec.Struct):
+    """Whether a payload has a type."""
+
+    type: str | None = None
 
 
 RunHead = PlanHead | CertifyHead
@@ -141,6 +159,29 @@ def is_cancel(query: Query) -> bool:
     return len(query.key) == 3 and query.key[0] in ("runs", "requests") and query.key[2] == "cancel"
 
 
+def is_scene(query: Query) -> bool:
+    """Whether the query is about one scene."""
+    return len(query.key) == 2 and query.key[0] == "scenes"
+
+
+def diff_of(query: Query) -> SceneDiff | None:
+    """What a query changes about a scene that was answered already; None if it stores the scene anew."""
+    if codec.decode(query.payload, _Head, query.encoding).type is None:
+        return None
+    diff: SceneDiff = codec.decode(query.payload, SceneDiff, query.encoding)
+    return diff
+
+
+def is_sharing(query: Query) -> bool:
+    """Whether the query is to share something with everybody, or with nobody any more."""
+    return bool(query.parameters.keys() & SHARING)
+
+
+def is_reading(query: Query) -> bool:
+    """Whether the query changes nothing."""
+    return not (query.payload or is_cancel(query) or is_sharing(query) or "delete" in query.parameters)
+
+
 def is_brief(query: Query) -> bool:
     """Whether the query asks for info, and for its figures only."""
     return "brief" in query.parameters
@@ -176,14 +217,28 @@ def _scene(query: Query) -> requests.Request:
     if "delete" in query.parameters:
         _refuse_payload(query)
         return requests.DeleteScene(name)
+    version = _version(query.parameters.get("version"))
     if not query.payload:
-        return requests.ReadScene(name)
+        return requests.ReadScene(name, version)
+    if version is not None:
+        raise MalformedRequest("`version` is for reading; a change says itself which it means", parameter="version")
+    if codec.decode(query.payload, _Head, query.encoding).type is not None:
+        return requests.ChangeScene(name, codec.decode(query.payload, SceneDiff, query.encoding))
     scene: Scene = codec.decode(query.payload, Scene, query.encoding)
     if scene.name != name:
         raise MalformedRequest(
             f"the scene is named {scene.name!r}, but it is sent to be stored as {name!r}", path="$.name"
         )
     return requests.StoreScene(name, scene)
+
+
+def _version(text: str | None) -> int | None:
+    """The version of a scene that a parameter names, if any."""
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdigit() and 0 < int(text) < 2**63):
+        raise MalformedRequest(f"`version` must be a number from 1 on, got {text[:64]!r}", parameter="version")
+    return int(text)
 
 
 def _runs(query: Query) -> requests.Request:
@@ -219,11 +274,11 @@ _RULES = {
     ("certify", 1): _Rule(_certify, takes_payload=True),
     ("kinematics", 1): _Rule(_kinematics, takes_payload=True),
     ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
-    ("robots", 2): _Rule(_robot, frozenset({"delete"}), takes_payload=True),
+    ("robots", 2): _Rule(_robot, frozenset({"delete", *SHARING}), takes_payload=True),
     ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
-    ("scenes", 2): _Rule(_scene, frozenset({"delete"}), takes_payload=True),
+    ("scenes", 2): _Rule(_scene, frozenset({"delete", "version", *SHARING}), takes_payload=True),
     ("runs", 1): _Rule(_runs, frozenset({"status", "robot", "since"})),
-    ("runs", 2): _Rule(_run, frozenset({"delete"})),
+    ("runs", 2): _Rule(_run, frozenset({"delete", *SHARING})),
     ("info", 1): _Rule(lambda _: requests.ReadInfo(), frozenset({"brief"})),
 }
 """Rules by the first chunk of the key and the number of chunks."""
@@ -246,7 +301,7 @@ def _rule(query: Query) -> _Rule:
         raise MalformedRequest(
             f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}; valid: {valid}", parameter=unknown[0]
         )
-    if not rule.takes_payload:
+    if not rule.takes_payload or is_sharing(query):
         _refuse_payload(query)
     return rule
 

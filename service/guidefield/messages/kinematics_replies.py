@@ -45,6 +45,7 @@ class ClearanceReply(Reply):
         pair: The closest link and obstacle.
         witness_points: Their closest points [m, world].
         self_minimum: Smallest distance of the robot to itself [m].
+        contacts: Pairs that touch, or of which one is wholly inside the other; null unless they were asked for.
         warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
@@ -53,6 +54,7 @@ class ClearanceReply(Reply):
     pair: list[list[str] | None]
     witness_points: list[list[Vector3] | None]
     self_minimum: list[float | None]
+    contacts: list[list[list[str]]] | None = None
     warnings: list[str] = []
     schema: int = 1
 

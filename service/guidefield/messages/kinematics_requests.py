@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.goals import Positions, Tolerance3, require_finite_positions
-from guidefield.messages.references import RobotReference, SceneReference
+from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
     Message,
     Name,
@@ -75,6 +76,8 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
         group: Joints that may move, as in `PlanRequest`.
         scene: What may be in the way.
         collision_free: Whether only configurations that touch nothing count.
+        attached_objects: What links hold; with `collision_free` it must touch nothing either.
+        allowed_collisions: Pairs of links and obstacles that may touch.
         start_configurations: Where to start from, before random ones; joints outside the group are as in the first.
         solutions: How many to look for at each pose.
         seed: Of the random starts.
@@ -90,6 +93,8 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
     group: str | list[Name] | None = None
     scene: SceneReference | None = None
     collision_free: bool = False
+    attached_objects: list[AttachedObject] = []
+    allowed_collisions: list[tuple[Name, Name]] = []
     start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=10_000)] = []
     solutions: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 8
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
@@ -97,6 +102,7 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
+        settle_scene(self)
         _check_configurations(self.start_configurations)
 
 
@@ -109,6 +115,9 @@ class Clearance(Message, tag_field="type", tag="clearance"):
         configurations: Joints left out are at rest as the robot has it.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
+        attached_objects: What links hold; they are measured as links.
+        allowed_collisions: Pairs of links and obstacles that may touch, and aren't measured.
+        contacts: Whether the reply tells which pairs touch.
         request_id: A name by which it can be cancelled; null: none.
         allowed_time: From the request's arrival, queue and loading included [s].
     """
@@ -118,10 +127,14 @@ class Clearance(Message, tag_field="type", tag="clearance"):
     configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
+    attached_objects: list[AttachedObject] = []
+    allowed_collisions: list[tuple[Name, Name]] = []
+    contacts: bool = False
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
+        settle_scene(self)
         _check_configurations(self.configurations)
 
 
@@ -149,6 +162,7 @@ class Potential(Message, tag_field="type", tag="potential"):
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
+        settle_scene(self)
         by_points = self.points is not None
         by_robot = self.robot is not None and self.configurations is not None
         if by_points == by_robot or (self.robot is None) != (self.configurations is None):

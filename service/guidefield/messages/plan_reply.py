@@ -132,7 +132,10 @@ class Metrics(Reply):
 
 
 class Timing(Reply):
-    """Time by stage [s]; `ends` judges start and goal, `measure` takes the reply's figures, `queue` is waiting."""
+    """Time by stage [s].
+
+    `ends` judges start and goal, `relax` optimises the motion, `measure` takes the reply's figures, `queue` is waiting.
+    """
 
     queue: float = 0.0
     load: float = 0.0
@@ -150,7 +153,7 @@ class Counters(Reply):
     """How often the expensive things were done.
 
     Attributes:
-        iterations: Of trees, descents and the relaxation.
+        iterations: Of trees, descents and the optimisation.
         potential_evaluations: Configurations at which the field on the robot was evaluated.
         collision_checks: Motions, and configurations of the certificate, that were judged.
     """
@@ -158,6 +161,48 @@ class Counters(Reply):
     iterations: int = 0
     potential_evaluations: int = 0
     collision_checks: int = 0
+
+
+class Permission(Reply):
+    """When a held object may touch an obstacle: between these times the certificate leaves the pair out.
+
+    Attributes:
+        object: What is held.
+        obstacle: What it may touch.
+        begin: Since when [s].
+        end: Until when [s].
+    """
+
+    object: str
+    obstacle: str
+    begin: float
+    end: float
+
+
+class StepFigures(Reply):
+    """One step of a sequence.
+
+    Attributes:
+        begin: When it begins [s].
+        end: When it ends, its pause included [s].
+        held: Names of the objects that are held meanwhile.
+        attached: What is picked up at its end.
+        detached: What is put down at its end.
+        clearance: From obstacles meanwhile, but for what a held object may touch; null where nothing moves.
+        self_clearance: Of the robot from itself; the same.
+        certificate: The judgement of the trajectory between `begin` and `end`, with what is held then.
+        permissions: What a held object may touch meanwhile.
+    """
+
+    begin: float
+    end: float
+    held: list[str]
+    attached: str | None
+    detached: str | None
+    clearance: ClearanceFigures | None
+    self_clearance: SelfClearance | None
+    certificate: CertificateFigures
+    permissions: list[Permission]
 
 
 class PlanReply(Reply):
@@ -186,6 +231,9 @@ class PlanReply(Reply):
         recording: Key or file of the recording, if there is one.
         schema: Version of this message.
         warnings: What was odd but harmless.
+        objective: The request's.
+        steps: Of a sequence: each step in time. Of one that failed, those before the step that failed; `path` is then
+            that step's, and `status.details` has its number as `step`.
 
     Example:
         >>> import guidefield
@@ -219,3 +267,5 @@ class PlanReply(Reply):
     recording: str | None
     schema: int = 1
     warnings: list[str] = []
+    objective: str = "balanced"
+    steps: list[StepFigures] = []

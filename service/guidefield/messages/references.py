@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import msgspec
+
 from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import RequestScene
 from guidefield.messages.values import Message, RootJoint, UrdfCharacters
 
 
@@ -37,4 +42,14 @@ class UrdfFile(Message, tag_field="type", tag="urdf_file"):
 
 
 RobotReference = str | UrdfText | UrdfFile
-SceneReference = str | Scene
+if TYPE_CHECKING:
+    SceneReference = str | Scene
+else:  # a decoder makes the one kind of scene that both forms fit, and `settle_scene` a plain one where it is whole
+    SceneReference = str | RequestScene
+
+
+def settle_scene(request: msgspec.Struct) -> None:
+    """Put the scene itself into a request that was decoded with one that is declared whole; as it is made."""
+    scene = getattr(request, "scene", None)
+    if isinstance(scene, RequestScene) and scene.base is None:
+        msgspec.structs.force_setattr(request, "scene", scene.declared)

@@ -31,10 +31,12 @@ from guidefield.messages.plan_reply import (
     Counters as Counters,
     Metrics as Metrics,
     Outcome as Outcome,
+    Permission as Permission,
     PlanReply as PlanReply,
     Rows as Rows,
     SelfClearance as SelfClearance,
     Stage as Stage,
+    StepFigures as StepFigures,
     Timing as Timing,
     Trajectory as Trajectory,
 )
@@ -49,11 +51,15 @@ from guidefield.messages.robot_replies import (
 )
 from guidefield.messages.scene import Scene
 from guidefield.messages.service_replies import (
+    DeliveryRule as DeliveryRule,
     Disk as Disk,
     Health as Health,
     Histogram as Histogram,
+    Identity as Identity,
     InfoReply as InfoReply,
+    LimitInfo as LimitInfo,
     Progress as Progress,
+    UserFigures as UserFigures,
 )
 from guidefield.messages.values import Reply
 
@@ -75,9 +81,15 @@ class ScenesReply(Reply):
 
 
 class SceneReply(Reply):
-    """A stored scene."""
+    """A scene that can be named.
+
+    Attributes:
+        scene: The scene.
+        version: How often it was stored or changed; null: it comes with the package and never changes.
+    """
 
     scene: Scene
+    version: int | None = None
     schema: int = 1
 
 
@@ -177,10 +189,17 @@ def is_certify(request: bytes) -> bool:
 
 
 class Done(Reply):
-    """A command was carried out; what is odd but harmless about the robot or scene that was stored."""
+    """A command was carried out.
+
+    Attributes:
+        done: Which, in words.
+        warnings: What is odd but harmless about the robot or scene that was stored.
+        version: Of the scene that was stored or changed, from now on.
+    """
 
     done: str
     warnings: list[str] = []
+    version: int | None = None
     schema: int = 1
 
 

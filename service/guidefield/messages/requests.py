@@ -11,6 +11,7 @@ from guidefield.messages.conditions import (
     AttachedObject as AttachedObject,
     JointLimits as JointLimits,
     LineConstraint as LineConstraint,
+    Objective as Objective,
     OrientationCone as OrientationCone,
     PathConstraint as PathConstraint,
     PlaneConstraint as PlaneConstraint,
@@ -39,9 +40,16 @@ from guidefield.messages.references import (
     SceneReference as SceneReference,
     UrdfFile as UrdfFile,
     UrdfText as UrdfText,
+    settle_scene,
 )
 from guidefield.messages.scene import GuidePlane
+from guidefield.messages.steps import (
+    Attach as Attach,
+    PlanStep as PlanStep,
+    RelativeGoal as RelativeGoal,
+)
 from guidefield.messages.store_requests import (
+    ChangeScene as ChangeScene,
     DeleteRobot as DeleteRobot,
     DeleteRun as DeleteRun,
     DeleteScene as DeleteScene,
@@ -66,22 +74,29 @@ from guidefield.messages.values import (
     require_finite_number,
 )
 
+MOST_STEPS = 200
+"""Most steps of a request."""
+
 
 class PlanRequest(Message):
-    """Ask for a motion: a certified, timed path from `start` to `goal`.
+    """Ask for a motion: a certified, timed path from `start` to `goal`, or through `steps` one after the other.
 
-    Robot, scene and goal are enough. Lengths are in metres, angles in radians, times in seconds; joints go by name.
+    Robot, scene, and goal or steps are enough. Lengths are in metres, angles in radians, times in seconds; joints go by
+    name.
 
     Attributes:
         robot: A name of the catalog or of a stored robot, or the robot itself.
-        scene: A name, or the scene itself.
-        goal: What to reach.
+        scene: A name, the scene itself, or a stored one and what is changed about it (`RequestScene`).
+        goal: What to reach; null: `steps` say it.
         schema: Version of this message.
         run_id: What to call the run; null: the service makes a name.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
         tip: Frame that goals and guide planes are about; null: the robot's own.
         start: Joints left out are at rest as the robot has it.
+        start_velocities: With which joints move at the start, by name; others are at rest [rad/s or m/s].
+        start_accelerations: The same of accelerations [rad/s^2 or m/s^2].
+        end_velocities: With which joints move at a goal of joints, by name; others are at rest [rad/s or m/s].
         guide_planes: Planes to cross, in order; null: the scene's; "auto": derived, and sent back in the reply.
         planner: "guided": guide planes alone; "tree": a connection alone; "auto": first the planes, then a connection.
         minimizer: How the guided planner descends; "univariate" is for chains of ball or universal joints only.
@@ -94,11 +109,15 @@ class PlanRequest(Message):
         max_acceleration_scaling_factor: Share of the acceleration limits that is used.
         allowed_planning_time: From the request's arrival [s].
         optimization_iterations: Rounds in which a connection is made shorter, within half of the time that is left, and
-            most steps of the relaxation; null: no rounds, and the relaxation's own stopping rule.
+            most steps of the optimisation; null: no rounds, and the optimisation's own stopping rule; 0: the path as it
+            was found, as fast as it can be executed.
+        objective: What motions are optimised for: "balanced": fast, and well away from obstacles; "time": as fast as is
+            found, with more tries; "clearance": in the middle of the free space. `min_clearance` is kept all the same.
         leave_start_contact: Whether a start in slight contact is left first, instead of being refused.
         sample_rate: Samples per second of the trajectory in the reply [1/s]; null: the knots of the curve.
         recording: How much is recorded.
         seed: Of all randomness.
+        steps: In place of a goal: what to do in order, as one motion; guide planes then are the steps' own.
 
     Example:
         >>> from guidefield import Box, JointsGoal, PlanRequest, Scene
@@ -113,13 +132,16 @@ class PlanRequest(Message):
 
     robot: RobotReference
     scene: SceneReference
-    goal: Goal
+    goal: Goal | None = None
     schema: Literal[1] = 1
     run_id: RunId | None = None
     robot_placement: Placement = Placement()
     group: str | list[Name] | None = None
     tip: Name | None = None
     start: Positions = {}
+    start_velocities: dict[str, float] = {}
+    start_accelerations: dict[str, float] = {}
+    end_velocities: dict[str, float] = {}
     guide_planes: list[GuidePlane] | Literal["auto"] | None = None
     planner: Literal["auto", "guided", "tree"] = "auto"
     minimizer: Literal["projected", "univariate"] = "projected"
@@ -132,13 +154,21 @@ class PlanRequest(Message):
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     allowed_planning_time: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] = 5.0
     optimization_iterations: Annotated[int, msgspec.Meta(ge=0, le=1_000_000)] | None = None
+    objective: Objective = "balanced"
     leave_start_contact: bool = False
     sample_rate: Annotated[float, msgspec.Meta(gt=0.0, le=10_000.0)] | None = None
     recording: Literal["full", "summary", "off"] = "full"
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
+    steps: Annotated[list[PlanStep], msgspec.Meta(max_length=MOST_STEPS)] = []
 
     def __post_init__(self) -> None:
+        settle_scene(self)
+        if (self.goal is None) == (not self.steps):
+            raise ValueError(f"give a `goal` or `steps`, got {'both' if self.steps else 'neither'}")
         require_finite_positions("start", self.start)
+        for field in ("start_velocities", "start_accelerations", "end_velocities"):
+            for joint, rate in getattr(self, field).items():
+                require_finite_number(f"{field}.{joint}", rate)
         require_finite_number("min_clearance", self.min_clearance)
 
 

@@ -47,7 +47,13 @@ class ObstacleTrajectory(Message):
 
 
 class _Obstacle(Message, tag_field="type"):
-    """What every obstacle has: a name, a surface charge per area [1], and how it moves, if it does."""
+    """What every obstacle has.
+
+    Attributes:
+        name: Its own, by which replies and `allowed_collisions` know it.
+        charge: Of its surface, per area [1].
+        trajectory: How it moves; null: it rests.
+    """
 
     name: Name
     charge: NonNegative = 1.0
@@ -58,7 +64,12 @@ class _Obstacle(Message, tag_field="type"):
 
 
 class _Placed(_Obstacle, kw_only=True):
-    """An obstacle with a placement of its own frame in the world."""
+    """An obstacle with a placement of its own frame in the world.
+
+    Attributes:
+        position: Of its frame's origin [m, world].
+        quaternion_xyzw: Its frame's rotation in the world.
+    """
 
     position: Vector3 = ORIGIN
     quaternion_xyzw: QuaternionXYZW = IDENTITY

@@ -6,6 +6,10 @@ from typing import Literal
 
 from guidefield.messages.values import Reply
 
+SHARING = {
+    "share": "lets every user read it, as `<user>:<name>`",
+    "unshare": "lets nobody else read it any more, but operators",
+}
 DELETE = {"delete": "forgets it; without a payload"}
 
 
@@ -16,6 +20,8 @@ class KeyInfo(Reply):
         key: Below the instance's, ``guidefield/<i>/``.
         what: What it is for.
         how: Whether it is queried, published for subscribers, or a liveliness token.
+        worker: Whether a query waits for a worker: never, always, or with a payload only. What needs none is answered
+            while the service starts and ends, too.
         parameters: Those that a query may have, and what they do.
         takes: Names of the messages that its payload may be; none: it takes no payload.
         gives: Names of the messages that it answers or publishes; none: bytes.
@@ -24,17 +30,21 @@ class KeyInfo(Reply):
     key: str
     what: str
     how: Literal["query", "published", "token"] = "query"
+    worker: Literal["never", "always", "with a payload"] = "never"
     parameters: dict[str, str] = {}
     takes: list[str] = []
     gives: list[str] = []
 
 
 KEYS = (
-    KeyInfo("plan", "plans a motion", takes=["PlanRequest"], gives=["PlanReply"]),
-    KeyInfo("certify", "judges a motion that is given", takes=["CertifyRequest"], gives=["CertifyReply"]),
+    KeyInfo("plan", "plans a motion", worker="always", takes=["PlanRequest"], gives=["PlanReply"]),
+    KeyInfo(
+        "certify", "judges a motion that is given", worker="always", takes=["CertifyRequest"], gives=["CertifyReply"]
+    ),
     KeyInfo(
         "kinematics",
         "answers at configurations, poses or points, one or many",
+        worker="always",
         takes=["ForwardKinematics", "InverseKinematics", "Clearance", "Potential"],
         gives=[
             *("ForwardKinematicsReply", "InverseKinematicsReply", "ClearanceReply"),
@@ -42,22 +52,25 @@ KEYS = (
         ],
     ),
     KeyInfo("requests/<id>/cancel", "ends one kinematics request early, by its request_id", gives=["Done"]),
-    KeyInfo("robots", "lists the robots that can be named", gives=["RobotsReply"]),
+    KeyInfo("robots", "lists the robots that can be named", worker="always", gives=["RobotsReply"]),
     KeyInfo(
         "robots/<name>",
         "describes one robot; with a payload stores it",
-        parameters=DELETE,
+        worker="always",
+        parameters=DELETE | SHARING,
         takes=["RobotFiles"],
         gives=["RobotReply", "Done"],
     ),
     KeyInfo("scenes", "lists the scenes that can be named", gives=["ScenesReply"]),
     KeyInfo(
         "scenes/<name>",
-        "reads one scene; with a payload stores it",
-        parameters=DELETE,
-        takes=["Scene"],
+        "reads one scene; with a payload stores or changes it",
+        worker="with a payload",
+        parameters={**DELETE, **SHARING, "version": "reads this one of the last 16 versions"},
+        takes=["Scene", "SceneDiff"],
         gives=["SceneReply", "Done"],
     ),
+    KeyInfo("scenes/<name>/changes", "what changes about a stored scene", how="published", gives=["SceneChanged"]),
     KeyInfo(
         "runs",
         "lists the kept runs, newest first",
@@ -71,16 +84,22 @@ KEYS = (
     KeyInfo(
         "runs/<id>",
         "request and reply of one run, also while it runs",
-        parameters={"delete": "forgets it, with its recording"},
+        parameters={"delete": "forgets it, with its recording", **SHARING},
         gives=["RunReply", "CertifyRunReply", "Done"],
     ),
     KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file"),
     KeyInfo("runs/<id>/cancel", "ends one run early", gives=["Done"]),
     KeyInfo("runs/<id>/progress", "how far one run is, while it runs", how="published", gives=["Progress"]),
     KeyInfo(
+        "shared/runs/<user>:<id>/progress",
+        "the same of a run that its user shares, below `guidefield/<i>` for everybody",
+        how="published",
+        gives=["Progress"],
+    ),
+    KeyInfo(
         "info",
         "what the service is and does; also while it starts and ends",
-        parameters={"brief": "without versions, keys and schemas"},
+        parameters={"brief": "the figures only: without versions, keys, codes, limits, rules and schemas"},
         gives=["InfoReply"],
     ),
     KeyInfo("alive", "is there as long as requests are taken", how="token"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from guidefield.messages.codes import CodeInfo
+from guidefield.messages.quotas import Quota
 from guidefield.messages.served import KeyInfo
 from guidefield.messages.values import Reply
 
@@ -35,13 +37,71 @@ class Disk(Reply):
     total: int
 
 
+class LimitInfo(Reply):
+    """One limit that a service keeps.
+
+    Attributes:
+        name: Its name.
+        value: How much.
+        unit: Of what: s, bytes, or what is counted.
+        what: What is limited, and what becomes of what is beyond it.
+    """
+
+    name: str
+    value: float
+    unit: str
+    what: str
+
+
+class DeliveryRule(Reply):
+    """One rule by which queries are answered.
+
+    Attributes:
+        name: What it is about.
+        rule: What holds, in a sentence or a few.
+    """
+
+    name: str
+    rule: str
+
+
+class UserFigures(Reply):
+    """What a user has now.
+
+    Attributes:
+        waiting: Requests that wait.
+        running: Requests that are worked on.
+        processor: Seconds of a processor that it got lately; what it got 30 s ago counts half [s].
+    """
+
+    waiting: int = 0
+    running: int = 0
+    processor: float = 0.0
+
+
+class Identity(Reply):
+    """Who asks, as far as the service can tell.
+
+    Attributes:
+        user: The user whose keys were asked on; ``plain`` on keys without one.
+        access_control: Whether the service's own configuration has access control. Where it hasn't, and no router has
+            in its place, anybody can use anybody's keys, and all who use the plain keys are one user.
+        quota: What this user may have.
+    """
+
+    user: str
+    access_control: bool
+    quota: Quota
+
+
 class InfoReply(Reply):
     """What a service is and does.
 
     Attributes:
         version: Of guidefield.
         packages: Versions of what it stands on.
-        schemas: JSON Schema of every message; empty where a brief answer was asked for, as are the packages and keys.
+        schemas: JSON Schema of every message; empty where a brief answer was asked for, as are the packages, keys,
+            codes, limits and rules.
         workers: Processes that work on requests.
         busy: How many of them do so now.
         queue: Requests that wait.
@@ -50,10 +110,15 @@ class InfoReply(Reply):
         latency: From a query's arrival to its answer, by the first chunk of its key.
         memory: Resident memory of the workers [bytes].
         keys: Every key with its parameters and messages; the names are those of the schemas.
+        codes: Every code that a status or an error may have.
+        limits: What it bounds, and by how much.
+        delivery: The rules by which it answers.
         health: How it is.
         own_memory: Resident memory of the service's own process, without the workers [bytes].
         disk: Where it keeps runs, scenes and robots; null where it keeps none.
         payload_limit: The largest payload that is looked at [bytes]; a larger one is refused.
+        identity: Who asks; null where nobody can but oneself.
+        users: What users have now; for operators that of all who have any, for a user its own.
     """
 
     version: str
@@ -67,10 +132,15 @@ class InfoReply(Reply):
     latency: dict[str, Histogram] = {}
     memory: int = 0
     keys: list[KeyInfo] = []
+    codes: list[CodeInfo] = []
+    limits: list[LimitInfo] = []
+    delivery: list[DeliveryRule] = []
     health: Health = Health()
     own_memory: int = 0
     disk: Disk | None = None
     payload_limit: int = 0
+    identity: Identity | None = None
+    users: dict[str, UserFigures] = {}
     schema: int = 1
 
 
@@ -84,7 +154,7 @@ class Progress(Reply):
         clearance: Distance of the robot from the obstacles at the last step [m]; None without obstacles, or before.
         best_clearance: The largest of those told by now [m].
         elapsed: Time since the request arrived [s].
-        preparing: In the stage load, what of the robot is prepared for its first use: ``cutting link2, shape 3 of 8``.
+        preparing: In the stage load, which part of robot or scene is prepared: ``cutting link2, shape 3 of 8``.
     """
 
     run_id: str

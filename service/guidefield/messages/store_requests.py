@@ -10,6 +10,7 @@ import msgspec
 from guidefield.errors import Status
 from guidefield.messages.references import RobotReference
 from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import SceneDiff, Version
 from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfCharacters
 
 RUNNING = "RUNNING"
@@ -58,9 +59,10 @@ class ReadScenes(Message, tag_field="type", tag="scenes"):
 
 
 class ReadScene(Message, tag_field="type", tag="scene"):
-    """Read a stored scene."""
+    """Read a stored scene: a version of it, or the newest."""
 
     name: Name
+    version: Version | None = None
 
 
 class StoreScene(Message, tag_field="type", tag="store_scene"):
@@ -72,6 +74,13 @@ class StoreScene(Message, tag_field="type", tag="store_scene"):
     def __post_init__(self) -> None:
         if self.scene.name != self.name:
             raise ValueError(f"the scene is named {self.scene.name!r}, but it is stored as {self.name!r}")
+
+
+class ChangeScene(Message, tag_field="type", tag="change_scene"):
+    """Change a stored scene: remove, move and add obstacles."""
+
+    name: Name
+    diff: SceneDiff
 
 
 class DeleteScene(Message, tag_field="type", tag="delete_scene"):
@@ -124,5 +133,5 @@ class DeleteRun(Message, tag_field="type", tag="delete_run"):
 
 RunRequest = ReadRuns | ReadRun | DeleteRun
 RobotRequest = ReadRobots | ReadRobot | StoreRobot | DeleteRobot
-SceneRequest = ReadScenes | ReadScene | StoreScene | DeleteScene
+SceneRequest = ReadScenes | ReadScene | StoreScene | ChangeScene | DeleteScene
 StoreRequest = RobotRequest | SceneRequest | ReadInfo | RunRequest

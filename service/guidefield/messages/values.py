@@ -65,7 +65,7 @@ class Placement(Message):
 def require_finite(field: str, values: Iterable[float]) -> None:
     """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`."""
     for index, value in enumerate(values):
-        if not abs(value) <= LARGEST:
+        if not -LARGEST <= value <= LARGEST:
             require_finite_number(f"{field}[{index}]", value)
 
 
@@ -78,6 +78,8 @@ def require_finite_number(field: str, value: float) -> None:
 
 def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
     """Raise ValueError unless the norm of a quaternion is 1 within `QUATERNION_TOLERANCE`."""
+    if tuple(quaternion) == IDENTITY:  # most are, and scenes have thousands
+        return
     require_finite(field, quaternion)
     norm = math.sqrt(sum(x * x for x in quaternion))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:

@@ -12,7 +12,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.errors import Status
-from guidefield.planner.leaving import SLIGHT
+from guidefield.planner.settings import GOALS, LEAVING
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.inverse_kinematics import IkResult, solve
@@ -20,15 +20,6 @@ from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-
-GOAL_SOLUTIONS = 8
-"""Configurations for which a connection looks at once, for a pose."""
-
-GRAZING = 1e-3
-"""What configurations that reach a pose keep from obstacles beyond the clearance asked for, if there are such [m]."""
-
-MOST_STARTS = 8192
-"""Starts from which a configuration that is free is looked for."""
 
 
 def check_start(problem: Problem) -> None:
@@ -41,7 +32,8 @@ def check_start(problem: Problem) -> None:
     if isinstance(problem.goal, LastPlaneGoal) or not are_free(problem, z_start[None])[0]:
         if (fault := end_fault(problem, z_start)) is not None:
             message, details = fault
-            slight = not problem.leave_start_contact and details["depth"] is not None and details["depth"] <= SLIGHT
+            depth = details["depth"]
+            slight = not problem.leave_start_contact and depth is not None and depth <= LEAVING.slight
             hint = "; `leave_start_contact` would leave so slight a contact first" if slight else ""
             raise StageFailed(
                 Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}{hint}", stage="start", **details
@@ -62,28 +54,65 @@ def goal_points(problem: Problem) -> ChartPoints | None:
     if isinstance(problem.goal, ConfigurationGoal):
         return _kept_goals(problem, _free_goals(problem, problem.goal))
     if isinstance(problem.goal, TipGoal):
-        return _kept_goals(problem, tip_points(problem, problem.goal.target))
+        target = problem.goal.target
+        if problem.guide_planes:  # the way there begins where they lead
+            return _kept_goals(problem, tip_points(problem, target))
+        return _kept_goals(problem, _soonest(problem, tip_points(problem, target, _about(problem), GOALS.candidates)))
     return None
 
 
-def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint] = ()) -> ChartPoints:
+def _about(problem: Problem) -> ChartPoints:
+    """Chart points (k, nv) about the start, within limits, from which configurations next to it are found."""
+    group = problem.group
+    aside = np.random.default_rng([problem.seed, 4]).normal(scale=GOALS.spread, size=(GOALS.starts, group.nv))
+    about: ChartPoints = np.clip(problem.z_start + aside * group.units, group.lower, group.upper)
+    return about
+
+
+def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
+    """Of goals (m, nv) that lie far apart, in order: those that can be reached soonest, and the first ones besides.
+
+    By the velocity limits a straight motion along d takes at least max_j |d_j| / V_j. Goals that hardly differ from one
+    before are left out.
+    """
+    group = problem.group
+    ways = np.array([group.unwrapped(z, problem.z_start) for z in zs]) - problem.z_start
+    order = np.argsort((np.abs(ways) / group.velocity_limits).max(axis=1), kind="stable").tolist()
+    chosen: list[int] = []
+    for candidates in (order, range(len(zs))):
+        most = len(chosen) + GOALS.solutions
+        for index in candidates:
+            if len(chosen) < most and not _like_any(ways[index] / group.units, ways[chosen] / group.units):
+                chosen.append(index)
+    return zs[chosen]
+
+
+def _like_any(way: ChartPoint, ways: ChartPoints) -> bool:
+    """Whether a difference (nv,) is nearly one of some others (k, nv)."""
+    return bool((np.abs(ways - way).max(axis=1) < GOALS.apart).any())
+
+
+def tip_points(
+    problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint] | ChartPoints = (), count: int = GOALS.solutions
+) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
     Args:
         problem: Robot and world.
         target: The pose.
         starts: Chart points (nv,) that are looked from before the problem's start and random ones.
+        count: How many to look for.
 
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
             TIMED_OUT or PREEMPTED.
     """
-    result = _solved(problem, target, starts, _keep_some_distance)
+    result = _solved(problem, target, starts, count, _keep_some_distance)
     if not result.solutions and result.rejected:
-        result = _solved(problem, target, starts, _touch_nothing, MOST_STARTS)
+        result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
     zs = [z for z in result.solutions if _is_outside(problem, z)]
     if result.solutions and not zs:  # all that were chosen are inside of something: choose among the others
-        result = _solved(problem, target, starts, _are_outside)
+        result = _solved(problem, target, starts, count, _are_outside)
         zs = list(result.solutions)
     zs = zs or [z for z in result.rejected if _keeps_off(problem, z)]  # lanes refuse what all but touches
     if zs:
@@ -106,7 +135,8 @@ def tip_points(problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint
 def _solved(
     problem: Problem,
     target: PoseTarget,
-    starts: Sequence[ChartPoint],
+    starts: Sequence[ChartPoint] | ChartPoints,
+    count: int,
     free: Callable[[Problem, ChartPoints], np.ndarray],
     most: int = SEARCH.most_rejected,
 ) -> IkResult:
@@ -114,7 +144,7 @@ def _solved(
         problem.group,
         target,
         starts=(*starts, problem.z_start),
-        count=GOAL_SOLUTIONS,
+        count=count,
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda zs: free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
@@ -141,7 +171,7 @@ def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 def _keep_some_distance(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) keep more than the clearance, so that a certificate isn't stopped by grazing."""
-    return _touch_nothing(problem, zs, GRAZING)
+    return _touch_nothing(problem, zs, GOALS.grazing)
 
 
 def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:

@@ -108,7 +108,7 @@ def connect_to_goal(
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
         return found.failed(Ending(connection.status, connection.message, {"stage": "connect"}))
-    return found.extended(connection.path, proven=connection.proven)
+    return found.extended(connection.path, proven=connection.proven, others=connection.others)
 
 
 def _tried(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:

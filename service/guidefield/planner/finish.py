@@ -1,14 +1,18 @@
-"""From a path that was found to the trajectory that is executed: relax, lay a spline, time it, certify it.
+"""From a path that was found to the trajectory that is executed: optimise shape and time together, certify it.
 
-What the certificate refuses goes back: the spline is drawn closer to the path where it was refused (a path of straight,
-certified motions is its limit); where the path itself touches, it is relaxed again with shorter segments, whose samples
-see what was overlooked; and where that can't be certified either, the path that was found is taken instead.
+What the certificate refuses is optimised again with more weight on the clearance, and more samples. Where that can't be
+certified either, the path that was found is taken instead, as fast as a spline through it can be executed.
+
+A path that crosses guide planes, or keeps path constraints, is relaxed instead; a spline is laid through it and timed.
+What the certificate refuses there goes back: the spline is drawn closer to the path where it was refused (a path of
+straight, certified motions is its limit); where the path itself touches, it is relaxed again with shorter segments,
+whose samples see what was overlooked.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +28,9 @@ from guidefield.planner.motion.jerk import parameterize_gently
 from guidefield.planner.motion.spline import CubicSpline, interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.motion.waypoints import length_of, polyline
+from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
+from guidefield.planner.optimize.settings import OPTIMIZATION, closer
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
 from guidefield.planner.relax.settings import RELAXATION
@@ -43,8 +49,8 @@ REPAIRS = 12
 LAST_JUDGEMENT = 0.1
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
-HURRIED = "time was up while the motion was relaxed: with a longer `allowed_planning_time` it keeps further away"
-"""Warning about a motion that is certified, but nearer to obstacles than it had to be."""
+HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
+"""Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,15 +86,32 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """
     if found.failure is not None:
         return _as_far_as_it_got(problem, found, found.failure, stages)
-    finished = _relaxed(problem, found, stages)
+    if problem.optimization_iterations == 0 or length_of(found.path) == 0.0:
+        return _certified(problem, found.path, found.crossings, stages)
+    plain = not (found.crossings or problem.path_constraints)
+    finished = (_optimized if plain else _relaxed)(problem, found, stages)
     if finished.verdict.free or not found.proven:
         return finished
     unrelaxed = _certified(problem, found.path, found.crossings, stages)
     why = finished.verdict.reason
     if not unrelaxed.verdict.free:
         return unrelaxed if why is Reason.CONTACT else finished
-    warning = f"the relaxed motion was not certified ({why.value}); this is the motion as it was found"
+    made = "optimised" if plain else "relaxed"
+    warning = f"the {made} motion was not certified ({why.value}); this is the motion as it was found"
     return replace(unrelaxed, warnings=(warning,))
+
+
+def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """The motion along a path as it was found, as fast as it can be executed; judged as far as it goes.
+
+    Args:
+        problem: Robot, world, limits and budget.
+        found: The path.
+        stages: Where time is counted.
+    """
+    if found.failure is not None:
+        return _as_far_as_it_got(problem, found, found.failure, stages)
+    return _certified(problem, found.path, found.crossings, stages)
 
 
 def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished:
@@ -123,6 +146,62 @@ def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stage
     return Finished(verdict, found.path, found.crossings, failure=failure)
 
 
+def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """The optimised trajectory from the time-optimal one along the path; where it is refused, optimised again."""
+    with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
+        motion = soonest_along(problem, found.path)
+        stage.outcome = f"{motion.duration:.3f} s"
+    finished = optimized_motion(problem, motion, (soonest_along(problem, path) for path in found.others), stages)
+    assert finished is not None, "from rest to rest there is always one"
+    return finished
+
+
+def optimized_motion(
+    problem: Problem, motion: Trajectory, others: Iterator[Trajectory], stages: Stages
+) -> Finished | None:
+    """The optimised trajectory from a motion; where it is refused, optimised again. None where none is within limits.
+
+    Args:
+        problem: Robot, world, limits and budget.
+        motion: Where it begins.
+        others: What may prove quicker, made when it is asked for.
+        stages: Where time is counted.
+    """
+    settings = OPTIMIZATION[problem.objective]
+    with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
+        optimized = optimize(problem, motion, settings, others)
+        stage.outcome = optimized.outcome.value
+    if optimized.outcome is Shaping.NOT_WITHIN:
+        return None
+    finished = _of_optimized(problem, optimized, stages)
+    if finished.verdict.free or problem.budget.spent():
+        return finished
+    with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
+        optimized = optimize(problem, motion, closer(settings))
+        stage.outcome = optimized.outcome.value
+    if optimized.outcome is Shaping.NOT_WITHIN:
+        return finished
+    again = _of_optimized(problem, optimized, stages)
+    return again if again.verdict.free else finished
+
+
+def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
+    """The time-optimal motion along a path (n, nv), whatever its jerk."""
+    group = problem.group
+    return parameterize(through(problem, path), group.velocity_limits, group.acceleration_limits)
+
+
+def _of_optimized(problem: Problem, optimized: Optimized, stages: Stages) -> Finished:
+    """An optimised trajectory, judged, with a warning where time was up meanwhile."""
+    trajectory = optimized.trajectory
+    with stages.entered("certify", "on the exact geometry, between samples too") as stage:
+        verdict = judged(problem, trajectory.bezier())
+        problem.counters.collision_checks += verdict.evaluations
+        stage.outcome = verdict.reason.value
+    warnings = (HURRIED,) if optimized.outcome is Shaping.OUT_OF_TIME else ()
+    return Finished(verdict, trajectory.positions, {}, trajectory, warnings=warnings)
+
+
 def _relaxed(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """The trajectory along the relaxed path; where it is refused, along it relaxed again, if that one isn't."""
     with stages.entered("relax", "to the middle of the free space") as stage:
@@ -153,7 +232,7 @@ def _certified(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]
             trajectory = timed(problem, spline)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry, between samples too") as stage:
-            verdict = _judged(problem, trajectory.bezier())
+            verdict = judged(problem, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         hopeless = repair == REPAIRS or verdict.piece is None or len(knots) < 2
@@ -167,8 +246,8 @@ def _certified(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]
     return Finished(verdict, knots, marks, trajectory)
 
 
-def _judged(problem: Problem, pieces: ChartCurves) -> Verdict:
-    """Whether a motion is free, and keeps the path constraints."""
+def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
+    """Whether a motion, pieces (m, 4, nv), is free, and keeps the path constraints."""
     stopped = _at_the_very_end(problem)
     verdict = certify(problem.world, pieces, problem.min_clearance, stopped=stopped)
     if not (verdict.free and problem.path_constraints):

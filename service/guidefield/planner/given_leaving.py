@@ -17,7 +17,8 @@ from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.minimum.curve import restricted
 from guidefield.collision.world import World
-from guidefield.planner.leaving import APART, CLOSER, SLIGHT, distances_of, touching_pairs
+from guidefield.planner.leaving import distances_of, touching_pairs
+from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
@@ -45,14 +46,14 @@ class Leaving:
 
 
 def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None:
-    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT`.
+    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `LEAVING.slight`.
 
     Args:
         conditions: What it is judged by, among obstacles that rest.
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
     """
     contacts = tuple(contacts_at(conditions.world, conditions.group.expand_from_chart(pieces[0, 0])))
-    if not contacts or any(one.depth is not None and one.depth > SLIGHT for one in contacts):
+    if not contacts or any(one.depth is not None and one.depth > LEAVING.slight for one in contacts):
         return None
     piece, share, closer = _way_out(conditions, contacts, pieces)
     if closer is not None:
@@ -69,13 +70,14 @@ def _way_out(
     """Piece and share of it where what touches has been left; or where, and which pair, comes closer before that."""
     world = conditions.world
     pairs = touching_pairs(world, contacts)
-    distances, enough = distances_of(world, pairs), max(APART, conditions.min_clearance)
+    distances, enough = distances_of(world, pairs), max(LEAVING.apart, conditions.min_clearance)
     before = distances(pieces[0, 0])
     for piece, controls in enumerate(pieces):
         length = float(np.linalg.norm(np.diff(controls, axis=0), axis=1).sum())
-        for share in np.linspace(0.0, 1.0, max(1, math.ceil(length / SPACING)) + 1)[1:].tolist():
+        count = max(1, math.ceil(length / SPACING))
+        for share in (k / count for k in range(1, count + 1)):
             now = distances(_part(controls, share, share)[0])
-            if (now < before - CLOSER).any() or conditions.budget.spent():
+            if (now < before - LEAVING.closer).any() or conditions.budget.spent():
                 return piece, share, pairs[int(np.argmin(now - before))]
             if (now >= enough).all():
                 return piece, share, None

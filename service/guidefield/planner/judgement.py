@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
     from guidefield.potential import RobotField
 
 TOGETHER = 1000
-"""So many pieces are judged together: memory is bounded by it, and plans have fewer."""
+"""Among obstacles that move, so many pieces are judged before the next: among what rests, then among what moves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,21 +102,18 @@ def _constraints(problem: GivenProblem) -> Verdict:
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     """Whether nothing touches or comes too close, as far as the path constraints are kept."""
-    count = len(problem.motion.pieces) if kept.piece is None else kept.piece + 1
-    evaluations = 0
+    motion, stopped = problem.motion, problem.budget.spent
+    count = len(motion.pieces) if kept.piece is None else kept.piece + 1
+    if not problem.scene.moves:
+        return certify(problem.world, motion.pieces[:count], problem.min_clearance, stopped=stopped)
+    pieces, times, evaluations = motion.scheduled.bezier(), motion.scheduled.piece_times(), 0
     for first in range(0, count, TOGETHER):
-        verdict = _freedom_of(problem, first, min(first + TOGETHER, count))
+        last = min(first + TOGETHER, count)
+        verdict = certify_timed(
+            problem.timed_world, pieces[first:last], times[first : last + 1], problem.min_clearance, stopped=stopped
+        )
         evaluations += verdict.evaluations
         if verdict.piece is not None and verdict.free_until is not None:
             free_until = (first + verdict.free_until[0], verdict.free_until[1])
             return replace(verdict, piece=first + verdict.piece, free_until=free_until, evaluations=evaluations)
     return Verdict(Reason.FREE, evaluations)
-
-
-def _freedom_of(problem: GivenProblem, first: int, last: int) -> Verdict:
-    """The same of the pieces from one index to before another, by themselves."""
-    motion, stopped = problem.motion, problem.budget.spent
-    if not problem.scene.moves:
-        return certify(problem.world, motion.pieces[first:last], problem.min_clearance, stopped=stopped)
-    pieces, times = motion.scheduled.bezier()[first:last], motion.scheduled.piece_times()[first : last + 1]
-    return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.collision.certify.certificate import motion_free
 from guidefield.collision.clearance import clearance_at
@@ -17,28 +16,11 @@ from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.finish import Finished, through, timed
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
-
-SLIGHT = 0.01
-"""A contact deeper than this is not slight [m]."""
-
-APART = 1e-3
-"""Distance that what touched keeps in the end, at least [m]."""
-
-LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
-"""Lengths of the motions that are tried, short ones first [rad or m]."""
-
-DIRECTIONS = 48
-"""Directions that are tried with each length."""
-
-CLOSER = 1e-6
-"""A distance that becomes smaller by less has not become smaller [m]."""
-
-SAMPLES = 24
-"""Places on the motion where what touches is measured: it must not get any closer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +55,13 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
         return None
     with stages.entered("ends", "out of the contact at the start") as stage:
         for one in contacts:
-            if one.depth is not None and one.depth > SLIGHT:
-                raise _refusal(one, f"deeper than the {1000 * SLIGHT:.0f} mm that can be planned away from")
+            if one.depth is not None and one.depth > LEAVING.slight:
+                raise _refusal(one, f"deeper than the {1000 * LEAVING.slight:.0f} mm that can be planned away from")
         start, group = problem.z_start, problem.group
         rng = np.random.default_rng([problem.seed, 3])
         leads_out = _judge(problem, contacts, start)
-        for length in LENGTHS:
-            for direction in rng.normal(size=(DIRECTIONS, group.nv)):
+        for length in LEAVING.lengths:
+            for direction in rng.normal(size=(LEAVING.directions, group.nv)):
                 way = length * direction / np.linalg.norm(direction)
                 end = np.clip(start + way, group.lower, group.upper)
                 if leads_out(end):
@@ -127,7 +109,7 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
     allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(group, problem.scene, allowed)
     distances = distances_of(world, touching_pairs(world, contacts))
-    enough = max(APART, problem.min_clearance)
+    enough = max(LEAVING.apart, problem.min_clearance)
 
     def leads_out(end: ChartPoint) -> bool:
         q = group.expand_from_chart(end)
@@ -135,8 +117,8 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
             return False
         if problem.min_clearance > 0.0 and clearance_at(world, q).obstacle_distance < problem.min_clearance:
             return False
-        along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, SAMPLES)])
-        if (np.diff(along, axis=0) < -CLOSER).any():
+        along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, LEAVING.samples)])
+        if (np.diff(along, axis=0) < -LEAVING.closer).any():
             return False
         return motion_free(others, start, end).free
 
@@ -146,7 +128,9 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
 def touching_pairs(world: World, contacts: Sequence[Contact]) -> list[int]:
     """The world's pairs of the bodies of contacts."""
     names = {one.pair for one in contacts}
-    return [k for k in range(len(world.pairs)) if world.pair_names(k) in names]
+    named = [index for index, one in enumerate(world.scene.obstacles) if any(one.name in pair for pair in names)]
+    own, mixed = np.arange(world.pairs.n_self), world.pairs.of_obstacles(np.array(named, int))
+    return [k for k in np.concatenate([own, mixed]).tolist() if world.pair_names(k) in names]
 
 
 def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint], np.ndarray]:
@@ -154,7 +138,7 @@ def distances_of(world: World, pairs: Sequence[int]) -> Callable[[ChartPoint], n
 
     def distances(z: ChartPoint) -> np.ndarray:
         q = world.group.expand_from_chart(z)
-        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
+        world.place(q)
         return np.array([world.distance(k)[0] for k in pairs])
 
     return distances

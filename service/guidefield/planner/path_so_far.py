@@ -22,12 +22,14 @@ class PathSoFar(ReadOnly):
         path: Chart points (n, nv).
         crossings: By index of each guide plane that was reached, its index in `path`.
         proven: Whether its straight pieces are certified, not only free at samples.
+        others: Other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker.
         failure: Why the stage after it found nothing; None while none failed.
     """
 
     path: ChartPoints
     crossings: Mapping[int, int] = field(default_factory=dict)
     proven: bool = True
+    others: tuple[ChartPoints, ...] = ()
     failure: Ending | None = None
 
     @classmethod
@@ -35,10 +37,16 @@ class PathSoFar(ReadOnly):
         """Nothing but a problem's start."""
         return cls(problem.z_start[None])
 
-    def extended(self, points: ChartPoints, *, proven: bool = True) -> PathSoFar:
-        """Gone on along chart points, shape (n, nv), whose first is where the path ends; whether they are certified."""
-        path = np.concatenate([self.path, points[1:]])
-        return dataclasses.replace(self, path=path, proven=self.proven and proven)
+    def extended(self, points: ChartPoints, *, proven: bool = True, others: tuple[ChartPoints, ...] = ()) -> PathSoFar:
+        """Gone on from where the path ends.
+
+        Args:
+            points: Chart points, shape (n, nv), the first of which is where the path ends.
+            proven: Whether they are certified.
+            others: Other ways on from there, shape (n, nv) each.
+        """
+        path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
+        return dataclasses.replace(self, path=path, proven=self.proven and proven, others=tuple(rest))
 
     def on_plane(self, index: int) -> PathSoFar:
         """The same, with the guide plane of an index reached where the path ends."""

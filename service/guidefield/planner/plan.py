@@ -1,4 +1,4 @@
-"""The stages of a plan, in order: check the ends, cross guide planes, connect, relax, time, certify."""
+"""The stages of a plan, in order: check the ends, cross guide planes, connect, optimise, certify."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from guidefield.planner.fallback_connection import connect_to_goal, connect_to_p
 from guidefield.planner.finish import Finished, finish, finish_timed
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.in_motion import finish_in_motion, moving_ends
 from guidefield.planner.leaving import after, joined, leave
 from guidefield.planner.led_goal import led_goal_points
 from guidefield.planner.motion.trajectory import Trajectory
@@ -104,6 +105,12 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
         goals = _ends(problem, planner, stages)
     except StageFailed as failed:
         return _not_begun(problem, failed.ending, stages)
+    if problem.in_motion:
+        assert goals is not None, "planes are no goals then"
+        try:
+            return finish_in_motion(problem, moving_ends(problem, goals, stages), stages)
+        except StageFailed as failed:
+            return _not_begun(problem, failed.ending, stages)
     if problem.scene.moves:
         return finish_timed(problem, cross_planes_timed(problem, stages, attempts), stages)
     found = PathSoFar.at_start(problem)
@@ -172,14 +179,14 @@ def _cross_planes(
 
 
 def _to_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
-    """Connect and finish: what is free at samples is relaxed at once; where that fails, it is proven before."""
+    """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
     with stages.entered("connect", "to the goal") as stage:
         connected = connect_to_goal(problem, found, goals, stage, prove=False)
     finished = finish(problem, connected, stages)
     settled = connected.proven or finished.failure is not None or finished.verdict.free
     if settled or problem.budget.spent():
         return finished
-    problem.tell(Note("the relaxed motion was not certified: the connection is certified before it is relaxed"))
+    problem.tell(Note("the motion was not certified: the connection is certified before it is made one again"))
     with stages.entered("connect", "to the goal, certified") as stage:
         connected = connect_to_goal(problem, found, goals, stage)
     return finish(problem, connected, stages)

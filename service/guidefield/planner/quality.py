@@ -11,34 +11,38 @@ from typing import Protocol
 
 import numpy as np
 
+from guidefield.collision.minimum.along import smallest_along
 from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.minimum.nearest import with_nearest
 from guidefield.collision.minimum.places import Places, Surveyor
-from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
-from guidefield.planner.judgement import GivenProblem
+from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
+from guidefield.collision.world import World
+from guidefield.kept import kept_with
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.problem import Problem
-from guidefield.read_only import ReadOnly
+from guidefield.read_only import ReadOnly, read_only
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import Configurations
+from guidefield.robot.model.spaces import ChartPoints, ChartRates, Configuration, Configurations
 
-LENGTH_STEPS = 400
-"""Chords by which the length of a way is measured, at least."""
-SPACING = 0.05
-"""Joint distance between samples of the clearance [rad or m]."""
-MOST_SAMPLES = 100
-FEWER = 3
-"""The mean is over every so manieth sample; the smallest distances are looked for from there."""
-SAMPLES_A_SECOND = 10.0
-"""Among obstacles that move there are at least so many samples [Hz], within the most."""
-END_STRETCH = 0.3
-"""Joint distance at each end that the inner clearance leaves out [rad or m]."""
-FINER = 100
-"""Times between two close ones at which it is looked when exactly a distance has been travelled."""
-MOST_FINE = 100_000
-"""Times at which it is looked how far has been travelled, at most."""
-LAST_MEASUREMENT = 0.5
-"""For how long the smallest distances may still be looked for when time is up or the run is ended [s]."""
+
+class Measured(Protocol):
+    """Conditions of a motion that was measured, with the field for its recording."""
+
+    @property
+    def group(self) -> PlanningGroup:
+        """The joints that move."""
+        ...
+
+    @property
+    def world(self) -> World:
+        """Robot and obstacles."""
+        ...
+
+    def potential(self, time: float, q: Configuration, /) -> float:
+        """Potential of the robot at a configuration (nq,) at a time [s]: U [m]."""
+        ...
 
 
 class MotionInTime(Protocol):
@@ -90,14 +94,13 @@ class Clearance(ReadOnly):
 
     Attributes:
         obstacle: Of the moving links from obstacles, as they stand at the time.
-        inner: The same less `END_STRETCH` of the way at each end; None if nothing is left.
+        inner: The same less `MEASURING.end_stretch` of the way at each end; None if nothing is left.
         own: Of the robot from itself.
         times: Of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move.
         lengths: Joint distance travelled at them, shape (k,) [rad or m].
         mean: Mean distance from obstacles over every third sample [m].
         ends: The smaller of the distances from obstacles at start and goal [m].
-        surveyor: What measured.
-        places: The robot at some times, among them every third sample's.
+        surveyor: The robot among obstacles along the motion.
     """
 
     obstacle: Closest
@@ -108,7 +111,6 @@ class Clearance(ReadOnly):
     mean: float
     ends: float
     surveyor: Surveyor
-    places: Places
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,54 +167,43 @@ class Figures:
 def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
-    The smallest distances are looked for until time is up, and at least for `LAST_MEASUREMENT`: see `Closest.exact`.
+    The smallest distances are looked for until time is up, and at least for `MEASURING.last`: see `Closest.exact`.
     """
-    until = time.monotonic() + LAST_MEASUREMENT
+    until = time.monotonic() + MEASURING.last
 
     def stopped() -> object:
         return time.monotonic() >= until and problem.budget.spent()
 
-    surveyor = Surveyor(problem.timed_world, Curve(trajectory.bezier(), trajectory.piece_times()))
     times, lengths, inside = _samples(trajectory, problem)
-    coarse, start, end = np.unique(np.r_[times[::FEWER], times[-1]]), float(times[0]), float(times[-1])
-    breaks = surveyor.breaks[(surveyor.breaks > start) & (surveyor.breaks < end)]
-    places = surveyor.places(np.unique(np.concatenate([coarse, breaks, inside or ()])))
-    world, rows = problem.world, np.searchsorted(places.times, coarse)
-    mixed = np.flatnonzero(world.is_obstacle_pair)
-    sampled = np.full(len(rows), np.inf)
-    if len(mixed):
-        sampled = places.distances[rows, surveyor.closest(places, rows, mixed)]
+    coarse, start, end = np.unique(np.r_[times[:: MEASURING.fewer], times[-1]]), float(times[0]), float(times[-1])
+    curve = Curve(trajectory.bezier(), trajectory.piece_times())
+    surveyor = Surveyor(with_nearest(problem.timed_world, curve, coarse), curve)
     spans = [(start, end), *([inside] if inside else [])]
-    questions = [Question(world.is_obstacle_pair, *span) for span in spans]
-    obstacle, *inner = smallest(surveyor, places, questions, stopped=stopped)
-    few = np.flatnonzero(np.isin(places.times, np.concatenate([coarse[::2], breaks, [end]])))
-    fewer = places.rows(few)
-    (own,) = smallest(surveyor, fewer, [Question(~world.is_obstacle_pair, start, end)], stopped=stopped)
-    places.distances[few], places.stages[few] = fewer.distances, fewer.stages
+    found = smallest_along(surveyor, coarse, spans, stopped)
+    world = surveyor.worlds.moving
+    obstacle, *inner = (_closest(one, world) for one in found.obstacle)
     return Clearance(
-        obstacle=_closest(obstacle, problem),
-        inner=_closest(inner[0], problem) if inner else None,
-        own=_closest(own, problem),
+        obstacle=obstacle,
+        inner=inner[0] if inner else None,
+        own=_closest(found.own, world),
         times=times,
         lengths=lengths,
-        mean=float(sampled.mean()),
-        ends=float(min(sampled[0], sampled[-1])),
+        mean=float(found.distances.mean()),
+        ends=float(min(found.distances[0], found.distances[-1])),
         surveyor=surveyor,
-        places=places,
     )
 
 
-def clearance_profile(measured: Clearance, problem: Problem | GivenProblem) -> ClearanceProfile:
+def clearance_profile(measured: Clearance, problem: Measured) -> ClearanceProfile:
     """Distances and potential at the samples of a trajectory that was measured, for its recording."""
     group, surveyor = problem.group, measured.surveyor
     smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
     times = np.unique(np.concatenate([measured.times, smallest_at]))
-    known = np.isin(times, measured.places.times)
-    places = measured.places.with_more(surveyor.places(times[~known]))
-    order = np.argsort(places.times, kind="stable")
-    rows = order[np.searchsorted(places.times[order], times)]
+    places, rows = surveyor.places(times), np.arange(len(times))
     configurations = np.array([group.from_chart(z) for z in surveyor.curve.at(times)[0]])
-    mixed, witness = problem.world.is_obstacle_pair, np.full((len(times), 2, 3), np.nan)
+    world = surveyor.worlds.moving
+    pairs = world.pairs
+    mixed, witness = np.arange(len(pairs)) >= pairs.n_self, np.full((len(times), 2, 3), np.nan)
     obstacle_distance, obstacle_pair = _at_rows(surveyor, places, rows, np.flatnonzero(mixed))
     self_distance, self_pair = _at_rows(surveyor, places, rows, np.flatnonzero(~mixed))
     for index, (instant, pair) in enumerate(zip(times.tolist(), obstacle_pair, strict=True)):
@@ -223,19 +214,19 @@ def clearance_profile(measured: Clearance, problem: Problem | GivenProblem) -> C
         configurations=configurations,
         lengths=np.interp(times, measured.times, measured.lengths),
         obstacle_distance=obstacle_distance,
-        obstacle_pair=tuple(None if pair is None else problem.world.pair_names(pair) for pair in obstacle_pair),
+        obstacle_pair=tuple(None if pair is None else world.pair_names(pair) for pair in obstacle_pair),
         witness=witness,
         self_distance=self_distance,
-        self_pair=tuple(None if pair is None else problem.world.pair_names(pair) for pair in self_pair),
+        self_pair=tuple(None if pair is None else world.pair_names(pair) for pair in self_pair),
         potentials=lambda: np.array(
             [problem.potential(t, q) for t, q in zip(times.tolist(), configurations, strict=True)]
         ),
     )
 
 
-def _closest(found: Smallest, problem: Conditions) -> Closest:
+def _closest(found: Smallest, world: World) -> Closest:
     """An answer in the words of the scene."""
-    pair = None if found.pair < 0 else problem.world.pair_names(found.pair)
+    pair = None if found.pair < 0 else world.pair_names(found.pair)
     return Closest(found.distance, found.bound, found.time, pair)
 
 
@@ -251,30 +242,65 @@ def _at_rows(
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
-    samples = trajectory.evaluate(_within_pieces(trajectory))[0]
-    tips = np.array([kinematics.tip_position(kinematics.group.expand_from_chart(z)) for z in samples])
     return Figures(
-        joint_path_length=_length(samples),
-        tip_path_length=_length(tips),
+        joint_path_length=_length(trajectory, lambda samples: samples),
+        tip_path_length=_length(trajectory, kinematics.tip_positions),
         duration=trajectory.duration,
         peak_jerk=trajectory.peak_jerk,
         smoothness=_bending(trajectory),
     )
 
 
-def _within_pieces(trajectory: Trajectory) -> np.ndarray:
-    """Times from knot to knot, evenly by an even number of steps, 4 at least and `LENGTH_STEPS` in all."""
+def _length(trajectory: Trajectory, way: Callable[[ChartPoints], np.ndarray]) -> float:
+    """Length of a way along a trajectory, by Richardson's extrapolation of the chords within each piece.
+
+    Pieces are divided on where lengths by chords and by longer ones differ, or where the motion turns back within a
+    chord: it goes against it at an end of it.
+
+    Args:
+        trajectory: The trajectory.
+        way: Takes points of the chart, shape (n, nv), and gives those of the way, shape (n, k).
+    """
     knots = trajectory.times
-    steps = 2 * math.ceil(max(2.0, 0.5 * LENGTH_STEPS / max(1, len(knots) - 1)))
-    shares = np.arange(steps) / steps
-    times: np.ndarray = np.append((knots[:-1, None] + np.diff(knots)[:, None] * shares).ravel(), knots[-1])
-    return times
+    count = max(1, len(knots) - 1)
+    steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / count))
+    pieces, found, done = np.stack([knots[:-1], knots[1:]], axis=1), 0.0, 0.0
+    for _ in range(MEASURING.length_levels):
+        times = pieces[:, :1] + np.diff(pieces) * (np.arange(steps + 1) / steps)
+        at, rates, _ = trajectory.evaluate(times.ravel())
+        points = way(at)
+        points = points.reshape(*times.shape, points.shape[-1])
+        fine, coarse, coarser = (
+            np.linalg.norm(np.diff(points[:, ::stride], axis=1), axis=2).sum(axis=1) for stride in (1, 2, 4)
+        )
+        lengths, before = (4.0 * fine - coarse) / 3.0, (4.0 * coarse - coarser) / 3.0
+        unsure = np.maximum(np.abs(lengths - before), _against_chords(times, at, rates))
+        rough = unsure > MEASURING.length_share / count * (done + lengths.sum())
+        done += float(lengths[~rough].sum())
+        found = done + float(lengths[rough].sum())
+        if not rough.any():
+            break
+        middles = pieces[rough].mean(axis=1)
+        pieces = np.concatenate(
+            [np.stack([pieces[rough, 0], middles], axis=1), np.stack([middles, pieces[rough, 1]], axis=1)]
+        )
+    return found
 
 
-def _length(points: np.ndarray) -> float:
-    """Length of a smooth way through an odd number of points (n, k), Richardson's extrapolation of its chords."""
-    fine, coarse = (float(np.linalg.norm(np.diff(some, axis=0), axis=1).sum()) for some in (points, points[::2]))
-    return (4.0 * fine - coarse) / 3.0
+def _against_chords(times: np.ndarray, points: ChartPoints, rates: ChartRates) -> np.ndarray:
+    """How far motions may go back and forth within their chords, shape (n,) [rad or m].
+
+    Args:
+        times: Of the ends of chords, shape (n, k).
+        points: Chart points there, shape (n k, nv).
+        rates: Velocities there, shape (n k, nv).
+    """
+    z, v = (one.reshape(*times.shape, one.shape[-1]) for one in (points, rates))
+    chords, found = np.diff(z, axis=1), np.zeros(len(times))
+    for end in (v[:, :-1], v[:, 1:]):
+        back = np.einsum("ijk,ijk->ij", end, chords) < 0.0
+        found += np.where(back, np.linalg.norm(end, axis=2), 0.0).sum(axis=1) * (times[:, 1] - times[:, 0])
+    return found
 
 
 def _samples(
@@ -283,14 +309,14 @@ def _samples(
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
     fine, travelled = _travelled(trajectory)
     inside = None
-    if travelled[-1] > 2.0 * END_STRETCH:
-        ends = (END_STRETCH, float(travelled[-1]) - END_STRETCH)
+    if travelled[-1] > 2.0 * MEASURING.end_stretch:
+        ends = (MEASURING.end_stretch, float(travelled[-1]) - MEASURING.end_stretch)
         since, until = (_when(trajectory, fine, travelled, length) for length in ends)
         inside = (since, until)
     times = np.interp(_even_lengths(travelled), travelled, fine)
     if problem.scene.moves or travelled[-1] <= 0.0:
-        count = max(len(times), int(np.ceil(trajectory.duration * SAMPLES_A_SECOND)) + 1)
-        times = np.linspace(fine[0], fine[-1], min(count, MOST_SAMPLES))
+        count = max(len(times), int(np.ceil(trajectory.duration * MEASURING.samples_a_second)) + 1)
+        times = np.linspace(fine[0], fine[-1], min(count, MEASURING.most_samples))
     times[[0, -1]] = fine[[0, -1]]
     times = np.unique(times)
     return times, np.interp(times, fine, travelled), inside
@@ -298,22 +324,25 @@ def _samples(
 
 def _even_lengths(travelled: np.ndarray) -> np.ndarray:
     """Equal joint distances up to the last of some that were travelled (n,), shape (k,)."""
-    count = int(np.clip(np.ceil(travelled[-1] / SPACING) + 1, 2, MOST_SAMPLES))
+    count = int(np.clip(np.ceil(travelled[-1] / MEASURING.spacing) + 1, 2, MEASURING.most_samples))
     return np.linspace(0.0, travelled[-1], count)
 
 
 def _when(trajectory: MotionInTime, fine: np.ndarray, travelled: np.ndarray, length: float) -> float:
     """When a trajectory has travelled a joint distance [s], from many times (n,) and the distances by then (n,)."""
     first = int(np.clip(np.searchsorted(travelled, length) - 1, 0, len(fine) - 2))
-    finer = np.linspace(fine[first], fine[first + 1], FINER)
+    finer = np.linspace(fine[first], fine[first + 1], MEASURING.finer)
     return float(np.interp(length, travelled[first] + _lengths(trajectory, finer), finer))
 
 
+@kept_with
 def _travelled(trajectory: MotionInTime) -> tuple[np.ndarray, np.ndarray]:
     """Many times along a trajectory, and the joint distances that it has travelled by then."""
-    many = min(20 * len(trajectory.times) + 2, MOST_FINE)
+    many = min(MEASURING.many * len(trajectory.times) + 2, MEASURING.most_many)
     fine = np.linspace(trajectory.times[0], trajectory.times[-1], many)
-    return fine, _lengths(trajectory, fine)
+    travelled = _lengths(trajectory, fine)
+    read_only(fine, travelled)
+    return fine, travelled
 
 
 def _lengths(trajectory: MotionInTime, times: np.ndarray) -> np.ndarray:

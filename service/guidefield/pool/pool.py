@@ -8,7 +8,8 @@ do is replaced in the same way, and a job that it was handed but never began is 
 has begun, it writes as a number into memory that it shares with its slot; in the same way a slot tells it which job is
 to end early. What a worker tells while it works comes back as packets through a socket. Meanwhile its slot looks, every
 few hundredths of a second, whether it lives and how much memory it has. A job that waits beyond its deadline is
-answered by the one thread that watches the queue.
+answered by the one thread that watches the queue. Where there are several users, one more worker can stand by, for
+those whom the others' requests hold up.
 """
 
 from __future__ import annotations
@@ -53,11 +54,13 @@ class Pool:
     ) -> None:
         self._waiting = Waiting(limits)
         self._slots = [Slot(setup, self._waiting, memory) for _ in range(workers)]
+        self._standing_by = Slot(setup, self._waiting, memory, stands_by=True)
+        self._standing_by_once = threading.Lock()
         self._watch = threading.Thread(target=self._answer_expired, name="guidefield-queue", daemon=True)
 
     @property
     def workers(self) -> int:
-        """How many workers there are."""
+        """How many workers there are, without the one that stands by."""
         return len(self._slots)
 
     @property
@@ -66,19 +69,24 @@ class Pool:
         return len(self._waiting)
 
     @property
+    def waiting(self) -> Waiting:
+        """What waits: how much of whom, and who got how much lately."""
+        return self._waiting
+
+    @property
     def busy(self) -> int:
-        """How many workers work."""
+        """How many of them work."""
         return sum(slot.busy for slot in self._slots)
 
     @property
     def memory(self) -> int:
         """Resident memory of all workers [bytes]."""
-        return sum(slot.memory for slot in self._slots)
+        return sum(slot.memory for slot in self._all())
 
     @property
     def crashes(self) -> int:
         """How many workers had to be replaced."""
-        return sum(slot.replaced for slot in self._slots)
+        return sum(slot.replaced for slot in self._all())
 
     def start(self) -> None:
         """Begin to start the workers: the others after the first, so that they find its caches."""
@@ -98,6 +106,11 @@ class Pool:
             slot.start()
         return True
 
+    def stand_by(self) -> None:
+        """Have one more worker for users whom others hold up; once is enough, and a pool that is closed has none."""
+        if self._standing_by_once.acquire(blocking=False):
+            self._standing_by.start()
+
     def submit(self, task: Task) -> Task:
         """Have a task done; its job must pickle.
 
@@ -108,42 +121,53 @@ class Pool:
         Raises:
             ServerBusy: if too much waits already, or the pool is closed.
         """
-        self._waiting.put(task)
+        for pushed in self._waiting.put(task):
+            told = "the queue is full, and of you the most waits; ask again later"
+            pushed.set_exception(ServerBusy(told, retry_after=self._waiting.retry_after(pushed.asker.user)))
         return task
 
     def cancel(self, task: Task, answer: Callable[[], Answer]) -> None:
         """End a task early: answer it so if it still waits; if it is worked on, tell the worker to come to an end."""
+        task.if_cancelled = answer
         task.cancelled_by_client.set()
         if self._waiting.withdraw(task):
             task.set_result(answer())
             return
-        for slot in self._slots:
+        for slot in self._all():
             slot.pass_on_cancel()
 
     def close(self, grace: float) -> None:
         """Refuse what waits, let workers finish for a while [s], have them come to an end, then kill them.
 
-        Every future is settled on return, which comes `LAST_WORD` and `STOPPED_WITHIN` after that while at the latest;
+        What they owe after their answers they do before.
+        Every future is settled on return, which comes `LAST_WORD`, `OWED_WITHIN` and `STOPPED_WITHIN` after that while
+        at the latest;
         unless who hears of a job doesn't come back from it: then the log says that its slot is left behind.
         """
         for task in self._waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
+        self._standing_by_once.acquire(blocking=False)
         self._join_for(grace)
-        for slot in self._slots:
+        for slot in self._all():
             slot.cancel()
         self._join_for(min(grace, LAST_WORD))
+        while any(slot.owes for slot in self._all()):  # for `OWED_WITHIN` at most
+            self._join_for(JOINED_EVERY)
         deadline = time.monotonic() + STOPPED_WITHIN
-        while any(slot.alive for slot in self._slots):
+        while any(slot.alive for slot in self._all()):
             if time.monotonic() > deadline:
                 _log.error("a slot still answers or stops its worker after %g s; it is left behind", STOPPED_WITHIN)
                 return
-            for slot in self._slots:
+            for slot in self._all():
                 slot.kill_worker()
             self._join_for(JOINED_EVERY)
 
+    def _all(self) -> tuple[Slot, ...]:
+        return (*self._slots, self._standing_by)
+
     def _join_for(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        for slot in self._slots:
+        for slot in self._all():
             slot.join(deadline - time.monotonic())
 
     def _answer_expired(self) -> None:

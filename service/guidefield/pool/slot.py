@@ -8,6 +8,7 @@ import logging
 import multiprocessing
 import os
 import socket
+import sys
 import threading
 import time
 from concurrent.futures import CancelledError, wait
@@ -16,7 +17,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from guidefield.errors import GuidefieldError, WorkerCrashed
+from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
 from guidefield.pool.process import Line, Setup, prepare, work
 from guidefield.pool.waiting import Answer, Task, Waiting
 from guidefield.pool.watch import Watch
@@ -31,8 +32,14 @@ RESTART_PAUSE = 1.0
 """How long a slot waits before it tries again to start a worker that could not start [s]."""
 STARTS_TRIED = 3
 """How often a worker may fail to start while a job waits for it."""
+OWED_WITHIN = 10.0
+"""How long a worker that is no longer needed may take for what it owes [s]."""
 LONGEST_TELLING = 1 << 16
 """Longest thing that a worker can tell at once [bytes]."""
+SENDING_ROOM = 4 * LONGEST_TELLING
+"""So much of what a worker tells may wait to be heard [bytes]; macOS sends no packet longer than that."""
+PACKETS = socket.SOCK_SEQPACKET if sys.platform == "linux" else socket.SOCK_DGRAM
+"""How whole packets go from a worker to its slot: macOS has only datagrams, and Linux lets few of those wait."""
 
 _log = logging.getLogger(__name__)
 _spawn = multiprocessing.get_context("spawn")
@@ -45,16 +52,20 @@ class Slot:
         setup: Prepares each worker.
         waiting: The queue that it takes its jobs from.
         memory: A worker that takes more is stopped [bytes].
+        stands_by: Whether it works for nobody but users who have no other worker, when they wait for too long.
     """
 
-    def __init__(self, setup: Setup, waiting: Waiting, memory: int) -> None:
+    def __init__(self, setup: Setup, waiting: Waiting, memory: int, *, stands_by: bool = False) -> None:
         self._setup = setup
         self._waiting = waiting
         self._memory = memory
-        self._heard, told = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._stands_by = stands_by
+        self._take = waiting.take_held_up if stands_by else waiting.take
+        self._heard, told = socket.socketpair(socket.AF_UNIX, PACKETS)
         self._heard.setblocking(False)
-        begun, cancelled, prepared = (_spawn.Value("Q", 0, lock=False) for _ in range(3))
-        self._line = Line(begun, cancelled, prepared, told)
+        told.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING_ROOM)
+        begun, cancelled, set_back, prepared, owed = (_spawn.Value("Q", 0, lock=False) for _ in range(5))
+        self._line = Line(begun, cancelled, set_back, prepared, owed, told)
         self._numbers = itertools.count(1)
         self._pool: ProcessPool | None = None
         self._watch: Watch | None = None
@@ -68,6 +79,12 @@ class Slot:
     def busy(self) -> bool:
         """Whether its worker works."""
         return self._current is not None
+
+    @property
+    def owes(self) -> bool:
+        """Whether its worker has something left to do after its answers, and nothing else."""
+        watch = self._watch
+        return self._line.owed.value > 0 and self._current is None and watch is not None and self.alive
 
     @property
     def memory(self) -> int:
@@ -126,17 +143,26 @@ class Slot:
         while not self._waiting.closed or len(self._waiting):
             if self._pool is None or self._watch is None or not self._pool.active or not self._watch.alive():
                 self._replace_worker()
-            task = self._waiting.take(IDLE_CHECK)
+            task = self._take(IDLE_CHECK)
             if task is not None:
                 self._settle(task)
+        self._await_owed()
         self._stop_worker()
         self._heard.close()
         self._line.told.close()
 
+    def _await_owed(self) -> None:
+        """Let the worker do what it still has to, for a while."""
+        until = time.monotonic() + OWED_WITHIN
+        while self.owes and self._watch is not None and self._watch.alive() and time.monotonic() < until:
+            time.sleep(BUSY_CHECK)
+
     def _settle(self, task: Task) -> None:
         try:
-            answer = self._answer(task)
-            if not task.done():  # else it was answered while the worker still prepared for it
+            answer = self._counted(task)
+            if answer is None:
+                self._put_back(task)
+            elif not task.done():  # else it was answered while the worker still prepared for it
                 task.set_result(answer)
         except GuidefieldError as error:
             if not task.done():
@@ -146,7 +172,28 @@ class Slot:
             if not task.done():
                 task.set_exception(WorkerCrashed(f"the pool failed: {error}"))
 
-    def _answer(self, task: Task) -> Answer:
+    def _put_back(self, task: Task) -> None:
+        """Let a task wait again that was set back, unless somebody cancelled it meanwhile, or it was answered."""
+        if task.done() or self._waiting.put_back(task):
+            return
+        if task.if_cancelled is None:
+            raise ServerBusy("the service is shutting down")
+        task.set_result(task.if_cancelled())
+
+    def _counted(self, task: Task) -> Answer | None:
+        """The answer; the queue is told what it took. Of a worker that had to be replaced all of the time counts."""
+        began, watch, before = time.monotonic(), self._watch, self._processor()
+        try:
+            return self._answer(task)
+        finally:
+            seconds = time.monotonic() - began
+            spent = self._processor() - before if self._watch is watch else seconds
+            self._waiting.done(task, seconds, spent)
+
+    def _processor(self) -> float:
+        return 0.0 if self._watch is None else self._watch.processor()
+
+    def _answer(self, task: Task) -> Answer | None:
         failed = 0
         while failed < STARTS_TRIED:
             if self._pool is None or self._watch is None:
@@ -176,12 +223,18 @@ class Slot:
                 self._current = None
         raise WorkerCrashed("no worker process could be started; the service keeps trying")
 
-    def _attend(self, task: Task, future: Any, watch: Watch) -> Answer:
-        """The worker's answer; what it tells meanwhile is passed on, and it is stopped if it takes too much."""
-        stop_at = time.monotonic() + task.seconds
+    def _attend(self, task: Task, future: Any, watch: Watch) -> Answer | None:
+        """The worker's answer, None if the task was set back.
+
+        What the worker tells meanwhile is passed on, and it is stopped if it takes too much.
+        """
+        began = time.monotonic()
+        stop_at = began + task.seconds
         while not wait([future], self._pause(task)).done:
             self._pass_on(task)
             self._answer_late(task)
+            if self._stands_by and self._waiting.is_held_up(time.monotonic() - began):
+                self._set_back()
             if watch.memory() > self._memory:
                 watch.kill()
                 limit = self._memory // 2**20
@@ -196,8 +249,14 @@ class Slot:
             if not watch.alive() and not wait([future], 2 * BUSY_CHECK).done:
                 raise ProcessExpired("ended in the middle of its work", code=0)
         self._pass_on(task)
-        answer: Answer = future.result()
+        answer: Answer | None = future.result()
         return answer
+
+    def _set_back(self) -> None:
+        """Have the worker end its task early, to begin anew when it is its turn again."""
+        current = self._current
+        if current is not None:
+            self._line.set_back.value = current[1]
 
     def _pause(self, task: Task) -> float:
         """How long to wait before the worker is looked after again [s]."""
@@ -242,9 +301,8 @@ class Slot:
             self._watch.kill()
         if self._pool is not None:
             _end(self._pool)
-        if self._watch is not None:
-            self._watch.close()
         self._pool = self._watch = None
+        self._line.owed.value = 0
 
     def _replace_worker(self) -> None:
         if self._pool is None:  # the last attempt to start one failed

@@ -1,15 +1,32 @@
-"""The queue of jobs: bounded, fair between clients, searched for those whose time is up, closed at the end."""
+"""The queue of jobs: bounded, fair between users and their clients, closed at the end.
+
+Theory of operation. A worker that is free goes to the user who has the fewest workers; of those who are equal, to the
+one whose turn it is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by what was worked
+for it, and whoever comes when nothing of it waits begins where the queue is. Of equal turns the one with the least
+waiting comes first. So whoever asks for little waits for no more than a worker to be free, however much others have
+waiting. Of one user's clients one comes after the other. Where the queue is full, and somebody comes who has less in it
+than another user, the last request of who has the most is pushed out.
+
+Requests that take long may keep all workers when another user comes. So one more worker stands by: it takes nothing
+but what has waited for `HELD_UP`, of users who have no worker. What it works on for longer than `TRIAL` while another
+such user waits goes back to the head of its user's line, to begin anew. What went back waits twice as long each time
+until it takes another one's place: so whatever takes some seconds has an end, and who comes first never waits longer.
+"""
 
 from __future__ import annotations
 
+import math
 import threading
-from collections import OrderedDict, deque
+import time
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from guidefield.errors import ServerBusy
+from guidefield.messages.identities import SOMEBODY, Asker
+from guidefield.pool.usage import Usage
 
 Answer = tuple[bool, bytes]
 """Whether it is a reply, or else an error; and the payload."""
@@ -18,6 +35,14 @@ BACKSTOP = 60.0
 """A worker that plans longer than its request allows by this is to be stopped [s]."""
 LONGEST_WORK = 600.0
 """A worker that works longer on anything but a plan is to be stopped [s]."""
+HELD_UP = 0.4
+"""How long a task of a user who has no worker waits before the worker that stands by takes it [s]."""
+TRIAL = 0.4
+"""How long that works on a task before another user's may take its place [s]."""
+LOOKED_AFTER = 0.05
+"""How often it is looked for tasks that wait too long [s]."""
+SOONEST, LATEST = 0.1, 30.0
+"""When somebody may be told to ask again at the earliest and latest [s]."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +65,13 @@ class Task(Future[Answer]):
         seconds: A worker that works longer on it is stopped [s].
         deadline: When it need not be begun any more, if ever.
         late: When it is answered if it is begun and the worker still prepares for it; the worker goes on meanwhile.
-        client: Who asks; the queue is fair between them.
+        asker: Who asks; the queue is fair between them.
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
+
+    Attributes:
+        since: When it began to wait, by `time.monotonic()` [s].
+        set_back: How often it was begun and gave way to another one.
     """
 
     def __init__(
@@ -52,7 +81,7 @@ class Task(Future[Answer]):
         *,
         deadline: Deadline | None = None,
         late: Deadline | None = None,
-        client: str = "",
+        asker: Asker = SOMEBODY,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
     ) -> None:
@@ -61,10 +90,13 @@ class Task(Future[Answer]):
         self.seconds = seconds
         self.deadline = deadline
         self.late = late
-        self.client = client
+        self.asker = asker
         self.size = size
         self.hear = hear
         self.cancelled_by_client = threading.Event()
+        self.if_cancelled: Callable[[], Answer] | None = None
+        self.since = time.monotonic()
+        self.set_back = 0
 
 
 @dataclass(frozen=True)
@@ -84,21 +116,104 @@ class Limits:
     bytes_of_client: int = 1 << 28
 
 
+@dataclass
+class _Line:
+    """What waits of one user: a row for each client, whose turn is next first."""
+
+    rows: OrderedDict[str, deque[Task]] = field(default_factory=OrderedDict)
+    count: int = 0
+    size: int = 0
+
+    def put(self, task: Task) -> None:
+        self.rows.setdefault(task.asker.client, deque()).append(task)
+        self.count += 1
+        self.size += task.size
+
+    def take(self) -> Task:
+        client, row = self.rows.popitem(last=False)
+        task = row.popleft()
+        if row:
+            self.rows[client] = row  # at the end: every other client comes first
+        return self._without(task)
+
+    def put_first(self, task: Task) -> None:
+        self.rows.setdefault(task.asker.client, deque()).appendleft(task)
+        self.rows.move_to_end(task.asker.client, last=False)
+        self.count += 1
+        self.size += task.size
+
+    def next(self) -> Task:
+        return next(iter(self.rows.values()))[0]
+
+    def remove(self, task: Task) -> None:
+        row = self.rows[task.asker.client]
+        row.remove(task)
+        if not row:
+            del self.rows[task.asker.client]
+        self._without(task)
+
+    def last(self) -> Task:
+        """The newest of the client that has the most."""
+        return max(self.rows.values(), key=len)[-1]
+
+    def _without(self, task: Task) -> Task:
+        self.count -= 1
+        self.size -= task.size
+        return task
+
+
 class Waiting:
-    """The queue: bounded, closed at the end; all slots take from it, from one client after the other."""
+    """The queue; all slots take from it, and say when they are done.
+
+    Args:
+        limits: How much may wait.
+    """
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._by_client: OrderedDict[str, deque[Task]] = OrderedDict()
+        self._lines: OrderedDict[str, _Line] = OrderedDict()
+        self._running: Counter[str] = Counter()
+        self._usage = Usage()
+        self._turns: dict[str, float] = {}
+        self._turn = 0.0
+        self._free = 0
         self._changed = threading.Condition()
         self.closed = False
 
     def __len__(self) -> int:
         with self._changed:
-            return sum(len(tasks) for tasks in self._by_client.values())
+            return sum(line.count for line in self._lines.values())
 
-    def put(self, task: Task) -> None:
+    def of_user(self, user: str) -> int:
+        """How many tasks of a user wait."""
+        with self._changed:
+            return self._lines[user].count if user in self._lines else 0
+
+    def running(self, user: str) -> int:
+        """How many tasks of a user are worked on."""
+        with self._changed:
+            return self._running[user]
+
+    def users(self) -> set[str]:
+        """Who has tasks that wait or are worked on, or had some lately."""
+        with self._changed:
+            return {*self._lines, *self._running, *self._usage.users(time.monotonic())}
+
+    def used(self, user: str) -> float:
+        """Processor seconds that a user got lately, those of longer ago counting less."""
+        with self._changed:
+            return self._usage.of(user, time.monotonic())
+
+    def retry_after(self, user: str) -> float:
+        """When half of what a user has waiting will be done, as far as can be told [s]."""
+        with self._changed:
+            return self._retry_after(user)
+
+    def put(self, task: Task) -> list[Task]:
         """Let a task wait its turn.
+
+        Returns:
+            Tasks of users who have more waiting that were pushed out for it.
 
         Raises:
             ServerBusy: if too much waits already, of all clients or of this one, or the queue is closed.
@@ -106,34 +221,85 @@ class Waiting:
         with self._changed:
             if self.closed:
                 raise ServerBusy("the service is shutting down")
-            own = self._by_client.get(task.client, deque())
-            for whose, tasks, most, most_bytes in (
-                ("", list(self._all()), self._limits.tasks, self._limits.bytes),
-                (" of this client", list(own), self._limits.tasks_of_client, self._limits.bytes_of_client),
-            ):
-                if len(tasks) >= most:
-                    raise ServerBusy(
-                        f"{len(tasks)} requests{whose} wait already; ask again later", queue=len(tasks), limit=most
-                    )
-                if tasks and sum(other.size for other in tasks) + task.size > most_bytes:
-                    raise ServerBusy(
-                        f"the requests{whose} that wait take up to {most_bytes} bytes already; ask again later",
-                        bytes_limit=most_bytes,
-                    )
-            self._by_client.setdefault(task.client, deque()).append(task)
-            self._changed.notify()
+            line = self._lines.get(task.asker.user, _Line())
+            self._require_room_for_client(line.rows.get(task.asker.client, deque()), task)
+            pushed: list[Task] = []
+            while (told := self._full(task)) is not None:
+                if (longest := self._longer_than(line, task)) is None:
+                    for other in pushed:  # they took less room than was needed
+                        self._put(other)
+                    raise told
+                pushed.append(longest.last())
+                self._remove(pushed[-1])
+            self._put(task)
+            self._changed.notify_all()
+            return pushed
 
-    def take(self, timeout: float) -> Task | None:
-        """The next task; None if there is none within the time, or no more at all."""
+    def take(self, timeout: float | None) -> Task | None:
+        """The next task; None if there is none within the time [s], or no more at all. `done` says when it is done."""
         with self._changed:
-            self._changed.wait_for(lambda: self._by_client or self.closed, timeout)
-            if not self._by_client:
-                return None
-            client, tasks = self._by_client.popitem(last=False)
-            task = tasks.popleft()
-            if tasks:
-                self._by_client[client] = tasks  # at the end: every other client comes first
-            return task
+            self._free += 1
+            self._changed.wait_for(lambda: self._lines or self.closed, timeout)
+            self._free -= 1
+            return self._taken_of(min(self._lines, key=self._order)) if self._lines else None
+
+    def take_held_up(self, timeout: float) -> Task | None:
+        """The next task of a user who has no worker, that has waited for `HELD_UP` while none was free.
+
+        None if there is none within the time [s], or no more at all.
+        """
+        until = time.monotonic() + timeout
+        with self._changed:
+            while not self.closed:
+                now = time.monotonic()
+                if (user := self._held_up(now)) is not None:
+                    return self._taken_of(user)
+                if now >= until:
+                    break
+                self._changed.wait(min(LOOKED_AFTER, until - now) if self._lines else until - now)
+            return None
+
+    def is_held_up(self, worked: float) -> bool:
+        """Whether somebody is held up who may take the place of what the worker standing by worked on so long [s]."""
+        with self._changed:
+            return self._held_up(time.monotonic(), worked) is not None
+
+    def put_back(self, task: Task) -> bool:
+        """Let a task that was taken wait again, before all others of its user; False if it was cancelled meanwhile.
+
+        Raises:
+            ServerBusy: if the queue is closed.
+        """
+        with self._changed:
+            if self.closed:
+                raise ServerBusy("the service is shutting down")
+            if task.cancelled_by_client.is_set():
+                return False
+            task.set_back += 1
+            self._come(task.asker.user).put_first(task)
+            self._changed.notify_all()
+            return True
+
+    def done(self, task: Task, seconds: float, processor: float) -> None:
+        """A task that was taken is done.
+
+        Args:
+            task: It.
+            seconds: How long it took [s].
+            processor: How much of the processors it took [s].
+        """
+        with self._changed:
+            user = task.asker.user
+            self._running[user] -= 1
+            if not self._running[user]:
+                del self._running[user]
+            self._usage.add(user, seconds, processor, time.monotonic())
+            self._turns[user] = self._turns.get(user, self._turn) + processor
+            self._turns = {
+                name: turn
+                for name, turn in self._turns.items()
+                if turn > self._turn or name in self._lines or name in self._running
+            }
 
     def take_expired(self, now: float) -> list[Task]:
         """Those tasks whose deadline has passed."""
@@ -146,7 +312,8 @@ class Waiting:
     def withdraw(self, task: Task) -> bool:
         """Whether the task was waiting; it isn't any more."""
         with self._changed:
-            waiting = task in self._by_client.get(task.client, ())
+            line = self._lines.get(task.asker.user)
+            waiting = line is not None and task in line.rows.get(task.asker.client, ())
             if waiting:
                 self._remove(task)
             return waiting
@@ -156,15 +323,86 @@ class Waiting:
         with self._changed:
             self.closed = True
             left = list(self._all())
-            self._by_client.clear()
+            self._lines.clear()
             self._changed.notify_all()
             return left
 
+    def _require_room_for_client(self, row: deque[Task], task: Task) -> None:
+        most, most_bytes = self._limits.tasks_of_client, self._limits.bytes_of_client
+        if len(row) >= most:
+            raise self._busy(f"{len(row)} requests of this client wait already", task, queue=len(row), limit=most)
+        if row and sum(other.size for other in row) + task.size > most_bytes:
+            told = f"the requests of this client that wait take up to {most_bytes} bytes already"
+            raise self._busy(told, task, bytes_limit=most_bytes)
+
+    def _full(self, task: Task) -> ServerBusy | None:
+        """What is told of a queue that has no room for a task; None if it has."""
+        most, most_bytes = self._limits.tasks, self._limits.bytes
+        count = sum(line.count for line in self._lines.values())
+        if count >= most:
+            return self._busy(f"{count} requests wait already", task, queue=count, limit=most)
+        if count and sum(line.size for line in self._lines.values()) + task.size > most_bytes:
+            told = f"the requests that wait take up to {most_bytes} bytes already"
+            return self._busy(told, task, bytes_limit=most_bytes)
+        return None
+
+    def _busy(self, told: str, task: Task, **details: Any) -> ServerBusy:
+        return ServerBusy(f"{told}; ask again later", **details, retry_after=self._retry_after(task.asker.user))
+
+    def _longer_than(self, line: _Line, task: Task) -> _Line | None:
+        """The line of another user that has the most waiting, if that is more than this one will have."""
+        count, size = self._limits.tasks, self._limits.bytes
+
+        def share(other: _Line, more: int = 0, more_bytes: int = 0) -> float:
+            return max((other.count + more) / count, (other.size + more_bytes) / size)
+
+        longest = max((other for other in self._lines.values() if other is not line), key=share, default=None)
+        return longest if longest is not None and share(longest) > share(line, 1, task.size) else None
+
+    def _retry_after(self, user: str) -> float:
+        line = self._lines.get(user)
+        waits = 0.5 * (line.count if line is not None else 1) * self._usage.typical
+        return round(min(max(waits, SOONEST), LATEST), 2)
+
+    def _put(self, task: Task) -> None:
+        self._come(task.asker.user).put(task)
+
+    def _come(self, user: str) -> _Line:
+        """The line of a user, whose turn comes at the earliest after those that were served."""
+        if user not in self._lines:
+            self._turns[user] = max(self._turns.get(user, 0.0), self._turn)
+        return self._lines.setdefault(user, _Line())
+
+    def _order(self, user: str) -> tuple[int, float, int]:
+        """Of several users who wait the least comes first."""
+        return self._running[user], self._turns[user], self._lines[user].count
+
+    def _taken_of(self, user: str) -> Task:
+        self._turn = max(self._turn, self._turns[user])
+        line = self._lines.pop(user)
+        task = line.take()
+        if line.count:
+            self._lines[user] = line  # at the end: of users who are equal every other one comes first
+        self._running[user] += 1
+        return task
+
+    def _held_up(self, now: float, worked: float = math.inf) -> str | None:
+        """The first user who has no worker and waits for too long, beside what was worked on for so long [s]."""
+        if self._free:
+            return None
+        heads = {user: line.next() for user, line in self._lines.items() if not self._running[user]}
+        held = [
+            user
+            for user, head in heads.items()
+            if now - head.since >= HELD_UP and worked >= math.ldexp(TRIAL, head.set_back)
+        ]
+        return min(held, key=lambda user: (heads[user].set_back, *self._order(user)), default=None)
+
     def _all(self) -> Iterator[Task]:
-        return (task for tasks in self._by_client.values() for task in tasks)
+        return (task for line in self._lines.values() for row in line.rows.values() for task in row)
 
     def _remove(self, task: Task) -> None:
-        tasks = self._by_client[task.client]
-        tasks.remove(task)
-        if not tasks:
-            del self._by_client[task.client]
+        line = self._lines[task.asker.user]
+        line.remove(task)
+        if not line.count:
+            del self._lines[task.asker.user]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import select
-import signal
 
-from guidefield.resident import resident
+import psutil
+
+from guidefield.system import processor_time, resident
 
 
 class Watch:
@@ -19,23 +18,24 @@ class Watch:
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self._descriptor = os.pidfd_open(pid)
-        self._end = select.poll()
-        self._end.register(self._descriptor, select.POLLIN)
+        self._process = psutil.Process(pid)  # remembers when it began, so that it is told from a later one of its id
 
     def alive(self) -> bool:
         """Whether it runs; at once False when it has ended, however it did and whoever collects it."""
-        return not self._end.poll(0)
+        try:
+            return bool(self._process.is_running() and self._process.status() != psutil.STATUS_ZOMBIE)
+        except psutil.NoSuchProcess:
+            return False
 
     def memory(self) -> int:
         """Its resident memory [bytes]; 0 once it has ended."""
         return resident(self.pid)
 
-    def kill(self) -> None:
-        """End it at once; nothing else can be hit, even if its id is used again."""
-        with contextlib.suppress(ProcessLookupError, OSError):
-            signal.pidfd_send_signal(self._descriptor, signal.SIGKILL)
+    def processor(self) -> float:
+        """How long processors worked on it [s]; 0 once it has ended."""
+        return processor_time(self.pid)
 
-    def close(self) -> None:
-        """Look no more."""
-        os.close(self._descriptor)
+    def kill(self) -> None:
+        """End it at once; nothing else is hit, even if its id is used again."""
+        with contextlib.suppress(psutil.NoSuchProcess):
+            self._process.kill()

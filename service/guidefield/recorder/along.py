@@ -1,76 +1,101 @@
-"""What is drawn along a motion, whoever made it: robot, tip, obstacles, curves, the closest pair, the field."""
+"""A motion as it is shown, whoever made it: robot, tip, obstacles, curves, the closest pair, the field."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 
+import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.recorder import field_entities, plots, robot_entities, scene_entities
+from guidefield.recorder import bodies, bodies_file, field_entities, plots, robot_entities, scene_entities
+from guidefield.recorder.blueprint import Eye
+from guidefield.recorder.bodies_file import Drawn
+from guidefield.recorder.camera import choose_eye
 from guidefield.recorder.chunks import PATH_TIME, evenly, path_times
-from guidefield.recorder.motion import Motion, Poses, frames_of
+from guidefield.recorder.motion import Motion, Poses, frames_of, poses
+from guidefield.recorder.place import Place
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.scene import Scene
 
 
-def robot_along(group: PlanningGroup, scene: Scene, links: Sequence[str], motion: Motion, at: Poses) -> Iterator[Chunk]:
-    """The robot and its tip along a motion, among what moves.
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A motion among its obstacles, seen from somewhere.
 
-    Args:
-        group: The joints that move.
+    Attributes:
+        group: The joints that move, with their limits.
         scene: Obstacles.
-        links: Links that are drawn.
         motion: The motion.
         at: Where the robot is along it.
+        drawn: As what the robot is drawn.
+        eye: From where to look.
     """
-    yield robot_entities.tip_axes(group)
-    rows = evenly(len(motion.times), frames_of(motion.times))
-    frames = Poses(at.joints, at.placements[rows], at.tip[rows])
-    yield robot_entities.link_motion(group, links, frames, motion.times[rows], PATH_TIME)
-    yield robot_entities.tip_trace(at.tip)
-    if motion.timed:
-        yield from scene_entities.moving(scene.obstacles, motion.times)
 
+    group: PlanningGroup
+    scene: Scene
+    motion: Motion
+    at: Poses
+    drawn: Drawn
+    eye: Eye
 
-def curves_along(
-    group: PlanningGroup,
-    motion: Motion,
-    trajectory: Trajectory | None,
-    profile: ClearanceProfile | None,
-    required: float,
-) -> Iterator[Chunk]:
-    """Joints and distances over a motion.
+    @classmethod
+    def of(cls, place: Place, group: PlanningGroup, scene: Scene, motion: Motion, landmarks: np.ndarray) -> Shown:
+        """A motion, and points (k, 3) [m, world] that are to be in the picture too; k may be 0."""
+        at = poses(group, motion.configurations)
+        drawn = bodies_file.prepared(group.robot, place.bodies)
+        ends = [robot_entities.extent(group, drawn, q) for q in motion.configurations[[0, -1]]]
+        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), *ends])
+        return cls(group, scene, motion, at, drawn, choose_eye(at.tip, robot, landmarks, scene.obstacles))
 
-    Args:
-        group: The joints that move, with their limits.
-        motion: The motion.
-        trajectory: Its knots, if there are velocities.
-        profile: Distances along it, if they were measured.
-        required: What was to be kept from obstacles [m].
-    """
-    yield from plots.joints(group, motion, trajectory)
-    if profile is not None and len(profile.times):
-        yield plots.closest_pair(profile)
-        yield from plots.clearance(profile, required)
+    def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
+        """What stands there for the whole run; the bodies at fault are highlighted."""
+        yield from bodies.highlighted(self.group.robot, at_fault)
+        if (ghosts := robot_entities.ghosts(self.group, self.drawn, self.motion)) is not None:
+            yield ghosts
+        yield from scene_entities.obstacles(self.scene.obstacles, self.eye.hiding, at_fault)
 
+    def robot(self) -> Iterator[Chunk]:
+        """The robot and its tip along the motion, among what moves."""
+        times, at = self.motion.times, self.at
+        yield robot_entities.tip_axes(self.group)
+        rows = evenly(len(times), frames_of(times))
+        frames = Poses(at.joints, at.placements[rows], at.tip[rows])
+        yield robot_entities.link_motion(self.group, self.drawn.links, frames, times[rows], PATH_TIME)
+        yield robot_entities.tip_trace(at.tip)
+        if self.motion.timed:
+            yield from scene_entities.moving(self.scene.obstacles, times)
 
-def field_along(group: PlanningGroup, scene: Scene, motion: Motion, at: Poses) -> Iterator[Chunk]:
-    """The field, and what it does to the robot along a motion; arguments as those of `robot_along`."""
-    if not scene.obstacles:
-        return
-    most = field_entities.MOMENTS_AMONG_MOVING if scene.moves else field_entities.MOMENTS
-    rows = evenly(len(motion.times), most)
-    scenes = [scene.at(time) if motion.timed else scene for time in motion.times[rows].tolist()]
-    yield from field_at(group, scene, scenes, motion.configurations[rows], path_times(motion.times[rows]), at)
+    def curves(
+        self, trajectory: Trajectory | None, profile: ClearanceProfile | None, required: float
+    ) -> Iterator[Chunk]:
+        """Joints and distances over the motion.
 
+        Args:
+            trajectory: Its knots, if there are velocities.
+            profile: Distances along it, if they were measured.
+            required: What was to be kept from obstacles [m].
+        """
+        yield from plots.joints(self.group, self.motion, trajectory)
+        if profile is not None and len(profile.times):
+            yield plots.closest_pair(profile)
+            yield from plots.clearance(profile, required)
 
-def field_at(
-    group: PlanningGroup, scene: Scene, scenes: Sequence[Scene], qs: Configurations, times: rr.TimeColumn, at: Poses
-) -> Iterator[Chunk]:
-    """The field on the robot at configurations (n, nq), among the obstacles as they then stand, and a picture of it."""
-    yield from field_entities.charges(group, scenes, qs, times)
-    yield from field_entities.picture_of_plane(scene, at.tip)
+    def field(self) -> Iterator[Chunk]:
+        """The field, and what it does to the robot along the motion."""
+        if not self.scene.obstacles:
+            return
+        motion, scene = self.motion, self.scene
+        most = field_entities.MOMENTS_AMONG_MOVING if scene.moves else field_entities.MOMENTS
+        rows = evenly(len(motion.times), most)
+        scenes = [scene.at(time) if motion.timed else scene for time in motion.times[rows].tolist()]
+        yield from self.field_at(scenes, motion.configurations[rows], path_times(motion.times[rows]))
+
+    def field_at(self, scenes: Sequence[Scene], qs: Configurations, times: rr.TimeColumn) -> Iterator[Chunk]:
+        """The field on the robot at configurations (n, nq), among the obstacles as they then stand, and a picture."""
+        yield from field_entities.charges(self.group, scenes, qs, times)
+        yield from field_entities.picture_of_plane(self.scene, self.at.tip)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -89,3 +89,15 @@ def _single_row(archetype: Any) -> list[Any]:
         rr.ComponentColumn(batch.component_descriptor(), batch, lengths=[len(batch.as_arrow_array())])
         for batch in archetype.as_component_batches()
     ]
+
+
+def unhurried() -> None:
+    """What is called between pieces of work that nobody else waits for."""
+
+
+def paced(parts: Iterable[Iterable[Chunk]], pause: Callable[[], None]) -> Iterator[Chunk]:
+    """The chunks of some parts; after each `pause` is called."""
+    for part in parts:
+        for chunk in part:
+            yield chunk
+            pause()

@@ -1,4 +1,4 @@
-"""The words of a recording: a summary to read first, the request and the reply, the planner's log."""
+"""The words of a recording: a summary to read first, the request and the reply, and what identifies the run."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import hashlib
 import json
 import platform
 import textwrap
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +17,8 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages import codec
-from guidefield.messages.certificate_in_words import certified
-from guidefield.messages.replies import MotionReply, PlanReply, as_plain_data
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.replies import MotionReply, as_plain_data
+from guidefield.messages.requests import MotionRequest
 from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
 
@@ -46,9 +44,6 @@ LONGEST_LIST = 12
 LONGEST_TEXT = 300
 """Characters of a text that are shown."""
 
-LEAST_TOLD = 5e-5
-"""A shorter time is left out [s]."""
-
 COLUMN = 76
 """Characters of a line in the last column of a table."""
 
@@ -56,20 +51,66 @@ WIDTH = 110
 """Characters of a line within which a list of plain values stays."""
 
 
-def message_document(path: str, message: msgspec.Struct) -> Chunk:
+def documents_of(
+    request: MotionRequest,
+    reply: MotionReply,
+    group: PlanningGroup,
+    scene: Scene,
+    figures: Mapping[str, Any],
+    parts: Sequence[str],
+) -> Iterator[Chunk]:
+    """The words of a run, whatever was asked.
+
+    Args:
+        request: As it came.
+        reply: The answer to it.
+        group: The joints that move.
+        scene: The scene that they move in.
+        figures: What its kind of run is identified by beside what all are.
+        parts: Lines of the summary below how the run ended.
+    """
+    known: dict[str, Any] = {
+        "run_id": reply.run_id,
+        "status": reply.status.name,
+        "code": reply.status.code,
+        "robot": group.robot.name,
+        "scene": scene.name,
+        "request_sha256": fingerprint(request),
+        **figures,
+    }
+    if reply.clearance is not None and reply.clearance.minimum is not None:
+        known["clearance"] = reply.clearance.minimum
+    known[MADE_WITH] = made_with()
+    yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
+    summary = "\n".join([*_headline(reply), *parts])
+    yield still(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN))
+    yield _message_document(REQUEST, request)
+    yield _message_document(REPLY, reply)
+
+
+def fingerprint(request: MotionRequest) -> str:
+    """The SHA-256 of a request, in hexadecimal digits."""
+    return hashlib.sha256(codec.encode(request)).hexdigest()
+
+
+def distances(reply: MotionReply) -> list[tuple[str, str]]:
+    """What was kept from obstacles and between links, as rows of a table."""
+    rows: list[tuple[str, str]] = []
+    if (clear := reply.clearance) is not None:
+        when = f" at {clear.time:.2f} s" if clear.time is not None else ""
+        rows.append(("clearance", f"**{millimetres(clear.minimum)}**{pair(clear.pair)}{when}"))
+        others = (clear.mean, clear.inner, clear.ends)
+        rows.append(("… mean / inner / ends", " / ".join(millimetres(distance) for distance in others)))
+    if (own := reply.self_clearance) is not None:
+        rows.append(("to itself", f"{millimetres(own.minimum)}{pair(own.pair)}"))
+    return rows
+
+
+def _message_document(path: str, message: msgspec.Struct) -> Chunk:
     """A message to read, and beside it, in the component `message`, to the last bit for programs (packing.py)."""
     kept = {MESSAGE_COMPONENT: packed(message)}
     shown = f"{SHORTENED}\n\n```json\n{readable(as_plain_data(message))}\n```"
     return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(**kept))
-
-
-def summary_document(
-    request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str]
-) -> Chunk:
-    """How the plan ended, in figures; what it was about; what it was made with."""
-    parts = [*headline(reply), *remarks_of((*reply.warnings, *remarks)), *_figures(reply, group), *_stages(reply)]
-    parts += _origin(request, reply, group, scene)
-    return still(SUMMARY, rr.TextDocument("\n".join(parts), media_type=rr.MediaType.MARKDOWN))
 
 
 def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
@@ -81,27 +122,6 @@ def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
             warned = "\n".join([*remarks_of([text]), summary])
             kept.append(still(SUMMARY, rr.TextDocument(warned, media_type=rr.MediaType.MARKDOWN)))
     return kept
-
-
-def properties(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene) -> Iterator[Chunk]:
-    """What identifies a run, to be queried across many recordings."""
-    figures: dict[str, Any] = {
-        "run_id": reply.run_id,
-        "status": reply.status.name,
-        "code": reply.status.code,
-        "robot": group.robot.name,
-        "scene": scene.name,
-        "planner": reply.planner,
-        "seed": reply.seed,
-        "request_sha256": hashlib.sha256(codec.encode(request)).hexdigest(),
-        "planning_seconds": reply.timing.total,
-    }
-    if reply.metrics is not None:
-        figures["duration"] = reply.metrics.duration
-    if reply.clearance is not None and reply.clearance.minimum is not None:
-        figures["clearance"] = reply.clearance.minimum
-    figures[MADE_WITH] = made_with()
-    yield Chunk.from_property("plan", rr.AnyValues(**figures))
 
 
 def readable(value: Any, indent: int = 0) -> str:
@@ -134,7 +154,7 @@ def _readable_list(values: list[Any], indent: int) -> str:
     return "[\n" + ",\n".join(inner + row for row in rows) + "\n" + " " * indent + "]"
 
 
-def headline(reply: MotionReply) -> list[str]:
+def _headline(reply: MotionReply) -> list[str]:
     """How a run ended, in a sentence, and the values that it speaks about where it is no success."""
     lines = [f"## {reply.status.name}", "", reply.status.message, ""]
     if reply.status.code != Status.SUCCESS and reply.status.details:
@@ -142,63 +162,9 @@ def headline(reply: MotionReply) -> list[str]:
     return lines
 
 
-def _figures(reply: PlanReply, group: PlanningGroup) -> list[str]:
-    rows: list[tuple[str, str]] = []
-    if (clear := reply.clearance) is not None:
-        where = f" ({clear.pair[0]} - {clear.pair[1]})" if clear.pair else ""
-        when = f" at {clear.time:.2f} s" if clear.time is not None else ""
-        rows.append(("clearance", f"**{millimetres(clear.minimum)}**{where}{when}"))
-        others = (clear.mean, clear.inner, clear.ends)
-        rows.append(("… mean / inner / ends", " / ".join(millimetres(distance) for distance in others)))
-    if (own := reply.self_clearance) is not None:
-        where = f" ({own.pair[0]} - {own.pair[1]})" if own.pair else ""
-        rows.append(("to itself", f"{millimetres(own.minimum)}{where}"))
-    if (metrics := reply.metrics) is not None:
-        rows.append(("duration", f"{metrics.duration:.2f} s"))
-        unit = _unit(group)
-        ways = f"{metrics.joint_path_length:.2f} {unit} / {metrics.tip_path_length:.2f} m"
-        rows.append(("way of the joints / the tip", ways))
-        rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} {unit}/s³"))
-    rows.append(("certificate", certified(reply)))
-    counters = reply.counters
-    rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
-    work = [
-        f"{counters.potential_evaluations} potentials",
-        f"{counters.collision_checks} collision checks",
-        f"{reply.certificate.evaluations} certificate evaluations",
-    ]
-    rows.append(("work", ", ".join(work)))
-    return [*table(("result", ""), rows), "", f"Judged by: {reply.certificate.method}", ""]
-
-
-def _stages(reply: PlanReply) -> list[str]:
-    """The stages, and what else took time; a stage that came once has its time in its own row."""
-    rows = [(f"{one.name}{_plane(one.plane, reply)}", milliseconds(one.seconds), one.outcome) for one in reply.stages]
-    times = Counter(one.name for one in reply.stages)
-    spent = {name: seconds for name, seconds in as_plain_data(reply.timing).items() if seconds and name != "total"}
-    for name, seconds in spent.items():
-        if times[name] != 1 and seconds >= LEAST_TOLD:
-            rows.append((f"all of {name}" if times[name] else name, milliseconds(seconds), ""))
-    rows.append(("**total**", f"**{milliseconds(reply.timing.total)}**", ""))
-    return [*table(("stage", "time", "outcome"), rows), ""]
-
-
 def remarks_of(remarks: Sequence[str]) -> list[str]:
     """What was odd, as a list."""
     return ["**Warnings**", "", *(f"- {remark}" for remark in remarks), ""] if remarks else []
-
-
-def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene) -> list[str]:
-    urdf = hashlib.sha256(group.robot.source.urdf_text.encode()).hexdigest()[:12]
-    rows = [
-        ("run", reply.run_id),
-        ("robot", f"{group.robot.name} (URDF {urdf}), {len(group.joints)} joints, tip {group.tip}"),
-        ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
-        ("request", hashlib.sha256(codec.encode(request)).hexdigest()[:12]),
-        ("planner, seed", f"{reply.planner}, {reply.seed}"),
-        ("made with", made_with()),
-    ]
-    return table(("about", ""), rows)
 
 
 @functools.cache
@@ -218,20 +184,6 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _plane(index: int | None, reply: PlanReply) -> str:
-    if index is None:
-        return ""
-    return f" to {reply.guide_planes[index].name if index < len(reply.guide_planes) else index}"
-
-
-def _unit(group: PlanningGroup) -> str:
-    """Of the joints' coordinates together."""
-    kinds = {joint.kind.value for joint in group.joints}
-    if kinds == {"prismatic"}:
-        return "m"
-    return "rad" if kinds.isdisjoint(("prismatic", "planar", "floating")) else "(rad, m)"
-
-
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     """A table whose last column is broken into lines, each a row: the viewer cuts what is too wide for it."""
     lines = [head, tuple("---" for _ in head)]
@@ -239,6 +191,11 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
         begun, *more = textwrap.wrap(last, COLUMN, break_on_hyphens=False) or [""]
         lines += [(*first, begun), *((*("" for _ in first), line) for line in more)]
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+
+
+def pair(bodies: Sequence[str] | None) -> str:
+    """Two bodies in brackets, if there are any."""
+    return f" ({bodies[0]} - {bodies[1]})" if bodies else ""
 
 
 def millimetres(distance: float | None) -> str:

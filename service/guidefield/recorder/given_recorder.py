@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from rerun.chunk import Chunk
@@ -14,13 +14,9 @@ from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import piece_accelerations
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.trace import Event
-from guidefield.recorder import bodies, bodies_file, documents, robot_entities, scene_entities
-from guidefield.recorder.along import curves_along, field_along, robot_along
-from guidefield.recorder.blueprint import Eye
-from guidefield.recorder.bodies_file import Drawn
-from guidefield.recorder.camera import choose_eye
-from guidefield.recorder.chunks import PATH_TIME
-from guidefield.recorder.given_documents import properties_of_judgement, summary_of_judgement
+from guidefield.recorder import given_documents, scene_entities
+from guidefield.recorder.along import Shown
+from guidefield.recorder.chunks import PATH_TIME, paced, unhurried
 from guidefield.recorder.motion import Motion, configurations_of, poses
 from guidefield.recorder.place import Place
 from guidefield.robot.group.group import PlanningGroup
@@ -62,32 +58,33 @@ class GivenRecorder:
     def observe(self, event: Event) -> None:
         """Nothing of what is told meanwhile is drawn."""
 
-    def finish(self, reply: CertifyReply, profile: ClearanceProfile | None) -> None:
+    def finish(
+        self, reply: CertifyReply, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None] = unhurried
+    ) -> None:
         """Write the recording.
 
         Args:
             reply: The answer to the request.
-            profile: Clearance along the motion.
+            profile: Measures the clearance along the motion.
+            pause: Called between pieces of the work.
 
         Raises:
             OSError: if the file cannot be written; nothing is left of it.
         """
-        group, scene, timed = self._group, self._scene, self._motion.times is not None
-        assert profile is not None, "a motion that is judged is measured"
-        motion = Motion(profile.times, profile.configurations, timed)
-        at = poses(group, motion.configurations)
-        drawn = bodies_file.prepared(group.robot, self._place.bodies)
-        ends = [robot_entities.extent(group, drawn, q) for q in motion.configurations[[0, -1]]]
-        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), *ends])
-        eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles)
-        chunks = [
-            *robot_along(group, scene, drawn.links, motion, at),
-            *curves_along(group, motion, self._trajectory(), profile, self._request.min_clearance),
-            *self._lasting(reply, motion, eye, drawn),
+        measured = profile()
+        pause()
+        assert measured is not None, "a motion that is judged is measured"
+        motion = Motion(measured.times, measured.configurations, timed=self._motion.times is not None)
+        shown = Shown.of(self._place, self._group, self._scene, motion, np.empty((0, 3)))
+        made = [
+            shown.robot(),
+            shown.curves(self._trajectory(), measured, self._request.min_clearance),
+            self._lasting(reply, shown),
         ]
         if self._request.recording == "full":
-            chunks += field_along(group, scene, motion, at)
-        self._place.write(self._run_id, chunks, group.robot, drawn, eye, PATH_TIME)
+            made.append(shown.field())
+        chunks = list(paced(made, pause))
+        self._place.write(self._run_id, chunks, self._group.robot, shown.drawn, shown.eye, PATH_TIME)
 
     def _trajectory(self) -> Trajectory | None:
         """The knots, where their columns are plain coordinates and there are velocities."""
@@ -102,19 +99,12 @@ class GivenRecorder:
             accelerations=np.concatenate([begins, ends[-1:]]).tolist(),
         )
 
-    def _lasting(self, reply: CertifyReply, motion: Motion, eye: Eye, drawn: Drawn) -> Iterator[Chunk]:
+    def _lasting(self, reply: CertifyReply, shown: Shown) -> Iterator[Chunk]:
         """What holds for the whole run."""
-        group, scene, certificate = self._group, self._scene, reply.certificate
-        at_fault = frozenset(certificate.pair or ())
-        yield from bodies.highlighted(group.robot, at_fault)
-        if (ghosts := robot_entities.ghosts(group, drawn, motion)) is not None:
-            yield ghosts
-        yield from scene_entities.obstacles(scene.obstacles, eye.hiding, at_fault)
+        group, motion, certificate = self._group, shown.motion, reply.certificate
+        yield from shown.bodies(frozenset(certificate.pair or ()))
         if certificate.place is not None and reply.status.code != Status.SUCCESS:
             row = [certificate.place.configuration[name] for name in group.position_names]
             yield scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0])
-        remarks = [*drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [EVEN_PACE])]
-        yield from properties_of_judgement(self._request, reply, group, scene)
-        yield summary_of_judgement(self._request, reply, group, scene, remarks)
-        yield documents.message_document(documents.REQUEST, self._request)
-        yield documents.message_document(documents.REPLY, reply)
+        remarks = [*shown.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [EVEN_PACE])]
+        yield from given_documents.documents_of(self._request, reply, group, self._scene, remarks)

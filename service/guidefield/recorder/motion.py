@@ -71,7 +71,8 @@ def shown_motion(
 
 def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -> Configuration | None:
     """The goal's first configuration (nq,), if what failed is that it can't be an end of the motion; else None."""
-    goal = request.goal
+    step = reply.status.details.get("step")
+    goal = request.goal if step is None else request.steps[step].goal
     if reply.status.details.get("stage") != "goal" or not isinstance(goal, JointsGoal | JointSetGoal):
         return None
     positions = goal.positions if isinstance(goal, JointsGoal) else goal.positions[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import rerun as rr
@@ -13,23 +13,10 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.trace import Event, PathRelaxed, Step, TreeGrown
-from guidefield.recorder import (
-    bodies,
-    bodies_file,
-    documents,
-    field_entities,
-    log,
-    plots,
-    robot_entities,
-    scene_entities,
-    search,
-)
-from guidefield.recorder.along import curves_along, field_along, field_at, robot_along
-from guidefield.recorder.blueprint import Eye
-from guidefield.recorder.bodies_file import Drawn
-from guidefield.recorder.camera import choose_eye
-from guidefield.recorder.chunks import PATH_TIME, STEP, evenly
-from guidefield.recorder.motion import Motion, Poses, configurations_of, poses, refused_goal, shown_motion
+from guidefield.recorder import field_entities, log, plan_documents, plots, robot_entities, scene_entities, search
+from guidefield.recorder.along import Shown
+from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, paced, unhurried
+from guidefield.recorder.motion import Motion, configurations_of, poses, refused_goal, shown_motion
 from guidefield.recorder.place import Place
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configuration
@@ -48,14 +35,25 @@ class Recorder:
         scene: The scene that is planned in.
         request: The request as it came.
         run_id: Name of the run; identifies the recording.
+        shown: Asked at the end what to show in place of group and scene: of a sequence, what is carried as it is
+            carried. None: these.
     """
 
-    def __init__(self, place: Place, group: PlanningGroup, scene: Scene, request: PlanRequest, run_id: str) -> None:
+    def __init__(
+        self,
+        place: Place,
+        group: PlanningGroup,
+        scene: Scene,
+        request: PlanRequest,
+        run_id: str,
+        shown: Callable[[], tuple[PlanningGroup, Scene]] | None = None,
+    ) -> None:
         self._place = place
         self._group = group
         self._scene = scene
         self._request = request
         self._run_id = run_id
+        self._shown = shown
         self._full = request.recording == "full"
         self._log = log.EventLog()
 
@@ -64,74 +62,63 @@ class Recorder:
         if self._full or isinstance(event, Step):
             self._log.add(event)
 
-    def finish(self, reply: PlanReply, profile: ClearanceProfile | None) -> None:
+    def finish(
+        self, reply: PlanReply, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None] = unhurried
+    ) -> None:
         """Write the recording of a plan, found or not.
 
         Args:
             reply: The answer to the request.
-            profile: Clearance along the trajectory, if there is one and it was measured.
+            profile: Measures the clearance along the trajectory, if there is one.
+            pause: Called between pieces of the work.
 
         Raises:
             OSError: if the file cannot be written; nothing is left of it.
         """
-        steps = self._log.steps()
+        if self._shown is not None:
+            self._group, self._scene = self._shown()
+        steps, measured = self._log.steps(), profile()
+        pause()
         refused = refused_goal(self._group, self._request, reply)
-        motion = shown_motion(self._group, reply, profile, steps[-1][1].q if steps else None)
+        motion = shown_motion(self._group, reply, measured, steps[-1][1].q if steps else None)
         if refused is not None:
             motion = Motion(np.zeros(1), refused[None], timed=False)
-        at = poses(self._group, motion.configurations)
         landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
-        drawn = bodies_file.prepared(self._group.robot, self._place.bodies)
-        ends = [robot_entities.extent(self._group, drawn, q) for q in motion.configurations[[0, -1]]]
-        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), *ends])
-        eye = choose_eye(at.tip, robot, landmarks, self._scene.obstacles)
-        chunks = [
-            *self._moving(reply, profile, motion, at, drawn.links),
-            *self._lasting(reply, motion, at.tip[-1], eye, drawn),
-        ]
+        shown = Shown.of(self._place, self._group, self._scene, motion, landmarks)
+        made = [self._moving(reply, measured, shown), self._lasting(reply, shown)]
         if self._full:
-            chunks += [*self._planning(reply, motion.configurations[0], drawn.links), *self._field(motion, at)]
+            made += [self._planning(reply, motion.configurations[0], shown.drawn.links), self._field(shown)]
+        chunks = list(paced(made, pause))
         timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
-        self._place.write(self._run_id, chunks, self._group.robot, drawn, eye, timeline)
+        self._place.write(self._run_id, chunks, self._group.robot, shown.drawn, shown.eye, timeline)
 
-    def _moving(
-        self, reply: PlanReply, profile: ClearanceProfile | None, motion: Motion, at: Poses, links: Sequence[str]
-    ) -> Iterator[Chunk]:
+    def _moving(self, reply: PlanReply, profile: ClearanceProfile | None, shown: Shown) -> Iterator[Chunk]:
         """The motion, and what changes along it."""
-        yield from robot_along(self._group, self._scene, links, motion, at)
+        yield from shown.robot()
         if reply.path and self._full:
             waypoints = poses(self._group, configurations_of(self._group, reply.path))
             yield from robot_entities.planned_path(waypoints.tip)
-        yield from curves_along(self._group, motion, reply.trajectory, profile, self._request.min_clearance)
+        yield from shown.curves(reply.trajectory, profile, self._request.min_clearance)
 
-    def _lasting(self, reply: PlanReply, motion: Motion, tip: np.ndarray, eye: Eye, drawn: Drawn) -> Iterator[Chunk]:
+    def _lasting(self, reply: PlanReply, shown: Shown) -> Iterator[Chunk]:
         """What holds for the whole run."""
-        at_fault = _colliding(reply)
-        yield from bodies.highlighted(self._group.robot, at_fault)
-        if (ghosts := robot_entities.ghosts(self._group, drawn, motion)) is not None:
-            yield ghosts
-        yield from scene_entities.obstacles(self._scene.obstacles, eye.hiding, at_fault)
+        yield from shown.bodies(_colliding(reply))
         yield from scene_entities.guide_planes(reply.guide_planes)
-        yield from scene_entities.goal(self._request.goal)
+        yield from scene_entities.goals(self._request)
         if reply.status.code != Status.SUCCESS:
-            yield scene_entities.failure(reply, tip)
-        yield from documents.properties(self._request, reply, self._group, self._scene)
-        yield documents.summary_document(
-            self._request, reply, self._group, self._scene, [*drawn.faults, *_shown_pace(motion)]
-        )
-        yield documents.message_document(documents.REQUEST, self._request)
-        yield documents.message_document(documents.REPLY, reply)
+            yield scene_entities.failure(reply, shown.at.tip[-1])
+        remarks = [*shown.drawn.faults, *_shown_pace(shown.motion)]
+        yield from plan_documents.documents_of(self._request, reply, self._group, self._scene, remarks)
 
-    def _field(self, motion: Motion, at: Poses) -> Iterator[Chunk]:
+    def _field(self, shown: Shown) -> Iterator[Chunk]:
         """The field, and what it does to the robot along the motion; along the planner's steps where that failed."""
         steps = self._log.steps()
-        if motion.timed or not steps:
-            yield from field_along(self._group, self._scene, motion, at)
+        if shown.motion.timed or not steps:
+            yield from shown.field()
         elif self._scene.obstacles:
             few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
             times = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
-            qs = np.array([step.q for _, step in few])
-            yield from field_at(self._group, self._scene, [self._scene] * len(few), qs, times, at)
+            yield from shown.field_at([self._scene] * len(few), np.array([step.q for _, step in few]), times)
 
     def _planning(self, reply: PlanReply, start: Configuration, links: Sequence[str]) -> Iterator[Chunk]:
         """What the planner did, over its steps."""

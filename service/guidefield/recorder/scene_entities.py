@@ -15,7 +15,7 @@ from rerun.chunk import Chunk
 
 from guidefield.messages import scene as messages
 from guidefield.messages.replies import MotionReply
-from guidefield.messages.requests import Goal, PoseGoal
+from guidefield.messages.requests import PlanRequest, PoseGoal
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.chunks import entity, path_times, still, timed
 from guidefield.recorder.surface import Surface
@@ -54,7 +54,7 @@ def obstacles(
     for number, obstacle in enumerate(all_of_them):
         color = bodies.FAULT_COLOR if obstacle.name in at_fault else obstacle_color(obstacle, number)
         if {obstacle.name}.isdisjoint({*see_through, *at_fault}) and obstacle.motion is None:
-            kind = next((kind for kind in PRIMITIVES if isinstance(obstacle.shape, kind)), None)
+            kind = next((kind for kind in PRIMITIVES if obstacle.placed and isinstance(obstacle.shape, kind)), None)
             if kind is not None:
                 alike.setdefault(kind, []).append((obstacle, color))
                 continue
@@ -145,12 +145,19 @@ def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
     yield still("/guide_planes", pane, edges, labels)
 
 
-def goal(asked: Goal) -> Iterator[Chunk]:
-    """The pose that the tip is to reach, if the goal is one: its axes and its name."""
-    if isinstance(asked, PoseGoal):
-        at = rr.Transform3D(translation=asked.position, quaternion=rr.Quaternion(xyzw=asked.quaternion_xyzw))
-        name = rr.Points3D([[0.0, 0.0, 0.0]], labels=["goal"], colors=[GOAL_COLOR], radii=[0.008], show_labels=True)
-        yield still("/path/goal", at, rr.TransformAxes3D(0.1), name)
+def goals(request: PlanRequest) -> Iterator[Chunk]:
+    """The poses that the tip is to reach, if goals are poses: their axes and their names."""
+    named = [("goal", request.goal), *((f"steps[{index}]", step.goal) for index, step in enumerate(request.steps))]
+    for name, asked in named:
+        if isinstance(asked, PoseGoal):
+            yield _goal(name, asked)
+
+
+def _goal(called: str, asked: PoseGoal) -> Chunk:
+    at = rr.Transform3D(translation=asked.position, quaternion=rr.Quaternion(xyzw=asked.quaternion_xyzw))
+    name = rr.Points3D([[0.0, 0.0, 0.0]], labels=[called], colors=[GOAL_COLOR], radii=[0.008], show_labels=True)
+    path = "/path/goal" if called == "goal" else entity("path", "goals", called)
+    return still(path, at, rr.TransformAxes3D(0.1), name)
 
 
 def failure(reply: MotionReply, tip: np.ndarray) -> Chunk:

@@ -63,7 +63,7 @@ def _written_to_pipe() -> Iterator[tuple[str, Callable[[], None], Callable[[], b
     with ThreadPoolExecutor(1) as thread, os.fdopen(reading, "rb") as end, os.fdopen(writing, "wb") as hold:
         written = thread.submit(end.read)
         try:
-            yield f"/proc/self/fd/{writing}", hold.close, written.result
+            yield f"/dev/fd/{writing}", hold.close, written.result
         finally:
             hold.close()
 

@@ -20,7 +20,7 @@ import pinocchio as pin
 from guidefield.referee.case import Body, Case, Constraint
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
-SLACK = FLOOR = 1e-6  # of Coal's distances, constraints [m, rad] and rates [share]; what moves less is undecided
+SLACK = FLOOR = 1e-6  # of constraints, rates, Coal's distances (2e-6 more a metre); what moves less is undecided
 ROUNDING, DIGITS = 1e-9, 4e-15  # a position may be beyond its limit by this [rad or m]; what 64 bits leave out of 1
 KINDS = ("position", "velocity", "acceleration", "jerk")
 # start, p, v, a, j and duration h: a time s after the start the columns are at p + v s + a s^2 / 2 + j s^3 / 6
@@ -51,7 +51,7 @@ def _false_part(case: Case) -> Finding | None:
         within, here = np.zeros(len(body.triangles), bool), coal.Transform3s.Identity()
         for part in body.parts:
             gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in places]
-            within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK).all(axis=1)
+            within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK + ROUNDING).all(axis=1)
         told = [{frozenset(map(tuple, t)) for t in a.tolist() if len(body.shell)} for a in (body.triangles, body.shell)]
         whole = {t for t in told[0] if len(t) == 3} <= told[1] and _closed(body.shell)
         if (body.parts and not within.all()) or (len(body.shell) and not whole):
@@ -199,10 +199,10 @@ class _Along:
             self.evaluations += len(some) * len(others)
             gap = min(_distance(one, self.coal[i], other, self.coal[j]) for one in some for other in others)
             distance = gap - a.rounding - b.rounding - out
-            if distance - SLACK - required >= loss:
+            if (room := distance - SLACK * (1.0 + 2.0 * abs(distance)) - required) >= loss:
                 break
         close = Answer.TOO_CLOSE if distance <= required - SLACK else None
-        return Answer.CONTACT if distance <= 0.0 else close, distance - SLACK - required, loss, distance
+        return Answer.CONTACT if distance <= 0.0 else close, room, loss, distance
 
     def _constraint(self, k: int, moves: np.ndarray, turns: np.ndarray) -> Told:
         """The angle of a frame's axis, or the distance of its origin; told is by how much that exceeds the limit."""

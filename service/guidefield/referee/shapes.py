@@ -63,7 +63,12 @@ def shape_of(told: Mapping[str, Any]) -> Shape | None:
 
 
 def shape(exact: Any, placement: Any) -> Shape:
-    """Of a bounded Coal shape that stands at a pinocchio.SE3."""
+    """Of a bounded Coal shape that stands at a pinocchio.SE3.
+
+    A ball becomes a capsule without length: Coal finds balls in contact with triangles without area, wherever they are.
+    """
+    if isinstance(exact, coal.Sphere):
+        exact = coal.Capsule(exact.radius, 0.0)
     corners, points, triangles = box_corners(exact, 0.0), np.zeros((1, 3)), NO_TRIANGLES
     if isinstance(exact, coal.BVHModelBase):
         vertices = np.array(exact.vertices()) + 0.0  # so that 0 and -0 are the same

@@ -37,7 +37,7 @@ def distance_tables(scene: Scene) -> DistanceTables:
 
 def _bodies(obstacle: Obstacle) -> list[Body]:
     rotation, translation = obstacle.placement.rotation, obstacle.placement.translation
-    body = primitive(obstacle.shape)
+    body = primitive(obstacle.shape) if obstacle.facets is None else None
     if body is not None:
         return [body.placed(rotation, translation)]
     if obstacle.cloud is not None:

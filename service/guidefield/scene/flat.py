@@ -47,6 +47,14 @@ class FlatPolygon:
         return points
 
 
+def centroid(polygon: np.ndarray) -> np.ndarray:
+    """Centroid (2,) of a polygon (k, 2) with an area."""
+    after = np.roll(polygon, -1, axis=0)
+    cross = polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]
+    middle: np.ndarray = ((polygon + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
+    return middle
+
+
 def flat_polygon(vertices: np.ndarray) -> FlatPolygon:
     """Fit a plane to the corners of a polygon.
 

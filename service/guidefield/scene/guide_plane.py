@@ -9,7 +9,7 @@ import numpy as np
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance.convex_polygon import inradius
 from guidefield.messages import scene as messages
-from guidefield.scene.flat import PLANARITY, FlatPolygon, flat_polygon, flatness_fault
+from guidefield.scene.flat import PLANARITY, FlatPolygon, centroid, flat_polygon, flatness_fault
 
 SLACK = 1e-8
 """Rounding that `contains` forgives, as a fraction of the size: a closest point is contained."""
@@ -110,14 +110,14 @@ def build(message: messages.GuidePlane, index: int) -> GuidePlane:
     edges = np.roll(flat.corners, -1, axis=0) - flat.corners
     inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
     offsets = np.einsum("ij,ij->i", inward, flat.corners)
-    centroid = flat.from_plane(_area_centroid(flat.corners)[None])[0]
-    for array in (inward, offsets, centroid):
+    middle = flat.from_plane(centroid(flat.corners)[None])[0]
+    for array in (inward, offsets, middle):
         array.setflags(write=False)
     return GuidePlane(
         name=message.name,
         vertices=flat.vertices,
         normal=flat.normal,
-        centroid=centroid,
+        centroid=middle,
         inradius=inradius(inward, offsets, PLANARITY),
         flat=flat,
         inward=inward,
@@ -139,13 +139,6 @@ def _convexity_fault(flat: FlatPolygon) -> str | None:
     if abs(turns.sum() - 2.0 * np.pi) > 1e-3:
         return f"it is not convex: its edges turn {turns.sum() / (2.0 * np.pi):.2f} times around instead of once"
     return None
-
-
-def _area_centroid(corners: np.ndarray) -> np.ndarray:
-    after = np.roll(corners, -1, axis=0)
-    cross = corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]
-    centroid: np.ndarray = ((corners + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
-    return centroid
 
 
 def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:

@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-import coal
 import numpy as np
 
 from guidefield.geometry.closed import compact, connected_pieces, volume
@@ -89,27 +88,6 @@ def crossing_warnings(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str,
     if not found.complete:
         warnings.append("it is too large to look for all places where it intersects itself")
     return tuple(warnings)
-
-
-def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    """The surface as a Coal tree of oriented boxes: triangles only, no inside.
-
-    Args:
-        vertices: Shape (v, 3) [m], in the shape's frame.
-        triangles: Indices of vertices, shape (t, 3).
-    """
-    tree = coal.BVHModelOBBRSS()
-    tree.beginModel(len(triangles), len(vertices))
-    tree.addVertices(np.ascontiguousarray(vertices, float))
-    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
-    tree.endModel()
-    tree.computeLocalAABB()
-    return tree
-
-
-def faces(shape: Any) -> int:
-    """How many triangles a Coal shape has, and so much memory does it take; 0 of a primitive or hull."""
-    return int(getattr(shape, "num_tris", 0))
 
 
 def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -22,8 +22,9 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
+from guidefield.scene.facets import Facets
 from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MOST_FACES, MeshSurface, bvh, crossing_warnings, faces, mesh_surface
+from guidefield.scene.mesh import MOST_FACES, MeshSurface, crossing_warnings, mesh_surface
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
@@ -76,13 +77,34 @@ class Obstacle:
 
     @property
     def shape(self) -> Any:
-        """Coal geometry in its own frame; of a cloud no more than its points, see `rounding`."""
+        """Coal geometry in its own frame; of a cloud no more than its points, see `rounding`.
+
+        Where there are very many triangles it takes long to make: see `facets`.
+        """
         return self._body[0]
+
+    @property
+    def facets(self) -> Facets | None:
+        """The triangles of `shape` if it isn't convex, which needn't all be made at once; else None."""
+        return self.recipe.facets
+
+    @property
+    def faces(self) -> int:
+        """How many triangles Coal judges, and so much memory does it take; 0 of what is convex."""
+        return 0 if self.recipe.facets is None else self.recipe.facets.count
+
+    @property
+    def box(self) -> np.ndarray:
+        """Lower and upper corner of the box about `shape` along the axes of its own frame, shape (2, 3) [m]."""
+        if self.recipe.facets is not None:
+            return self.recipe.facets.box
+        self.shape.computeLocalAABB()
+        return np.array([self.shape.aabb_local.min_, self.shape.aabb_local.max_])
 
     @property
     def placement(self) -> Any:
         """``T_world_shape``, a pinocchio.SE3."""
-        return self._body[1]
+        return self._body[1] if self.recipe.placement is None else self.recipe.placement
 
     @property
     def rounding(self) -> float:
@@ -151,7 +173,7 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
     large = size_warnings(still, _declared_points(obstacle))
     if motion is not None or large:
         obstacle = dataclasses.replace(obstacle, motion=motion, warnings=(*obstacle.warnings, *large))
-    many = 0 if obstacle.placed else faces(obstacle.shape)
+    many = obstacle.faces
     while len(_KNOWN) >= _MOST_KNOWN or (many and _KNOWN and many + _faces_known() > MOST_FACES):
         _KNOWN.pop(next(iter(_KNOWN)), None)
     _KNOWN[key] = obstacle
@@ -167,7 +189,7 @@ _MOST_KNOWN = 512
 
 
 def _faces_known() -> int:
-    return sum(faces(one.shape) for one in _KNOWN.values() if not one.placed)
+    return sum(one.faces for one in _KNOWN.values())
 
 
 class _UnusableError(Exception):
@@ -219,12 +241,18 @@ def _point_cloud(message: messages.PointCloud) -> Obstacle:
     points = _points(message.points)
     sort_for_tree(points)
     points.setflags(write=False)
-    cloud, shape = Cloud(points, message.radius), bvh(*cloud_specks(points))
+    cloud, facets, placement = (
+        Cloud(points, message.radius),
+        Facets(len(points), lambda: cloud_specks(points)),
+        pin.SE3.Identity(),
+    )
     recipe = Recipe(
-        body=lambda _: (shape, pin.SE3.Identity()),
+        body=lambda _: (facets.whole, placement),
         surface=lambda _: cloud_surface(points, cloud.radius),
         charged=lambda *_: cloud_charges(points, cloud.radius),
         convex=False,
+        facets=facets,
+        placement=placement,
     )
     return Obstacle(message, recipe, cloud=cloud)
 
@@ -239,13 +267,17 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
 
 
 def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -> Obstacle:
-    shape = bvh(surface.vertices, surface.triangles) if surface.hull is None else surface.hull
+    facets = None
+    if surface.hull is None:
+        facets = Facets(len(surface.triangles), lambda: (surface.vertices, surface.triangles))
     recipe = Recipe(
-        body=lambda _: (shape, placement),
+        body=lambda _: (surface.hull if facets is None else facets.whole, placement),
         surface=lambda _: (surface.vertices, surface.triangles),
         charged=lambda *_: Charges(triangles=moved(placement, surface.vertices)[surface.triangles]),
         solid=surface.solid,
         convex=surface.hull is not None,
+        facets=facets,
+        placement=placement,
     )
     warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings)
     return Obstacle(message, recipe, warnings=warnings)

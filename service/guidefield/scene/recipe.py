@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.scene.charges import Charges
+from guidefield.scene.facets import Facets
 
 
 class Recipe(NamedTuple):
@@ -19,6 +20,8 @@ class Recipe(NamedTuple):
         charged: Of its message and ``T_world_shape``: its share of the field.
         solid: Whether it has an inside; else it is a thin surface.
         convex: Whether Coal judges it as one convex body: distances are signed then.
+        facets: The triangles that Coal judges, of what isn't convex; None of what is.
+        placement: ``T_world_shape`` where it is known before the body is made.
     """
 
     body: Callable[[Any], tuple[Any, Any]]
@@ -26,3 +29,5 @@ class Recipe(NamedTuple):
     charged: Callable[[Any, Any], Charges]
     solid: bool = True
     convex: bool = True
+    facets: Facets | None = None
+    placement: Any | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -50,6 +52,16 @@ class Scene:
         return any(one.motion is not None for one in self.obstacles)
 
     @cached_property
+    def names(self) -> frozenset[str]:
+        """Of its obstacles."""
+        return frozenset(one.name for one in self.obstacles)
+
+    @cached_property
+    def convex(self) -> bool:
+        """Whether Coal judges every obstacle as one convex body."""
+        return all(one.convex for one in self.obstacles)
+
+    @cached_property
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
         still = [one for one in self.message.obstacles if one.trajectory is None]
@@ -62,6 +74,12 @@ class Scene:
     def _posed(self, time: float) -> list[messages.Obstacle]:
         pairs = zip(self.message.obstacles, self.obstacles, strict=True)
         return [one if o.motion is None else posed(one, o.motion.at(time)) or one for one, o in pairs]
+
+    def of(self, chosen: Sequence[int]) -> Scene:
+        """The scene with some of its obstacles alone, by their indices."""
+        declared = [self.message.obstacles[index] for index in chosen]
+        message = msgspec.structs.replace(self.message, obstacles=declared)
+        return dataclasses.replace(self, message=message, obstacles=tuple(self.obstacles[index] for index in chosen))
 
     @cached_property
     def tables(self) -> FieldTables:

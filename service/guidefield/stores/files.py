@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeVar
 
@@ -33,6 +36,14 @@ def checked_name(name: str, what: str) -> str:
             **{what: name[:64]},
         )
     return name
+
+
+@contextlib.contextmanager
+def alone(lock: Path) -> Iterator[None]:
+    """One process at a time is in such a block, of all that name the same file; it is made if it isn't there."""
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def read_if_any(path: Path) -> bytes | None:

@@ -7,13 +7,12 @@ of it, whatever becomes of the name meanwhile.
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import re
 import shutil
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import msgspec
@@ -25,7 +24,7 @@ from guidefield.messages.values import RootJoint
 from guidefield.robot.catalog import library
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.robot.catalog.sent_meshes import named_by_content
-from guidefield.stores.files import checked_name, decoded, read_if_any
+from guidefield.stores.files import alone, checked_name, decoded, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
 MAX_ROBOTS = 200
@@ -183,12 +182,9 @@ class RobotStore:
             if folder.name not in used:
                 shutil.rmtree(folder, ignore_errors=True)
 
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _alone(self) -> AbstractContextManager[None]:
         """One process at a time changes the store."""
-        with (self._contents.parent / ".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
+        return alone(self._contents.parent / ".lock")
 
     def _path(self, name: str) -> Path:
         return self._names / checked_name(name, "robot")

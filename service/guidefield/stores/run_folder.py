@@ -11,10 +11,13 @@ from guidefield.messages.store_requests import RUNNING, UNREADABLE
 from guidefield.stores.files import decoded, read_if_any
 
 REQUEST, REPLY, ERROR, RECORDING = "request.json", "reply.json", "error.json", "recording.rrd"
+OWED, LOST = "recording.owed", "recording.lost"
+"""Who is to write a recording that isn't there yet: a process, as `system.told_apart` knows it; why it won't be."""
 
 
 class _SceneHead(msgspec.Struct):
-    name: str
+    name: str = ""
+    base: str = ""
 
 
 class _RequestHead(msgspec.Struct):
@@ -48,7 +51,7 @@ def summary(folder: Path) -> RunSummary | None:
         run_id=folder.name,
         status=_status(folder),
         robot=head.robot if isinstance(head.robot, str) else "urdf",
-        scene=head.scene if isinstance(head.scene, str) else head.scene.name,
+        scene=head.scene if isinstance(head.scene, str) else head.scene.name or head.scene.base,
         began=began,
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import shutil
 import time
 import uuid
@@ -33,8 +34,14 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.stores.files import checked_name, decoded, read_if_any
-from guidefield.stores.run_folder import ERROR, RECORDING, REPLY, REQUEST, has_ended, summary
+from guidefield.stores.run_folder import ERROR, LOST, OWED, RECORDING, REPLY, REQUEST, has_ended, summary
+from guidefield.system import is_alive, told_apart
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
+
+LONGEST_WRITING = 60.0
+"""How long is waited for a recording that is being written [s]."""
+LOOKED_EVERY = 0.01
+"""How often it is looked for [s]."""
 
 _log = logging.getLogger(__name__)
 _M = TypeVar("_M", bound=msgspec.Struct)
@@ -92,7 +99,9 @@ class NoRuns:
 
 
 class RunStore:
-    """Runs in a folder: `<id>/request.json`, then `recording.rrd`, then `reply.json` or `error.json`.
+    """Runs in a folder: `<id>/request.json`, `recording.rrd`, and `reply.json` or `error.json`.
+
+    A recording may come after the reply: then `recording.owed` says who is to write it, until it is there.
 
     Several processes may share the folder. Where the disk refuses, OSError comes through.
 
@@ -134,7 +143,7 @@ class RunStore:
         return self._folder / run_id / RECORDING
 
     def finish(self, run_id: str, reply: MotionReply) -> None:
-        """Keep the reply; the recording is there already, so that an ended run has all it will have.
+        """Keep the reply; its recording is there already, or owed.
 
         Raises:
             OSError: if the disk refuses; then the run is dropped, or it would seem to be under way for ever.
@@ -210,15 +219,44 @@ class RunStore:
         )
 
     def recording(self, run_id: str) -> Path:
-        """The file of one run's recording, without its robot's meshes.
+        """The file of one run's recording, without its robot's meshes; waits while it is being written.
 
         Raises:
-            UnknownObject: if there is no such run, or it has no recording, or not yet.
+            UnknownObject: if there is no such run, or it has no recording, or not yet, or it was lost.
         """
-        recording = self._existing(run_id) / RECORDING
-        if not recording.exists():
-            raise UnknownObject(f"run {run_id!r} has no recording", run_id=run_id)
-        return recording
+        folder, until = self._existing(run_id), time.monotonic() + LONGEST_WRITING
+        while (owed := read_if_any(folder / OWED)) is not None and time.monotonic() < until:
+            if not is_alive(owed.decode()):
+                if (folder / OWED).exists():
+                    raise UnknownObject(
+                        f"the recording of run {run_id!r} is lost: the process that wrote it ended; `guidefield replay"
+                        f" {run_id}` plans it again",
+                        run_id=run_id,
+                    )
+                break  # it was done just before it ended
+            time.sleep(LOOKED_EVERY)
+        recording = folder / RECORDING
+        if recording.exists():
+            return recording
+        lost = read_if_any(folder / LOST)
+        why = "" if lost is None else f": {lost.decode()}"
+        raise UnknownObject(f"run {run_id!r} has no recording{why}", run_id=run_id)
+
+    def owe_recording(self, run_id: str) -> None:
+        """Say that this process will write a run's recording after the reply.
+
+        Raises:
+            OSError: if the disk refuses.
+        """
+        write_whole(self._folder / run_id / OWED, told_apart(os.getpid()).encode(), durable=False)
+
+    def settle_recording(self, run_id: str, fault: str | None) -> None:
+        """Say that a recording that was owed is there, or why it won't be; of a run that is gone nothing is said."""
+        folder = self._folder / run_id
+        with contextlib.suppress(OSError):
+            if fault is not None:
+                write_whole(folder / LOST, fault.encode(), durable=False)
+            (folder / OWED).unlink(missing_ok=True)
 
     def bodies_folder(self) -> Path | None:
         """Where the meshes of robots are kept: beside the folder of the runs."""

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
 from pathlib import Path
 
 from guidefield.errors import RequestTooLarge, SceneInvalid
-from guidefield.messages import codec
-from guidefield.messages.faults import MOST_NAMED, nearest
+from guidefield.messages.faults import listed, meant
 from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import SceneDiff
 from guidefield.scene import library
-from guidefield.stores.files import checked_name, decoded, read_if_any
-from guidefield.whole_file import write_whole
+from guidefield.stores.files import alone, checked_name
+from guidefield.stores.scene_versions import SceneVersions
+
+MOST_KNOWN = 32
+"""So many stored scenes are kept in memory as they were read."""
 
 
 class PackagedScenes:
@@ -20,22 +27,35 @@ class PackagedScenes:
         """The scenes that can be read, in alphabetical order."""
         return sorted(library.names())
 
-    def read(self, name: str) -> Scene:
-        """One scene.
+    def read(self, name: str, version: int | None = None) -> tuple[Scene, int | None]:
+        """One scene; it has no versions.
 
         Raises:
-            SceneInvalid: if it is unknown; lists those that can be read.
+            SceneInvalid: if it is unknown, and lists those that can be read; or if a version is asked for.
         """
         if name not in library.names():
             raise _unknown(name, self.names())
-        return library.read(name)
+        if version is not None:
+            raise SceneInvalid(
+                f"scene {name!r} comes with the package: it never changes and has no versions", scene=name
+            )
+        return library.read(name), None
 
-    def write(self, scene: Scene) -> None:
+    def write(self, scene: Scene) -> int:
         """Raise SceneInvalid: nothing can be stored here."""
         raise SceneInvalid(
             f"scene {scene.name!r} cannot be stored: scenes are kept only where there is a data folder; "
             "send the scene inside the request instead",
             scene=scene.name,
+        )
+
+    def change(self, name: str, _diff: SceneDiff) -> tuple[Scene, int]:
+        """Raise SceneInvalid: a scene of the package stays as it is."""
+        self.read(name)
+        raise SceneInvalid(
+            f"scene {name!r} comes with the package and cannot be changed; name it as the `base` of a request's scene, "
+            "or store it under a name of your own",
+            scene=name,
         )
 
     def delete(self, name: str) -> None:
@@ -45,7 +65,7 @@ class PackagedScenes:
 
 
 class SceneStore:
-    """The packaged scenes, and clients' own as `<name>.json` in a folder.
+    """The packaged scenes, and clients' own with their last versions in a folder.
 
     Several processes may share the folder. Where the disk refuses, OSError comes through.
 
@@ -58,64 +78,97 @@ class SceneStore:
         self._folder = folder
         self._limit = limit
         self._packaged = PackagedScenes()
+        self._mutex = threading.RLock()
+        self._versions: OrderedDict[str, SceneVersions] = OrderedDict()
         folder.mkdir(parents=True, exist_ok=True)
 
     def names(self) -> list[str]:
         """The scenes that can be read, in alphabetical order."""
         return sorted({*self._packaged.names(), *self._own()})
 
-    def read(self, name: str) -> Scene:
-        """One scene.
+    def stored(self) -> list[str]:
+        """Those of them that clients stored, in alphabetical order."""
+        return sorted(self._own())
+
+    def read(self, name: str, version: int | None = None) -> tuple[Scene, int | None]:
+        """A version of a scene, or the newest, and its number; that of a packaged scene is None.
 
         Raises:
-            SceneInvalid: if it is unknown, and lists those that can be read; or if its file is damaged.
+            SceneInvalid: if it is unknown, or has no such version, and lists those that can be read; or if its file is
+                damaged.
         """
-        stored = read_if_any(self._path(name))
+        with self._mutex:
+            stored = self._of(name).read(version)
         if stored is not None:
-            scene = decoded(stored, Scene)
-            if scene is None:
-                raise SceneInvalid(f"scene {name!r} can't be read: its file is damaged; store it again", scene=name)
-            return scene
+            return stored[1], stored[0]
         if name in self._packaged.names():
-            return self._packaged.read(name)
+            return self._packaged.read(name, version)
         raise _unknown(name, self.names())
 
-    def write(self, scene: Scene) -> None:
-        """Keep a scene under its own name, in place of an earlier one of that name.
+    def write(self, scene: Scene) -> int:
+        """Keep a scene under its own name, in place of an earlier one of that name; the number of its version.
 
         Raises:
             MalformedRequest: if the name can't be a file's.
             SceneInvalid: if the name is that of a packaged scene: it means the same everywhere.
             RequestTooLarge: if there are too many scenes already.
         """
-        path = self._path(scene.name)
+        checked_name(scene.name, "scene")
         if scene.name in self._packaged.names():
             raise SceneInvalid(
                 f"scene {scene.name!r} comes with the package and cannot be replaced; choose another name",
                 scene=scene.name,
             )
-        if not path.exists() and len(self._own()) >= self._limit:
-            raise RequestTooLarge(f"{self._limit} scenes are stored already; delete one first", limit=self._limit)
-        write_whole(path, codec.encode(scene))
+        with self._alone():
+            own = self._own()
+            if scene.name not in own and len(own) >= self._limit:
+                raise RequestTooLarge(f"{self._limit} scenes are stored already; delete one first", limit=self._limit)
+            return self._of(scene.name).store(scene)
+
+    def change(self, name: str, diff: SceneDiff) -> tuple[Scene, int]:
+        """Change a stored scene; what it is from now on, and the number of that version.
+
+        Raises:
+            SceneInvalid: if it is unknown or comes with the package, the change does not fit, or another version was
+                meant.
+        """
+        with self._alone():
+            after = self._of(name).change(diff)
+        if after is not None:
+            return after[1], after[0]
+        if name in self._packaged.names():
+            return self._packaged.change(name, diff)
+        raise _unknown(name, self.names())
 
     def delete(self, name: str) -> None:
-        """Forget a stored scene.
+        """Forget a stored scene, with its versions.
 
         Raises:
             SceneInvalid: if it is unknown, or comes with the package.
         """
-        try:
-            self._path(name).unlink()
-        except FileNotFoundError:
-            if name not in self._packaged.names():
-                raise _unknown(name, self.names()) from None
-            self._packaged.delete(name)
+        with self._alone():
+            if self._of(name).delete():
+                return
+        if name not in self._packaged.names():
+            raise _unknown(name, self.names())
+        self._packaged.delete(name)
 
     def _own(self) -> list[str]:
         return [path.stem for path in self._folder.glob("*.json") if not path.name.startswith(".")]
 
-    def _path(self, name: str) -> Path:
-        return self._folder / f"{checked_name(name, 'scene')}.json"
+    def _of(self, name: str) -> SceneVersions:
+        """A scene's files, whether there are any or not."""
+        known = self._versions.pop(name, None) or SceneVersions(self._folder, checked_name(name, "scene"))
+        self._versions[name] = known
+        while len(self._versions) > MOST_KNOWN:
+            self._versions.popitem(last=False)
+        return known
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """One thread of one process at a time changes the store."""
+        with self._mutex, alone(self._folder / ".lock"):
+            yield
 
 
 Scenes = PackagedScenes | SceneStore
@@ -123,12 +176,9 @@ Scenes = PackagedScenes | SceneStore
 
 
 def _unknown(name: str, names: list[str]) -> SceneInvalid:
-    near = nearest(name, names)
-    meant = f"did you mean {' or '.join(near)}? " if near else ""
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     file = "a scene in a file is sent itself, as the file holds it; " if name.endswith(".json") else ""
     return SceneInvalid(
-        f"there is no scene {name[:64]!r}; {meant}{file}there are {', '.join(names[:MOST_NAMED])}{more}",
+        f"there is no scene {name[:64]!r}; {meant(name, names)}{file}there are {listed(names)}",
         scene=name[:64],
         available=names,
     )

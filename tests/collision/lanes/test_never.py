@@ -35,7 +35,7 @@ def meeting(bodies: LaneBodies) -> set[tuple[int, int]]:
 def left_out(planned: PlanningGroup) -> tuple[World, set[tuple[int, int]], set[tuple[int, int]]]:
     """The robot among nothing, its pairs, and those of them that are left out."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
-    robot = lane_robot(planned, coverage(planned.robot).shapes, world.pairs[: world.n_self])
+    robot = lane_robot(planned, coverage(planned.robot).shapes, world.pairs.own)
     left = meeting(without_never_touching(robot, planned.nv).bodies)
     every = meeting(robot.bodies)
     assert left <= every

@@ -5,21 +5,25 @@ from __future__ import annotations
 import coal
 import msgspec
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.aside import StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.lanes import BatchCollision
-from guidefield.collision.lanes.scene_tables import lane_scene
+from guidefield.collision.lanes.scene_tables import _boxes, _clusters, lane_scene, prepare_scene
 from guidefield.collision.world import World
-from guidefield.kernels.collide.parts import PART
-from guidefield.kernels.collide.primitive import HALF_SPACE
+from guidefield.kernels.collide.parts import LINK, PART
+from guidefield.kernels.collide.primitive import BOX, CENTRE, HALF_SPACE, HALVES, ROUND
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import packed
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import Scene, build
+from tests.collision.listed import listed
 from tests.collision.scenery import scattered
 from tests.robots import group
+from tests.scene.solids import l_prism, mesh_message
 
 RING = messages.Mesh(
     name="ring",
@@ -115,7 +119,7 @@ def test_every_stand_in_is_tested_as_its_obstacle_is() -> None:
     lanes = BatchCollision.build(world)
     obstacles, owners = lanes.tables.obstacles, lane_scene(made).owners
     tested = obstacles.tested.reshape(-1, obstacles.size)
-    pairs = {(a, b - len(tested)) for a, b in world.pairs[world.n_self :].tolist()}
+    pairs = {(a, b - len(tested)) for a, b in listed(world)[world.pairs.n_self :].tolist()}
     for body, row in enumerate(tested):
         assert [(body, owner) in pairs for owner in owners.tolist()] == row.astype(bool).tolist()
 
@@ -155,3 +159,48 @@ def test_lanes_ask_for_no_shape_of_a_primitive() -> None:
     BatchCollision.build(World.build(group("panda"), made))
     assert [bool(one.placed) for one in made.obstacles] == [True] * len(new) + [False]
     assert not any("_body" in vars(one) for one in made.obstacles[:-1])
+
+
+def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
+    solid = mesh_message(*l_prism(), position=(0.41, 0.13, 0.07))
+    made = build(messages.Scene(name="s", obstacles=[solid]))
+    asked: list[int] = []
+
+    def spent_at(step: int) -> bool:
+        asked.append(step)
+        return len(asked) >= step
+
+    for step in (1, 2, 4):
+        asked.clear()
+        with pytest.raises(StoppedError, match=r"^obstacle m$"):
+            prepare_scene(made, lambda at=step: spent_at(at))  # type: ignore[misc]
+        assert len(asked) == step
+    prepare_scene(made, lambda: False)
+    prepare_scene(made, lambda: True)  # nothing is left to do
+    assert len(lane_scene(made).owners) > 0
+
+
+@pytest.mark.parametrize("count", [1, 2, 21, 22, 300])
+def test_boxes_of_a_surface_hold_its_triangles_each_once(count: int) -> None:
+    rng = np.random.default_rng(count)
+    corners = rng.normal(size=(count, 1, 3)) + 0.1 * rng.normal(size=(count, 3, 3))
+    table = PartsTable()
+    places, rows = _clusters(corners, table, lambda: None)
+    parts = table.tables()
+    links, numbers = parts.links.reshape(-1, LINK), parts.numbers.reshape(-1, PART)
+    seen = []
+    for (kind, whole, root), row, box in zip(places.tolist(), rows, _boxes(rows), strict=True):
+        assert (kind, whole) == (BOX, 0)
+        waiting = [root]
+        while waiting:
+            left, right, part = links[waiting.pop()].tolist()
+            if left >= 0:
+                waiting += [left, right]
+                continue
+            triangle = numbers[part, :9].reshape(3, 3)
+            seen.append(triangle)
+            local = (triangle - row[CENTRE:HALVES]) @ row[:CENTRE].reshape(3, 3).T
+            assert (np.abs(local) <= row[HALVES:ROUND] + 1e-9).all()
+            assert (triangle >= box[:3] - 1e-9).all()
+            assert (triangle <= box[3:] + 1e-9).all()
+    np.testing.assert_array_equal(np.sort(np.ravel(seen)), np.sort(corners.ravel()))

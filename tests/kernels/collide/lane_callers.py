@@ -53,4 +53,4 @@ def nearest_nodes_of_samples(
                 trees.samples[j * LANES + k] = targets[i + k, j]
         nearest_to_each(trees, tree, sources)
         for k in range(LANES):
-            nodes_out[i + k] = int(trees.near[LANES + k])
+            nodes_out[i + k] = int(trees.nearest[k])

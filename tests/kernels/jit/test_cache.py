@@ -30,6 +30,7 @@ REPORT = """
 from pathlib import Path
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.kernels.caller import caller
+caller()
 print(cache_folder(), caller._cache.cache_path)
 """
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import pytest
+from numba import types
 
 from guidefield.kernels.field.energy import forces
+from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, VECTOR_OUT, compiled
 from guidefield.kernels.kinematics.articulated_body import empty_factors, factorize, solve, trace
-from guidefield.kernels.kinematics.forward_kinematics import motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, motion_subspaces
 from guidefield.potential import RobotField
 from tests.planner.problems import library_scene
 from tests.robots import box_arm, group, grouped
 
 
-@numba.njit(error_model="numpy")
+@compiled(types.Tuple((VECTOR_OUT, SCALAR))(JOINTS, MATRIX, MATRIX, SCALAR, VECTOR))
 def solved(joints, subspaces, inertias, ridge, right):
     n = joints.parents.shape[0]
     factors = empty_factors(n, subspaces.shape[0])

@@ -4,18 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from guidefield.messages.replies import RobotSummary
-from guidefield.robot.catalog import catalog as catalogs
+from guidefield.robot.catalog import catalog as catalogs, kept_lines
 from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.catalog.library import Entry, entries
 from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.catalog.summary import summarize
 from tests.robots import box_arm
 
 
-def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(monkeypatch: pytest.MonkeyPatch) -> None:
+def lines_of(catalog: Catalog, *sent: SentRobot) -> list[Any]:
+    """Lines about all robots of the catalog, and some that were sent."""
+    return [*catalog.summaries(), *map(catalog.line, sent)]
+
+
+def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     asked: list[str] = []
 
     def counted(summarize: Callable[..., RobotSummary]) -> Callable[..., RobotSummary]:
@@ -25,19 +37,50 @@ def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(mo
 
         return summarized
 
-    for name in ("summarize", "summarize_sent"):
-        monkeypatch.setattr(catalogs, name, counted(getattr(catalogs, name)))
+    for room, name in ((kept_lines, "summarize"), (catalogs, "summarize_sent")):
+        monkeypatch.setattr(room, name, counted(getattr(room, name)))
     catalog = Catalog()
     mine = SentRobot("mine", "a" * 64, box_arm("y", 2).text, None, {}, "fixed")
-    first = catalog.summaries([mine])
+    first = lines_of(catalog, mine)
     assert len(asked) == len(first)
-    assert catalog.summaries([mine]) == first
+    assert lines_of(catalog, mine) == first
     assert len(asked) == len(first)
     other = replace(mine, content="b" * 64, urdf=box_arm("y", 3).text)
     broken = replace(mine, name="broken", urdf="<robot/>")
-    lines = {line.name: line for line in catalog.summaries([other, broken])}
+    lines = {line.name: line for line in lines_of(catalog, other, broken)}
     assert (lines["mine"].dof, first[-1].dof) == (3, 2)
     assert lines["broken"].problem
     assert asked[len(first) :] == ["mine", "broken"]
-    catalog.summaries([other, broken])
+    lines_of(catalog, other, broken)
     assert asked[len(first) :] == ["mine", "broken", "broken"], "what is wrong may be mended"
+
+
+def test_another_process_finds_the_lines_on_disk_until_a_card_or_a_file_changes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    asked: list[str] = []
+
+    def noted(entry: Entry) -> RobotSummary:
+        asked.append(entry.name)
+        return summarize(entry)
+
+    monkeypatch.setattr(kept_lines, "summarize", noted)
+    one = entries()["ur5"]
+    first = kept_lines.lines_of([one])
+    assert kept_lines.lines_of([one]) == first == [summarize(one)]
+    assert asked == ["ur5"]
+    kept_lines.lines_of([replace(one, family="other")])
+    assert len(asked) == 2
+    (damaged, *_) = (tmp_path / "guidefield" / "geometry").iterdir()
+    for path in (tmp_path / "guidefield" / "geometry").iterdir():
+        path.write_bytes(damaged.read_bytes()[:-20])
+    assert kept_lines.lines_of([one]) == first
+    assert len(asked) == 3
+    copy = tmp_path / "robot.urdf"
+    copy.write_bytes((one.folder / one.card.urdf).read_bytes())
+    card = msgspec.structs.replace(one.card, urdf="robot.urdf", srdf=None)
+    for size in (0, 1):
+        copy.write_bytes(copy.read_bytes() + b"\n" * size)
+        kept_lines.lines_of([replace(one, card=card, folder=tmp_path)])
+    assert len(asked) == 5

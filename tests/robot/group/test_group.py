@@ -165,6 +165,23 @@ def test_limits_by_request_and_scaling() -> None:
     assert limited.joints[0].velocity_source.value == "request"
 
 
+def test_links_and_fixed_joints_may_share_names() -> None:
+    arm = robot("z1")
+    assert sum(frame.name == "gripperStator" for frame in arm.model.frames) == 2
+    planned = select(arm, ["joint1", "joint3"], None, arm.rest, HERE)
+    assert planned.model.existBodyName("gripperStator")
+    for q in (rest(planned), random_configuration(planned, 1)):
+        whole = arm.rest.copy()
+        for joint in planned.joints:
+            of_robot = arm.joint(joint.name)
+            assert of_robot is not None
+            whole[of_robot.idx_q] = q[joint.idx_q]
+        data = arm.model.createData()
+        pin.framesForwardKinematics(arm.model, data, whole)
+        there = data.oMf[arm.model.getFrameId(planned.tip, pin.BODY)]
+        assert Kinematics(planned).frame_placement(planned.expand(q), planned.tip_id).isApprox(there, 1e-12)
+
+
 def test_links_and_joints_may_share_names() -> None:
     """Pinocchio's own reduction refuses such robots."""
     link = '<link name="{0}"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
@@ -202,3 +219,20 @@ def test_groups_that_differ_in_their_start_alone_are_alike() -> None:
         select(ur5, None, None, ur5.rest, HERE),
     ):
         assert unlike.alike is not one.alike
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_rows_of_a_path_say_which_way_a_body_turns(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    body = grouped(box_arm("floating x", 2))
+    zs = rng.normal(size=(4, body.nv))
+    zs[:, 3:6] *= rng.uniform(0.0, 6.0, (4, 1)) / np.linalg.norm(zs[:, 3:6], axis=1, keepdims=True)
+    zs[0, 3:6] *= 0.5  # whoever reads the first row takes the shorter way to it
+    rows = body.wire_path(zs)
+    read = [zs[0]]
+    for row in rows[1:]:
+        read.append(body.unwrapped(body.chart(np.array(row)), read[-1]))
+    for z in zs:
+        assert np.abs(np.array(read) - z).max(axis=1).min() < 1e-6
+    turns = np.linalg.norm(np.diff(np.array(read)[:, 3:6], axis=0), axis=1)
+    assert turns.max() < np.pi

@@ -9,8 +9,9 @@ pairs apart before Coal is asked.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +24,9 @@ from guidefield.collision.world import World
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelConfiguration
 
+Bound = Callable[[int], float]
+"""How much closer a pair can come within a segment [m], by its index."""
+
 
 def certify(
     world: World,
@@ -33,10 +37,10 @@ def certify(
 ) -> Verdict:
     """Judge a motion.
 
-    All parts are judged coarsely before any is judged finely; what comes after a refusal is not looked at any more, so
-    that everything before the refusal that is told is certified. Whether the robot is wholly inside a closed mesh at
-    the start is another question: `enclosed`. Of a piece on which a joint leaves its limits by more than
-    `LIMITS.tolerance` nothing is certified, only what comes before it.
+    `CERTIFICATE.at_once` parts are judged coarsely before any of them is judged finely; what comes after a refusal is
+    not looked at any more, so that everything before the refusal that is told is certified. Whether the robot is wholly
+    inside a closed mesh at the start is another question: `enclosed`. Of a piece on which a joint leaves its limits by
+    more than `LIMITS.tolerance` nothing is certified, only what comes before it.
 
     Args:
         world: The robot among obstacles.
@@ -52,22 +56,13 @@ def certify(
     pieces = np.asarray(pieces, float)
     if not np.isfinite(pieces).all():
         raise ValueError("control points have to be finite")
-    refusal = _beyond_limits(world, pieces)
-    level = curve_segments(pieces if refusal is None else pieces[: refusal.piece])
-    while level:
-        finer: list[CurveSegment] = []
-        for first in range(0, len(level), CERTIFICATE.batch):
-            if stopped():
-                return _unfinished(world, min([*finer, level[first]], key=_place), judge.evaluations)
-            parts, found = judge.divided(level[first : first + CERTIFICATE.batch])
-            finer += parts
-            if found is not None:
-                refusal = found
-                break
-        level = finer
-    if refusal is not None:
-        return replace(refusal, evaluations=judge.evaluations)
-    return Verdict(Reason.FREE, judge.evaluations)
+    beyond = _beyond_limits(world, pieces)
+    segments = curve_segments(pieces if beyond is None else pieces[: beyond.piece])
+    while level := list(islice(segments, CERTIFICATE.at_once)):
+        refusal = judge.refusal(level, stopped)
+        if refusal is not None:
+            return refusal
+    return Verdict(Reason.FREE, judge.evaluations) if beyond is None else replace(beyond, evaluations=judge.evaluations)
 
 
 def motion_free(
@@ -121,9 +116,23 @@ class _Judge:
         self.world = world
         self.floor = floor
         self.evaluations = 0
-        self._kept = np.where(world.is_obstacle_pair, min_clearance, 0.0)
-        self._hulled = world.hulled.tolist()
-        self._together = max(1, CERTIFICATE.most_pairs // max(1, len(world.pairs)))
+        self.min_clearance = min_clearance
+
+    def refusal(self, level: list[CurveSegment], stopped: Callable[[], object]) -> Verdict | None:
+        """Why one of some segments in order is refused, the first of them; None if all are free."""
+        refusal: Verdict | None = None
+        while level:
+            finer: list[CurveSegment] = []
+            for first in range(0, len(level), CERTIFICATE.batch):
+                if stopped():
+                    return _unfinished(self.world, min([*finer, level[first]], key=_place), self.evaluations)
+                parts, found = self.divided(level[first : first + CERTIFICATE.batch])
+                finer += parts
+                if found is not None:
+                    refusal = found
+                    break
+            level = finer
+        return None if refusal is None else replace(refusal, evaluations=self.evaluations)
 
     def divided(self, level: Sequence[CurveSegment]) -> tuple[list[CurveSegment], Verdict | None]:
         """Judge some segments in order, up to the first that is refused.
@@ -134,29 +143,31 @@ class _Judge:
         qs, bounds, near = self._measured(level)
         finer: list[CurveSegment] = []
         for segment, q, bound, pairs in zip(level, qs, bounds, near, strict=True):
-            left = self._left(q, bound, pairs) if pairs else []
+            left = self._left(q, bound, pairs) if pairs else {}
             if not left:
                 continue
             share = self._decided_share(left, bound)
-            parts = segment.parts(math.ceil(1.0 / share), left if 2 * len(left) < len(self._kept) else None)
-            if share == CERTIFICATE.least_share or bound[left].min() <= CERTIFICATE.mesh_from:
-                refusal = self._refusal_at(parts[len(parts) // 2], segment, left, bound)
+            parts = segment.parts(math.ceil(1.0 / share), list(left) if 2 * len(left) < len(self.world.pairs) else None)
+            if share == CERTIFICATE.least_share or min(map(bound, left)) <= CERTIFICATE.mesh_from:
+                refusal = self._refusal_at(parts[len(parts) // 2], segment, list(left), bound)
                 if refusal is not None:
                     return finer, refusal
             finer += parts
         return finer, None
 
-    def _decided_share(self, left: list[int], bounds: np.ndarray) -> float:
-        """Of how large a share of a segment the pairs left would likely be told apart, by Coal's last answers."""
-        share, keep = 0.5, self._kept + self.world.roundings
-        for pair in left:
-            result = self.world.hull_margin_data.collisionResults[pair]
-            apart = result.getContact(0).penetration_depth - keep[pair]
-            share = min(share, apart / bounds[pair]) if bounds[pair] > 0.0 else share
+    def _kept(self, pair: int) -> float:
+        """What a pair has to keep [m]."""
+        return 0.0 if pair < self.world.pairs.n_self else self.min_clearance
+
+    def _decided_share(self, left: Mapping[int, float], bound: Bound) -> float:
+        """Of how large a share of a segment the pairs left would likely be told apart, by how far apart they are."""
+        share = 0.5
+        for pair, apart in left.items():
+            share = min(share, (apart - self._kept(pair)) / bound(pair)) if bound(pair) > 0.0 else share
         return max(share, CERTIFICATE.least_share)
 
-    def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[ModelConfiguration], np.ndarray, list[list[int]]]:
-        """At each segment's middle: configuration, bounds (s, n) within the box, and which pairs Coal has to judge."""
+    def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[ModelConfiguration], list[Bound], list[list[int]]]:
+        """At each segment's middle: configuration, the pairs' bounds in the box, and which pairs Coal has to judge."""
         world, group = self.world, self.world.group
         self.evaluations += len(level)
         low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
@@ -168,55 +179,41 @@ class _Judge:
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
             placements[row] = there
         centres = world.bodies.centres_in_world(placements)
-        bounds = world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
+        own, mixed = world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
         asked = [[] if segment.pairs is None else segment.pairs for segment in level]
         fresh = np.flatnonzero([segment.pairs is None for segment in level])
-        for first in range(0, len(fresh), self._together):
-            rows = fresh[first : first + self._together]
-            near = self._near(placements[rows], centres[rows], bounds[rows])
-            for row, pairs in zip(rows.tolist(), near, strict=True):
-                asked[row] = pairs
-        return qs, bounds, asked
+        margins = with_coal_error(own[fresh]), with_coal_error(mixed[fresh] + self.min_clearance)
+        near = world.near_pairs.within(placements[fresh], centres[fresh], *margins)
+        for row, pair in zip(fresh[near[0]].tolist(), near[1].tolist(), strict=True):
+            asked[row].append(pair)
+        return qs, [self._bound(*bounds) for bounds in zip(own, mixed, strict=True)], asked
 
-    def _near(self, placements: np.ndarray, centres: np.ndarray, bounds: np.ndarray) -> list[list[int]]:
-        """The pairs at each of s configurations that balls and boxes about them can't tell apart."""
-        world = self.world
-        margins = with_coal_error(bounds + self._kept)
-        near = world.bodies.separations(centres, world.pairs, world.n_self) <= margins
-        rows, pairs = np.nonzero(near)
-        apart = world.bodies.closer_separations(placements, rows, world.pairs[pairs], world.is_obstacle_pair[pairs])
-        close = apart <= margins[rows, pairs]
-        found: list[list[int]] = [[] for _ in bounds]
-        for row, pair in zip(rows[close].tolist(), pairs[close].tolist(), strict=True):
-            found[row].append(pair)
-        return found
+    def _bound(self, own: np.ndarray, mixed: np.ndarray) -> Bound:
+        """How much closer a pair can come, of bounds of own pairs (n_self,) and of bodies that move (r,) [m]."""
+        pairs, count = self.world.pairs, self.world.pairs.n_self
+        return lambda pair: float(own[pair] if pair < count else mixed[pairs.of(pair)[0]])
 
-    def _left(self, q: ModelConfiguration, bounds: np.ndarray, pairs: list[int]) -> list[int]:
-        """Those of some pairs that are within their bounds (n,), and what they have to keep, at a configuration.
+    def _left(self, q: ModelConfiguration, bound: Bound, pairs: list[int]) -> dict[int, float]:
+        """Those of some pairs that are within their bounds, and what they have to keep; how far apart each is [m].
 
         Hulls are asked first, the meshes in them only where that does not tell.
         """
-        world = self.world
-        margins = with_coal_error(bounds + self._kept)
-        world.set_margins(world.hulls, world.hull_margin_data, margins)
-        pin.updateGeometryPlacements(world.model, world.data, world.hulls, world.hull_margin_data, q)
-        left = [pair for pair in pairs if pin.computeCollision(world.hulls, world.hull_margin_data, pair)]
-        asked = [pair for pair in left if self._hulled[pair] and bounds[pair] <= CERTIFICATE.mesh_from]
-        if not asked:
-            return left
-        world.set_margins(world.geometry, world.margin_data, margins)
-        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
-        free = {pair for pair in asked if not pin.computeCollision(world.geometry, world.margin_data, pair)}
-        return [pair for pair in left if pair not in free]
+        world, left = self.world, {}
+        world.place(q)
+        for pair in pairs:
+            margin = with_coal_error(bound(pair) + self._kept(pair))
+            apart = world.penetration(pair, margin, by_hulls=True)
+            meshes = apart is not None and bound(pair) <= CERTIFICATE.mesh_from and world.is_hulled(pair)
+            if apart is not None and not (meshes and world.penetration(pair, margin) is None):
+                left[pair] = apart
+        return left
 
-    def _refusal_at(
-        self, rest: CurveSegment, segment: CurveSegment, left: list[int], bounds: np.ndarray
-    ) -> Verdict | None:
+    def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[int], bound: Bound) -> Verdict | None:
         """Why a segment is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         z = rest.controls[0, 0]
         found = self._touching(z, left)
         if found is None:
-            undecided = [pair for pair in left if bounds[pair] <= self.floor]
+            undecided = [pair for pair in left if bound(pair) <= self.floor]
             if not undecided:
                 return None
             found = Reason.UNDECIDED, undecided[0]
@@ -228,15 +225,11 @@ class _Judge:
         world, group = self.world, self.world.group
         self.evaluations += 1
         q = group.expand_from_chart(z)
-        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.geometry_data, q)
+        world.place(q)
         for pair in pairs:
-            if pin.computeCollision(world.geometry, world.geometry_data, pair):
+            if world.penetration(pair) is not None:
                 return Reason.CONTACT, pair
-        wanting = [pair for pair in pairs if self._kept[pair] > 0.0]
-        if wanting:
-            world.set_margins(world.geometry, world.margin_data, self._kept)
-            pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data, q)
-        for pair in wanting:
-            if pin.computeCollision(world.geometry, world.margin_data, pair):
+        for pair in pairs:
+            if self._kept(pair) > 0.0 and world.penetration(pair, self._kept(pair)) is not None:
                 return Reason.TOO_CLOSE, pair
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple, cast
 
@@ -9,6 +10,9 @@ import numpy as np
 
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
+
+MANY = 64.0
+"""A curve that spans so many times `CERTIFICATE.widest` is divided bit by bit."""
 
 
 class CurveSegment(NamedTuple):
@@ -53,30 +57,47 @@ class CurveSegment(NamedTuple):
         ]
 
 
-def curve_segments(pieces: ChartCurves) -> list[CurveSegment]:
+def curve_segments(pieces: ChartCurves) -> Iterator[CurveSegment]:
     """Pieces in order: short ones together, long ones halved until no coordinate spans more than `CERTIFICATE.widest`.
+
+    Each is made when it is asked for: a motion may be of any length.
 
     Args:
         pieces: Control points, shape (m, k, nv).
     """
     if not len(pieces):
-        return []
+        return
     lows, highs = pieces.min(axis=1), pieces.max(axis=1)
     spans = (highs - lows).max(axis=1)
     number, alone = (np.cumsum(spans) - 0.5 * spans) // CERTIFICATE.together, spans > CERTIFICATE.together
     starts = np.flatnonzero(np.r_[True, (number[1:] != number[:-1]) | alone[1:] | alone[:-1]])
     low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
-    found: list[CurveSegment] = []
     for k, (first, last) in enumerate(pairwise([*starts.tolist(), len(pieces)])):
-        parts = pieces[first:last]
         if spans[first] <= CERTIFICATE.widest:
-            found.append(CurveSegment(first, parts, low[k], high[k], 0.0, 1.0, None))
-            continue
-        while (parts.max(axis=1) - parts.min(axis=1)).max() > CERTIFICATE.widest:
-            parts = halved(parts)
-        for index, part in enumerate(parts):
-            found.append(CurveSegment.of(first, part[None], index / len(parts), (index + 1) / len(parts), None))
-    return found
+            yield CurveSegment(first, pieces[first:last], low[k], high[k], 0.0, 1.0, None)
+        else:
+            yield from _parts_of_wide(first, pieces[first:last], 0.0, 1.0)
+
+
+def _parts_of_wide(piece: int, controls: ChartCurves, start: float, end: float) -> Iterator[CurveSegment]:
+    """The parts of a piece from one parameter to another that span little enough; control points (1, k, nv)."""
+    if _span(controls) > MANY * CERTIFICATE.widest:
+        middle = 0.5 * (start + end)
+        first, second = halved(controls)[:, None]
+        yield from _parts_of_wide(piece, first, start, middle)
+        yield from _parts_of_wide(piece, second, middle, end)
+        return
+    parts = controls
+    while _span(parts) > CERTIFICATE.widest:
+        parts = halved(parts)
+    at = [start + (end - start) * (index / len(parts)) for index in range(len(parts))]
+    for part, begin, until in zip(parts, at, [*at[1:], end], strict=True):
+        yield CurveSegment.of(piece, part[None], begin, until, None)
+
+
+def _span(controls: ChartCurves) -> float:
+    """The most that a coordinate spans on one of some curves, control points (m, k, nv)."""
+    return float((controls.max(axis=1) - controls.min(axis=1)).max())
 
 
 def halved(controls: ChartCurves) -> ChartCurves:

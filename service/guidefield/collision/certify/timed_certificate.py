@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import coal
 import numpy as np
@@ -18,7 +17,9 @@ import pinocchio as pin
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.settings import CERTIFICATE, with_coal_error
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
+from guidefield.collision.narrow_phase import transform
 from guidefield.collision.world import World
+from guidefield.geometry.met import as_met
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 from guidefield.scene.obstacle import Obstacle
@@ -48,15 +49,13 @@ class TimedWorld(ReadOnly):
     @classmethod
     def of(cls, resting: World, moving: World) -> TimedWorld:
         """From the two worlds."""
-        first = moving.geometry.ngeoms - len(moving.scene.obstacles)
-        pairs, obstacles, balls = [], [], []
-        for pair in range(moving.n_self, len(moving.pairs)):
-            obstacle = moving.scene.obstacles[int(moving.pairs[pair].max()) - first]
-            if obstacle.motion is not None:
-                pairs.append(pair)
-                obstacles.append(obstacle)
-                balls.append(_ball(obstacle))
-        return cls(resting, moving, np.array(pairs, int), tuple(obstacles), tuple(balls))
+        moves = [one.motion is not None for one in moving.scene.obstacles] if moving.scene.moves else []
+        movers = np.flatnonzero(moves)
+        pairs = moving.pairs.of_obstacles(movers)
+        of = (moving.pairs.bodies(pairs)[:, 1] - moving.pairs.links).tolist()
+        balls = {index: _ball(moving.scene.obstacles[index]) for index in movers.tolist()}
+        obstacles = tuple(moving.scene.obstacles[index] for index in of)
+        return cls(resting, moving, pairs, obstacles, tuple(balls[index] for index in of))
 
 
 def certify_timed(
@@ -186,10 +185,10 @@ class _Judge:
         group = world.group
         self.evaluations += 1
         jacobian = pin.computeJointJacobians(world.model, world.data, group.expand_from_chart(middle))
-        pin.updateGeometryPlacements(world.model, world.data, world.geometry, world.margin_data)
+        world.place_bodies()
         centres = world.bodies.centres_in_world(world.joint_placements[None])
-        bounds = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
-        return np.array(bounds[0][self.worlds.pairs])
+        _, mixed = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
+        return np.array(mixed[0][world.pairs.bodies(self.worlds.pairs)[:, 0]])
 
     def _within(self, k: int, time: float, margin: float) -> bool:
         """Whether a pair comes within a margin (>= 0) of each other where the robot was placed last, at a time.
@@ -197,12 +196,12 @@ class _Judge:
         Coal answers for no margin below 0 where a body is a mesh.
         """
         world, obstacle = self.worlds.moving, self.worlds.obstacles[k]
-        body = int(world.pairs[self.worlds.pairs[k]].min())
-        shape, placement = world.geometry.geometryObjects[body].geometry, world.margin_data.oMg[body]
+        body = world.pairs.of(int(self.worlds.pairs[k]))[0]
+        shape, other = as_met(world.exact.shape(body), obstacle.shape)
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.security_margin = margin
-        there = obstacle.placement_at(time)
-        return bool(coal.collide(shape, _transform(placement), obstacle.shape, _transform(there), request, result))
+        here, there = transform(world.placement(body)), transform(obstacle.placement_at(time))
+        return bool(coal.collide(shape, here, other, there, request, result))
 
     def _refused_at(
         self, rest: _TimedSegment, free_until: tuple[int, float], left: list[int], bounds: np.ndarray
@@ -227,7 +226,3 @@ class _Judge:
             if self.kept > 0.0 and self._within(k, time, self.kept):
                 return Reason.TOO_CLOSE, k
         return None
-
-
-def _transform(placement: Any) -> Any:
-    return coal.Transform3s(placement.rotation, placement.translation)

@@ -1,4 +1,4 @@
-"""Grids over the coordinates that pairs of joints' bodies hang on, for the lane kernels (`self_collision_cache`)."""
+"""Grids over the coordinates that pairs of joints' bodies depend on, for the lane kernels (`self_collision_cache`)."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def lane_grids(
     ranges: np.ndarray,
     most: np.ndarray,
 ) -> Grids:
-    """Lay grids over the coordinates of meetings that hang on three at most.
+    """Lay grids over the coordinates of meetings that depend on three at most.
 
     Args:
         joints: The robot's joints.

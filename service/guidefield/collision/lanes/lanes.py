@@ -72,11 +72,11 @@ class BatchCollision:
     @classmethod
     def build(cls, world: World) -> BatchCollision:
         """Make the tables of a world."""
-        robot, words, scene, layout = _of(world)
+        _, words, scene, layout = _of(world)
         memory = np.zeros(layout.size, np.int64)
         all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
-        mixed = world.pairs[world.n_self :]
-        begins = lay_out(words, scene.words, layout.offsets, scene.owners, mixed, robot.bodies.size, memory, all_words)
+        moving, left_out = world.pairs.moving, world.pairs.bodies_left_out()
+        begins = lay_out(words, scene.words, layout.offsets, scene.owners, moving, left_out, memory, all_words)
         return cls(world, all_words, memory, begins)
 
     @cached_property
@@ -144,7 +144,7 @@ class BatchCollision:
 
 def _of(world: World) -> tuple[LaneRobot, Words, LaneScene, LaneMemory]:
     """What a world is made of that is kept: the robot, its words, the obstacles, and how the memory is laid out."""
-    own = world.pairs[: world.n_self]
+    own = world.pairs.own
     robot, words = _robot(world.group, own.tobytes())
     scene = lane_scene(world.scene)
     return robot, words, scene, lane_memory(robot, len(world.group.lower), len(own), len(scene.owners))

@@ -11,7 +11,7 @@ from guidefield.collision.lanes.robot_tables import LaneRobot
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.balls import BALL_ROW
-from guidefield.kernels.collide.gjk import WORK
+from guidefield.kernels.collide.gjk_scratch import WORK
 from guidefield.kernels.collide.layout import (
     AXIS_AND_REACH,
     FOUND,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,8 +13,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.memory import scene_memory
+from guidefield.collision.preparation import Told
+from guidefield.geometry.mesh_tree import mesh_tree, triangle_tree
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
@@ -28,8 +34,8 @@ from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-CLUSTER = 24
-"""Most triangles of a mesh that stand behind one box."""
+CLUSTER = 1
+"""Which of the mesh trees' `CLUSTERS` stand behind one box each."""
 
 
 class _Tables(NamedTuple):
@@ -144,21 +150,54 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
     )
 
 
-@kept_with
-def _tables(obstacle: Obstacle) -> _Tables:
-    """The tables of an obstacle that is no primitive, made once."""
+def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> None:
+    """Make what lanes need of those obstacles of a scene that aren't primitives: of large meshes it takes seconds.
+
+    Args:
+        scene: The scene.
+        spent: Whether time is up, asked again and again; of obstacles that are finished by then all is kept.
+        told: Told before each obstacle which it is.
+
+    Raises:
+        StoppedError: if time was up; its text says at what.
+    """
+    if scene in _prepared:
+        return
+    for obstacle in scene.obstacles:
+        if not (obstacle.placed or obstacle in _made):
+            told(f"obstacle {obstacle.name}")
+            _tables(obstacle, functools.partial(_require_time, spent, f"obstacle {obstacle.name}"))
+    _prepared.add(scene)
+
+
+def _require_time(spent: Spent, doing: str) -> None:
+    if spent():
+        raise StoppedError(doing)
+
+
+_prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
+
+_made: weakref.WeakKeyDictionary[Obstacle, _Tables] = weakref.WeakKeyDictionary()
+
+
+def _tables(obstacle: Obstacle, step: Callable[[], None] = lambda: None) -> _Tables:
+    """The tables of an obstacle that is no primitive, made once; before each step `step` is called, and may raise."""
+    if obstacle not in _made:
+        step()
+        _made[obstacle] = _tables_of(obstacle, step)
+    return _made[obstacle]
+
+
+def _tables_of(obstacle: Obstacle, step: Callable[[], None]) -> _Tables:
     table = PartsTable()
-    stand_ins = _stand_ins(obstacle, table)
+    places, rows = _stand_ins(obstacle, table, step)
     parts = table.tables()
     address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
-    places = np.array([(*place, address) for *place, _ in stand_ins], np.int64).reshape(-1, 4)
-    rows = np.array([row for *_, row in stand_ins]).reshape(-1, PRIMITIVE)
-    boxes = np.array([_box(row) for *_, row in stand_ins]).reshape(-1, 6)
     return _Tables(
         (len(places), len(parts.balls) // BALL_ROW, len(parts.shapes) // SHAPE, len(parts.vertices) // BLOCK),
-        places,
+        np.column_stack([places, np.full(len(places), address)]),
         rows.astype(np.float32),
-        boxes.astype(np.float32),
+        _boxes(rows).astype(np.float32),
         parts.balls,
         parts.links.reshape(-1, LINK),
         parts.shapes.reshape(-1, SHAPE),
@@ -167,60 +206,62 @@ def _tables(obstacle: Obstacle) -> _Tables:
     )
 
 
-def _stand_ins(obstacle: Obstacle, table: PartsTable) -> list[tuple[int, bool, int, np.ndarray]]:
-    """What stands for an obstacle: kind, whether it is the obstacle itself, its root, its numbers."""
-    shape, placement = obstacle.shape, obstacle.placement
+def surface_parts(obstacle: Obstacle) -> Parts:
+    """The parts of an obstacle that isn't convex, in the world: the first node is about all of it."""
+    made = _tables(obstacle)
+    return Parts(made.balls, made.links.ravel(), made.shapes.ravel(), made.numbers, made.vertices)
+
+
+def _stand_ins(obstacle: Obstacle, table: PartsTable, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
+    """What stands for an obstacle: kind, whether it is the obstacle itself and root, (k, 3), and its numbers."""
     if obstacle.cloud is not None:
-        return [_cloud(obstacle.cloud, table)]
-    if isinstance(shape, coal.BVHModelBase):
-        return [_cluster(corners, table) for corners in _clusters(obstacle.vertices[obstacle.triangles])]
-    root = table.add_shape(shape, placement)
-    shape.computeLocalAABB()
-    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+        return _cloud(obstacle.cloud, table)
+    if obstacle.facets is not None:
+        return _clusters(obstacle.vertices[obstacle.triangles], table, step)
+    placement = obstacle.placement
+    root = table.add_shape(obstacle.shape, placement)
+    low, high = obstacle.box
     middle = placement.act(0.5 * (low + high))
-    return [(BOX, False, root, _row(placement.rotation.T, middle, 0.5 * (high - low)))]
+    return np.array([(BOX, False, root)], np.int64), _row(placement.rotation.T, middle, 0.5 * (high - low))[None]
 
 
-def _cloud(cloud: Cloud, table: PartsTable) -> tuple[int, bool, int, np.ndarray]:
+def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
     """One ball at the origin stands for all; the numbers are those of the box about them."""
     low, high = cloud.box[0] - cloud.radius, cloud.box[1] + cloud.radius
     root = table.add_shape(coal.Sphere(cloud.radius), pin.SE3.Identity())
-    return CLOUD, True, root, _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))
+    row = _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))
+    return np.array([(CLOUD, True, root)], np.int64), row[None]
 
 
-def _clusters(corners: np.ndarray) -> list[np.ndarray]:
-    """Triangles (t, 3, 3) in groups of neighbours."""
-    waiting, groups = [corners], []
-    while waiting:
-        group = waiting.pop()
-        if len(group) <= CLUSTER:
-            groups.append(group)
-            continue
-        centres = group.mean(axis=1)
-        order = np.argsort(centres[:, int(np.argmax(np.ptp(centres, axis=0)))], kind="stable")
-        waiting += [group[order[: len(order) // 2]], group[order[len(order) // 2 :]]]
-    return groups
+def _clusters(corners: np.ndarray, table: PartsTable, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes about neighbours among triangles (t, 3, 3), along the axes in which their corners spread.
+
+    The roots are nodes of one tree over all triangles, from which on nothing else is reached.
+    """
+    tree = (triangle_tree if len(corners) > MOST_TRIANGLES else mesh_tree)(corners, before_level=step)
+    root = table.add_tree(tree)
+    nodes, members = tree.clusters[CLUSTER]
+    if len(corners) == 1:
+        nodes, members = np.zeros(1, np.int64), np.zeros((1, 1), np.int64)
+    points = corners[members].reshape(len(nodes), -1, 3)
+    centres = points.mean(axis=1)
+    local = points - centres[:, None]
+    axes = np.linalg.eigh(np.einsum("kpi,kpj->kij", local, local))[1].swapaxes(1, 2)
+    along = np.matmul(local, axes.swapaxes(1, 2))
+    low, high = along.min(axis=1), along.max(axis=1)
+    rows = np.zeros((len(nodes), PRIMITIVE))
+    rows[:, :CENTRE] = axes.reshape(-1, 9)
+    rows[:, CENTRE:HALVES] = centres + np.einsum("ki,kij->kj", 0.5 * (low + high), axes)
+    rows[:, HALVES:ROUND] = 0.5 * (high - low)
+    return np.column_stack([np.full(len(nodes), BOX), np.zeros(len(nodes), np.int64), root + nodes]), rows
 
 
-def _cluster(corners: np.ndarray, table: PartsTable) -> tuple[int, bool, int, np.ndarray]:
-    points = corners.reshape(-1, 3)
-    centre = points.mean(axis=0)
-    _, _, axes = np.linalg.svd(points - centre, full_matrices=True)
-    along = (points - centre) @ axes.T
-    middle = centre + 0.5 * (along.min(axis=0) + along.max(axis=0)) @ axes
-    return (
-        BOX,
-        False,
-        table.add_triangles(corners),
-        _row(axes, middle, 0.5 * np.ptp(along, axis=0)),
-    )
-
-
-def _box(row: np.ndarray) -> np.ndarray:
-    """The box along the world's axes about a box or ball: the least x, y, z, then the largest."""
-    reach = np.abs(row[:CENTRE].reshape(3, 3).T) @ row[HALVES:ROUND] + row[ROUND]
-    centre = row[CENTRE:HALVES]
-    return np.concatenate([centre - reach, centre + reach])
+def _boxes(rows: np.ndarray) -> np.ndarray:
+    """The boxes along the world's axes about boxes or balls (k, PRIMITIVE): the least x, y, z, then the largest."""
+    axes = np.abs(rows[:, :CENTRE].reshape(-1, 3, 3))
+    reach = np.einsum("kji,kj->ki", axes, rows[:, HALVES:ROUND]) + rows[:, ROUND, None]
+    centres = rows[:, CENTRE:HALVES]
+    return np.hstack([centres - reach, centres + reach])
 
 
 def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:

@@ -51,8 +51,10 @@ class Closing(ReadOnly):
         count = len(known.radii)
         bodies = np.concatenate([np.arange(count), bound.own[:, 0], bound.own[:, 1]])
         masks = np.concatenate([bound.moved_by, bound.first_only, bound.second_only])
-        movers = np.concatenate([count + np.arange(world.n_self), bound.before_obstacles])
-        return cls(bound, bodies, masks.astype(float), known.radii[bodies], _doubled(world), movers.astype(int))
+        n_self = world.pairs.n_self
+        before_obstacles = world.pairs.bodies(np.arange(n_self, len(world.pairs)))[:, 0]
+        movers = np.concatenate([count + np.arange(n_self), before_obstacles])
+        return cls(bound, bodies, masks.astype(float), known.radii[bodies], doubled(world), movers.astype(int))
 
     def speeds(self, jacobians: np.ndarray, centres: np.ndarray, tangents: ModelTangents) -> np.ndarray:
         """Bounds of the speeds at configurations, shape (s, movers) [m/s].
@@ -114,12 +116,12 @@ class Closing(ReadOnly):
         return found
 
 
-def _doubled(world: World) -> np.ndarray:
-    """See `Closing.doubled`."""
-    group, doubled = world.group, world.bodies.turns.astype(float)
+def doubled(world: World) -> np.ndarray:
+    """See `Closing.doubled`, shape (nv of the model,)."""
+    group, factors = world.group, world.bodies.turns.astype(float)
     for index in range(1, group.model.njoints):
         joint = group.robot.joint(group.model.names[index])
         assert joint is not None, "a group's joints are the robot's"
         if joint.kind in ROTATION:
-            doubled[group.model.joints[index].idx_v + ROTATION[joint.kind].start] = 2.0
-    return doubled
+            factors[group.model.joints[index].idx_v + ROTATION[joint.kind].start] = 2.0
+    return factors

@@ -27,16 +27,16 @@ class Curve(ReadOnly):
     times: np.ndarray
 
     @cached_property
-    def _velocities(self) -> ChartCurveRates:
+    def velocities(self) -> ChartCurveRates:
         """Control points of the rates, shape (m, k - 1, nv)."""
         return self._derived(self.pieces)
 
     @cached_property
-    def _accelerations(self) -> ChartCurveRates:
+    def accelerations(self) -> ChartCurveRates:
         """Control points of the rates' rates, shape (m, max(k - 2, 1), nv)."""
-        if self._velocities.shape[1] == 1:
-            return np.zeros_like(self._velocities)
-        return self._derived(self._velocities)
+        if self.velocities.shape[1] == 1:
+            return np.zeros_like(self.velocities)
+        return self._derived(self.velocities)
 
     def _derived(self, controls: ChartCurves | ChartCurveRates) -> ChartCurveRates:
         """Control points of the derivative in time; 0 where no time passes."""
@@ -48,8 +48,8 @@ class Curve(ReadOnly):
     @cached_property
     def breaks(self) -> np.ndarray:
         """The times at which a rate jumps, shape (b,) [s]."""
-        before, after = self._velocities[:-1, -1], self._velocities[1:, 0]
-        largest = np.abs(self._velocities).max(initial=0.0)
+        before, after = self.velocities[:-1, -1], self.velocities[1:, 0]
+        largest = np.abs(self.velocities).max(initial=0.0)
         jumps = np.abs(after - before).max(axis=1, initial=0.0) > JUMP * largest
         times: np.ndarray = self.times[1:-1][jumps]
         return times
@@ -58,7 +58,7 @@ class Curve(ReadOnly):
         """Chart points and their rates at times (n,), both of shape (n, nv) [rad or m, and per s]."""
         piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.pieces) - 1)
         share = self._shares(times, piece)
-        return restricted(self.pieces[piece], share, share)[:, 0], restricted(self._velocities[piece], share, share)[
+        return restricted(self.pieces[piece], share, share)[:, 0], restricted(self.velocities[piece], share, share)[
             :, 0
         ]
 
@@ -81,7 +81,7 @@ class Curve(ReadOnly):
         piece = first_piece[owner] + np.arange(len(owner)) - starts[owner]
         low, high = self._shares(since[owner], piece), self._shares(until[owner], piece)
         found = []
-        for controls in (self._velocities, self._accelerations):
+        for controls in (self.velocities, self.accelerations):
             largest = np.abs(restricted(controls[piece], low, high)).max(axis=1)
             found.append(np.maximum.reduceat(largest, starts, axis=0))
         return found[0], found[1]

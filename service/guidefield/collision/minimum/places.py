@@ -14,11 +14,11 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.near_pairs import TOGETHER
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, ModelConfigurations, Tangents
 
@@ -92,10 +92,7 @@ class Surveyor:
         centres = world.bodies.centres_in_world(placements)
         speeds = self.closing.speeds(jacobians, centres, _tangents(group, zs, rates) @ group.expand_velocity.T)
         speeds[np.isin(times, self.curve.breaks)] = np.inf
-        few = max(1, CERTIFICATE.most_pairs // max(1, len(world.pairs)))
-        distances = np.empty((len(times), len(world.pairs)))
-        for k in range(0, len(times), few):
-            distances[k : k + few] = world.bodies.separations(centres[k : k + few], world.pairs, world.n_self)
+        distances = self._by_balls(centres)
         self._among_what_moves(times, centres, distances)
         reach = self.closing.bound.reach(jacobians, centres)
         stages = np.full(distances.shape, BALLS, np.int8)
@@ -110,25 +107,24 @@ class Surveyor:
             pairs: A pair at each, shape (k,); no two entries are the same.
         """
         world, stage = self.worlds.moving, places.stages[rows, pairs]
-        coarse, hulled = (stage == BALLS) & ~self._moves[pairs], world.hulled[pairs] & (stage < HULLS)
+        coarse, hulled = (stage == BALLS) & ~self._moves[pairs], self._hulled[pairs] & (stage < HULLS)
         if coarse.any():
             at, of = rows[coarse], pairs[coarse]
-            mixed = world.is_obstacle_pair[of]
-            apart = world.bodies.closer_separations(places.placements, at, world.pairs[of], mixed)
+            apart = world.near_pairs.closer_separations(places.placements, at, of)
             places.distances[at, of] = np.maximum(places.distances[at, of], apart)
             places.stages[at, of] = PARTS
         by_hulls = hulled & ~coarse
         if by_hulls.any():
             at, of = rows[by_hulls], pairs[by_hulls]
-            for row, pair in self._each(places, at, of, world.hulls, world.hull_margin_data):
-                hulls_apart = pin.computeDistance(world.hulls, world.hull_margin_data, pair).min_distance
-                least = float(hulls_apart) - float(world.roundings[pair]) - HULL_ACCURACY
-                places.distances[row, pair] = max(places.distances[row, pair], least)
+            for row, pair in self._each(places, at, of):
+                places.distances[row, pair] = max(
+                    places.distances[row, pair], world.hull_distance(pair) - HULL_ACCURACY
+                )
             places.stages[at, of] = HULLS
         exact = (stage < EXACT) & ~coarse & ~hulled
         if exact.any():
             at, of = rows[exact], pairs[exact]
-            for row, pair in self._each(places, at, of, world.geometry, world.geometry_data):
+            for row, pair in self._each(places, at, of):
                 places.distances[row, pair], result = world.distance(pair)
                 points = result.getNearestPoint1(), result.getNearestPoint2()
                 self._witnesses[float(places.times[row]), pair] = points
@@ -162,7 +158,9 @@ class Surveyor:
         """
         points = np.array(self._witnesses[time, pair])
         between = points[0] - points[1]
-        points[1] += between * (self.worlds.moving.roundings[pair] / max(float(np.linalg.norm(between)), 1e-12))
+        world = self.worlds.moving
+        rounding = sum(map(world.rounding, world.pairs.of(pair)))
+        points[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
         return points
 
     @cached_property
@@ -194,10 +192,28 @@ class Surveyor:
     @cached_property
     def mover_of_pair(self) -> np.ndarray:
         """The column in `rates_of_obstacles` of each pair, shape (n,)."""
-        columns = np.zeros(len(self.worlds.moving.pairs), int)
+        pairs = self.worlds.moving.pairs
+        columns = np.zeros(len(pairs), int)
         for column, (body, _, _) in enumerate(self._movers, 1):
-            columns[(self.worlds.moving.pairs == body).any(axis=1)] = column
+            columns[pairs.of_obstacles(np.array([body - pairs.links]))] = column
         return columns
+
+    @cached_property
+    def _hulled(self) -> np.ndarray:
+        """Whether a hull stands for a body of a pair, shape (n,)."""
+        world = self.worlds.moving
+        return np.array([world.is_hulled(pair) for pair in range(len(world.pairs))], bool)
+
+    def _by_balls(self, centres: np.ndarray) -> np.ndarray:
+        """Distances of all pairs by balls and boxes, shape (m, n) [m]; centres of shape (m, r, 3) [m, world]."""
+        near = self.worlds.moving.near_pairs
+        pairs = np.arange(len(near.pairs))
+        found, few = np.empty((len(centres), len(pairs))), max(1, TOGETHER // max(1, len(pairs)))
+        for k in range(0, len(centres), few):
+            which = np.repeat(np.arange(k, min(k + few, len(centres))), len(pairs))
+            apart = near.separations(centres, which, np.tile(pairs, len(which) // max(1, len(pairs))))
+            found[k : k + few] = apart.reshape(found[k : k + few].shape)
+        return found
 
     @cached_property
     def _moves(self) -> np.ndarray:
@@ -209,7 +225,7 @@ class Surveyor:
         """Body, obstacle and ball of each obstacle that moves."""
         found: dict[int, tuple[int, Any, tuple[np.ndarray, float]]] = {}
         for pair, obstacle, ball in zip(self.worlds.pairs, self.worlds.obstacles, self.worlds.balls, strict=True):
-            body = int(self.worlds.moving.pairs[pair].max())
+            body = self.worlds.moving.pairs.of(int(pair))[1]
             found[body] = (body, obstacle, ball)
         return list(found.values())
 
@@ -225,22 +241,20 @@ class Surveyor:
         for column, (_, obstacle, (centre, radius)) in enumerate(self._movers, 1):
             there = np.array([obstacle.motion.at(time).act(centre) for time in times])
             pairs = np.flatnonzero(self.mover_of_pair == column)
-            body = world.pairs[pairs].min(axis=1)
+            body = world.pairs.bodies(pairs)[:, 0]
             apart = np.linalg.norm(centres[:, body] - there[:, None], axis=2) - world.bodies.radii[body] - radius
             distances[:, pairs] = np.where(apart > 0.0, apart, -np.inf)
 
-    def _each(
-        self, places: Places, rows: np.ndarray, pairs: np.ndarray, geometry: Any, scratch: Any
-    ) -> Iterator[tuple[int, int]]:
+    def _each(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> Iterator[tuple[int, int]]:
         """Rows and pairs in the order of rows, the bodies placed as they are at each."""
         world, placed = self.worlds.moving, -1
         order = np.argsort(rows, kind="stable")
         for row, pair in zip(rows[order].tolist(), pairs[order].tolist(), strict=True):
             if row != placed:
-                q, placed = places.configurations[row], row
-                pin.updateGeometryPlacements(world.model, world.data, geometry, scratch, q)
+                world.place(places.configurations[row])
+                placed = row
                 for body, obstacle, _ in self._movers:
-                    scratch.oMg[body] = obstacle.placement_at(float(places.times[row]))
+                    world.move(body, obstacle.placement_at(float(places.times[row])))
             yield row, pair
 
 

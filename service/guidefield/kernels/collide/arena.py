@@ -25,14 +25,14 @@ MEMORY_WORDS = len(Scratch._fields) + 1
 _HITS = 1 + Scratch._fields.index("hits")
 
 
-@compiled(int64(INDICES, INDICES, INDICES, INDICES, INDEX_MATRIX, int64, INDICES_OUT, INDICES_OUT))
+@compiled(int64(INDICES, INDICES, INDICES, INDICES, INDICES, INDEX_MATRIX, INDICES_OUT, INDICES_OUT))
 def lay_out(
     robot: Words,
     scene: Words,
     offsets: Words,
     owners: Words,
-    mixed: np.ndarray,
-    bodies: int,
+    moving: Words,
+    left_out: np.ndarray,
     memory: Words,
     words: Words,
 ) -> int:
@@ -43,8 +43,8 @@ def lay_out(
         scene: Those of obstacles and their shapes, shape (SCENE_WORDS,).
         offsets: Where in the memory there is what is tested, the scratch and the block [bytes]; (1 + MEMORY_WORDS,).
         owners: For each obstacle which one of the scene it stands for, shape (n,).
-        mixed: The pairs of a body and an obstacle of the scene, counted behind the bodies, that are tested; (p, 2).
-        bodies: How many bodies there are.
+        moving: The bodies that are tested against obstacles, shape (m,).
+        left_out: The pairs of such a body and an obstacle of the scene that are not tested after all; (k, 2).
         memory: All zero; what is in it begins where a line of the cache does.
         words: Gets the words.
 
@@ -60,14 +60,12 @@ def lay_out(
         words[first + SCENE_WORDS + k] = start + offsets[1 + k]
     at = (begins + offsets[_HITS]) // 8
     memory[at : at + HIT * HITS] = -1
-    at, count = (begins + offsets[0]) // 8, 0
-    for p in range(len(mixed)):
-        count = max(count, mixed[p, 1] + 1 - bodies)
-    tested = np.zeros((bodies, count), np.int64)
-    for p in range(len(mixed)):
-        tested[mixed[p, 0], mixed[p, 1] - bodies] = 1
-    for o in range(n):
-        if owners[o] < count:
-            for body in range(bodies):
-                memory[at + body * n + o] = tested[body, owners[o]]
+    at = (begins + offsets[0]) // 8
+    for k in range(len(moving)):
+        for o in range(n):
+            memory[at + moving[k] * n + o] = 1
+    for p in range(len(left_out)):
+        for o in range(n):
+            if owners[o] == left_out[p, 1]:
+                memory[at + left_out[p, 0] * n + o] = 0
     return begins

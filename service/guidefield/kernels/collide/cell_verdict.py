@@ -5,7 +5,8 @@ from __future__ import annotations
 from numba import boolean, int64, types
 
 from guidefield.kernels.collide.balls import ball_radius, placed_ball
-from guidefield.kernels.collide.gjk import AXIS, parts_apart, write_axis
+from guidefield.kernels.collide.gjk import parts_apart
+from guidefield.kernels.collide.gjk_scratch import AXIS, write_axis
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,

@@ -7,7 +7,8 @@ import math
 from numba import boolean, float64, int64, types
 
 from guidefield.kernels.collide.balls import ball_radius, lowest_of_ball, placed_ball
-from guidefield.kernels.collide.gjk import AXIS, axis_in, axis_length, bodies_apart, reach_along, write_axis
+from guidefield.kernels.collide.gjk import bodies_apart, reach_along
+from guidefield.kernels.collide.gjk_scratch import AXIS, X, Y, Z, axis_in, axis_length, divide_axis, write_axis
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,
@@ -110,15 +111,14 @@ def _pose_meets(
             while left:
                 at = block * BLOCK + first_lane(left)
                 left &= left - 1
-                there[3], there[7], there[11] = point_at(cloud.points, at)
+                there[X], there[Y], there[Z] = point_at(cloud.points, at)
                 margin = clearance + DECISION_BAND
                 if not bodies_apart(parts, bodies.roots[body], pose, scene, root, there, margin, work):
                     return True
                 length = axis_length(work)
                 known = length > 1e-15
                 if known:
-                    for k in range(AXIS, AXIS + 3):
-                        work[k] /= length
+                    divide_axis(work, length)
                     lowest = _lowest(bodies, parts, body, pose, work)
                     left &= _beyond(cloud, block, work, lowest, grown)
     return False

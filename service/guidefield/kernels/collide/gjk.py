@@ -12,8 +12,19 @@ import math
 import numpy as np
 from numba import boolean, types
 
-from guidefield.kernels.collide.balls import ball_radius, placed_ball
-from guidefield.kernels.collide.gjk_simplex import NEAREST, reduced
+from guidefield.kernels.collide.balls import ball_radius
+from guidefield.kernels.collide.gjk_scratch import (
+    POSE_A,
+    POSE_B,
+    STACK,
+    axis_in,
+    origins_apart,
+    place_ball,
+    place_part,
+    place_part_of,
+    write_axis,
+)
+from guidefield.kernels.collide.gjk_simplex import has_point, nearest_point, reduced_with
 from guidefield.kernels.collide.parts import (
     BLOCKS,
     DISC,
@@ -21,7 +32,6 @@ from guidefield.kernels.collide.parts import (
     HALF_LENGTH,
     KIND,
     LEFT,
-    LINK,
     PART,
     PLANE_OFFSET,
     POINTED_PARTS,
@@ -30,10 +40,13 @@ from guidefield.kernels.collide.parts import (
     SHAPE,
     TRIANGLE,
     Parts,
+    child_of,
     is_flat_sided,
+    is_leaf,
     kind_of,
     part_of,
     rounding,
+    splits_first,
 )
 from guidefield.kernels.collide.primitive import CYLINDER, HALF_SPACE
 from guidefield.kernels.jit.signatures import (
@@ -50,34 +63,11 @@ from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, l
 ROUNDS, BALL_ROUNDS = 32, 1
 """How long GJK goes on with two parts, and where one of them is but a ball."""
 
-WORK = 512
-"""Numbers of scratch space: simplex, poses of a and b, the last separating axis, a stack."""
-_POSE_A, _POSE_B, STACK = 16, 28, 64
-
-AXIS, KEPT = 40, 44
-"""Where in the scratch space the last separating axis stands, zero where there is none, and one to keep."""
-
-
-_PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
+PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
 """Tables, a node or part in them, the placement of its body."""
 
-
-@lane_part
-def axis_in(work: Floats) -> tuple[float, float, float]:
-    """The last separating axis in the scratch space, shape (WORK,); all 0 if there is none."""
-    return work[AXIS], work[AXIS + 1], work[AXIS + 2]
-
-
-@lane_part
-def axis_length(work: Floats) -> float:
-    """Length of the axis in the scratch space, shape (WORK,)."""
-    return math.sqrt(work[AXIS] ** 2 + work[AXIS + 1] ** 2 + work[AXIS + 2] ** 2)
-
-
-@lane_part
-def write_axis(work: Floats, x: float, y: float, z: float) -> None:
-    """Write the axis that the next search in the scratch space, shape (WORK,), begins with."""
-    work[AXIS], work[AXIS + 1], work[AXIS + 2] = x, y, z
+NODE_A, NODE_B, ENTRY = range(3)
+"""Numbers of an entry of the stack: a node of each body; then how many there are."""
 
 
 @lane_part
@@ -110,7 +100,7 @@ def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> 
 
 
 @lane_part
-def _support(
+def support(
     shapes: Integers,
     numbers: Floats,
     vertices: Floats32,
@@ -121,7 +111,10 @@ def _support(
     dy: float,
     dz: float,
 ) -> tuple[float, float, float]:
-    """The point of a part (without what rounds it) farthest along a direction, in the world."""
+    """The point of a part (without what rounds it) farthest along a direction, in the world.
+
+    The tables are those of `Parts`; the pose (12,) that places the part stands in the scratch space, shape (WORK,).
+    """
     x = work[pose] * dx + work[pose + 4] * dy + work[pose + 8] * dz
     y = work[pose + 1] * dx + work[pose + 5] * dy + work[pose + 9] * dz
     z = work[pose + 2] * dx + work[pose + 6] * dy + work[pose + 10] * dz
@@ -146,6 +139,19 @@ def _support(
     )
 
 
+@lane_part
+def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> float:
+    """How far a part, without what rounds it, is over a half-space's plane [m], whose normal is the axis now.
+
+    The pose that places the part stands in the scratch space, shape (WORK,).
+    """
+    at = PART * part_b
+    nx, ny, nz = b.numbers[at], b.numbers[at + 1], b.numbers[at + 2]
+    px, py, pz = support(a.shapes, a.numbers, a.vertices, part_a, work, POSE_A, -nx, -ny, -nz)
+    write_axis(work, nx, ny, nz)
+    return float(nx * px + ny * py + nz * pz - b.numbers[at + PLANE_OFFSET])
+
+
 @lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER, types.int64))
 def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats, most: int) -> bool:
     """Whether two parts, placed by the poses in `work`, are shown to be farther apart than a margin in so many rounds.
@@ -155,17 +161,14 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
     shapes_a, numbers_a, vertices_a = a.shapes, a.numbers, a.vertices
     shapes_b, numbers_b, vertices_b = b.shapes, b.numbers, b.vertices
     vx, vy, vz = axis_in(work)
-    if part_b >= 0 and shapes_b[SHAPE * part_b + KIND] == HALF_SPACE:
-        nx, ny, nz = numbers_b[PART * part_b], numbers_b[PART * part_b + 1], numbers_b[PART * part_b + 2]
-        px, py, pz = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -nx, -ny, -nz)
-        write_axis(work, nx, ny, nz)
-        return bool(nx * px + ny * py + nz * pz - numbers_b[PART * part_b + PLANE_OFFSET] > margin)
+    if part_b >= 0 and kind_of(b, part_b) == HALF_SPACE:
+        return over_plane(a, part_a, b, part_b, work) > margin
     square, count = vx * vx + vy * vy + vz * vz, 0
     if not square > 1e-20:
         vx, vy, vz, square = 1.0, 0.0, 0.0, 1.0
     for rounds in range(most):
-        ax, ay, az = _support(shapes_a, numbers_a, vertices_a, part_a, work, _POSE_A, -vx, -vy, -vz)
-        bx, by, bz = _support(shapes_b, numbers_b, vertices_b, part_b, work, _POSE_B, vx, vy, vz)
+        ax, ay, az = support(shapes_a, numbers_a, vertices_a, part_a, work, POSE_A, -vx, -vy, -vz)
+        bx, by, bz = support(shapes_b, numbers_b, vertices_b, part_b, work, POSE_B, vx, vy, vz)
         wx, wy, wz = ax - bx, ay - by, az - bz
         along = vx * wx + vy * wy + vz * wz
         if along > margin * math.sqrt(square):
@@ -173,41 +176,14 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
             return True
         if rounds > 0 and square - along <= 1e-9 * square:
             return False
-        for i in range(count):
-            if work[3 * i] == wx and work[3 * i + 1] == wy and work[3 * i + 2] == wz:
-                return False
-        work[3 * count], work[3 * count + 1], work[3 * count + 2] = wx, wy, wz
-        count = reduced(work, count + 1)
-        vx, vy, vz = work[NEAREST], work[NEAREST + 1], work[NEAREST + 2]
+        if has_point(work, count, wx, wy, wz):
+            return False
+        count = reduced_with(work, count, wx, wy, wz)
+        vx, vy, vz = nearest_point(work)
         square = vx * vx + vy * vy + vz * vz
         if count == 4 or square <= margin * margin or square < 1e-16:
             return False
     return False
-
-
-@lane_part
-def _place(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -> None:
-    """Write the placement of a part whose body is placed so (12)."""
-    if is_flat_sided(parts, part):
-        for k in range(12):
-            work[pose + k] = body[k]
-        return
-    at = part * PART
-    for r in range(3):
-        for c in range(4):
-            total = body[4 * r + 3] if c == 3 else 0.0
-            for k in range(3):
-                total += body[4 * r + k] * parts.numbers[at + 4 * k + c]
-            work[pose + 4 * r + c] = total
-
-
-@lane_part
-def _place_ball(parts: Parts, node: int, body: Floats, work: Floats, pose: int) -> None:
-    """Write the placement of a node's ball: the body's rotation, the ball's centre."""
-    for r in range(3):
-        for c in range(3):
-            work[pose + 4 * r + c] = body[4 * r + c]
-    work[pose + 3], work[pose + 7], work[pose + 11] = placed_ball(body, parts.balls, node)
 
 
 @lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
@@ -221,24 +197,15 @@ def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz:
         return float(parts.numbers[at + PLANE_OFFSET])
     if is_flat_sided(parts, part):
         for k in range(12):
-            work[_POSE_B + k] = 1.0 if k in (0, 5, 10) else 0.0
+            work[POSE_B + k] = 1.0 if k in (0, 5, 10) else 0.0
     else:
         for k in range(12):
-            work[_POSE_B + k] = parts.numbers[at + k]
-    x, y, z = _support(parts.shapes, parts.numbers, parts.vertices, part, work, _POSE_B, dx, dy, dz)
+            work[POSE_B + k] = parts.numbers[at + k]
+    x, y, z = support(parts.shapes, parts.numbers, parts.vertices, part, work, POSE_B, dx, dy, dz)
     return float(x * dx + y * dy + z * dz + rounding(parts, part))
 
 
-@lane_part
-def _balls_apart(work: Floats, reach: float) -> bool:
-    """Whether the origins of the two poses are farther apart than a reach."""
-    x = work[_POSE_A + 3] - work[_POSE_B + 3]
-    y = work[_POSE_A + 7] - work[_POSE_B + 7]
-    z = work[_POSE_A + 11] - work[_POSE_B + 11]
-    return bool(x * x + y * y + z * z > reach * reach)
-
-
-@lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
+@lane_step(boolean(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
 def bodies_apart(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
@@ -254,44 +221,39 @@ def bodies_apart(
         margin: What they have to keep [m], >= 0.
         work: Scratch, shape (WORK,); the last axis in it is where the search starts, and is left there.
     """
-    top = 1
-    work[STACK], work[STACK + 1] = root_a, root_b
-    while top > 0:
-        top -= 1
-        node_a, node_b = int(work[STACK + 2 * top]), int(work[STACK + 2 * top + 1])
+    top = STACK + ENTRY
+    work[STACK + NODE_A], work[STACK + NODE_B] = root_a, root_b
+    while top > STACK:
+        top -= ENTRY
+        node_a, node_b = int(work[top + NODE_A]), int(work[top + NODE_B])
         radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)
         part_a, part_b = part_of(a, node_a), part_of(b, node_b)
-        _place_ball(a, node_a, pose_a, work, _POSE_A)
-        _place_ball(b, node_b, pose_b, work, _POSE_B)
-        if radius_b < np.inf and _balls_apart(work, radius_a + radius_b + margin):
+        place_ball(a, node_a, pose_a, work, POSE_A)
+        place_ball(b, node_b, pose_b, work, POSE_B)
+        reach = radius_a + radius_b + margin
+        if radius_b < np.inf and origins_apart(work) > reach * reach:
             continue
-        if part_a >= 0:
-            _place(a, part_a, pose_a, work, _POSE_A)
-            radius_a = rounding(a, part_a)
-        if part_b >= 0:
-            _place(b, part_b, pose_b, work, _POSE_B)
-            radius_b = rounding(b, part_b)
+        reach = place_part_of(a, node_a, pose_a, work, POSE_A) + place_part_of(b, node_b, pose_b, work, POSE_B) + margin
         # a ball alone tells little: its children are soon asked
         most = ROUNDS if part_a >= 0 and part_b >= 0 else BALL_ROUNDS
-        if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, radius_a + radius_b + margin, work, most):
+        if (part_a >= 0 or part_b >= 0) and _apart(a, part_a, b, part_b, reach, work, most):
             continue
-        leaf_a, leaf_b = a.links[LINK * node_a + LEFT] < 0, b.links[LINK * node_b + LEFT] < 0
-        if leaf_a and leaf_b:
+        if is_leaf(a, node_a) and is_leaf(b, node_b):
             return False
-        split_a = leaf_b or (not leaf_a and ball_radius(a.balls, node_a) >= ball_radius(b.balls, node_b))
+        split_a = splits_first(a, node_a, b, node_b)
         for side in (LEFT, RIGHT):
-            work[STACK + 2 * top] = a.links[LINK * node_a + side] if split_a else node_a
-            work[STACK + 2 * top + 1] = node_b if split_a else b.links[LINK * node_b + side]
-            top += 1
+            work[top + NODE_A] = child_of(a, node_a, side) if split_a else node_a
+            work[top + NODE_B] = node_b if split_a else child_of(b, node_b, side)
+            top += ENTRY
     return True
 
 
-@lane_step(boolean(*_PLACED, *_PLACED, types.float64, DOUBLE_POINTER))
+@lane_step(boolean(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
 def parts_apart(
     a: Parts, part_a: int, pose_a: Floats, b: Parts, part_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
     """`bodies_apart` for two parts; same shapes."""
-    _place(a, part_a, pose_a, work, _POSE_A)
-    _place(b, part_b, pose_b, work, _POSE_B)
+    place_part(a, part_a, pose_a, work, POSE_A)
+    place_part(b, part_b, pose_b, work, POSE_B)
     margin += rounding(a, part_a) + rounding(b, part_b)
     return bool(_apart(a, part_a, b, part_b, margin, work, ROUNDS))

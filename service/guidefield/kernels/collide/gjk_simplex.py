@@ -1,6 +1,6 @@
 """The point of a simplex nearest to the origin, for GJK; Voronoi regions as in Ericson, Real-Time Collision Detection.
 
-A simplex is up to four points in a flat float64 array, three numbers each. A reduction keeps the points that span the
+A simplex is up to four points in a flat float64 array, `POINT` numbers each. A reduction keeps the points that span the
 nearest point, moves them to the front, writes the nearest point behind the fourth (`NEAREST`), and returns how many
 were kept; four means that the origin is inside.
 """
@@ -11,8 +11,26 @@ from numba import boolean, int64
 
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
 
-NEAREST = 12
+POINT = 3
+"""Numbers of a point."""
+
+NEAREST = 4 * POINT
 """Where in the array the nearest point stands."""
+
+
+@lane_part
+def nearest_point(w: Floats) -> tuple[float, float, float]:
+    """The point of a simplex, shape (15,), nearest to the origin, as the last reduction left it."""
+    return w[NEAREST], w[NEAREST + 1], w[NEAREST + 2]
+
+
+@lane_part
+def has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
+    """Whether a point is among the `count` points of a simplex, shape (15,)."""
+    found = False
+    for at in range(0, count * POINT, POINT):
+        found |= w[at] == x and w[at + 1] == y and w[at + 2] == z
+    return found
 
 
 @lane_part
@@ -23,14 +41,14 @@ def _dot(w: Floats, i: int, j: int) -> float:
 
 @lane_part
 def _copy(w: Floats, source: int, target: int) -> None:
-    for k in range(3):
+    for k in range(POINT):
         w[target + k] = w[source + k]
 
 
 @lane_part
 def _mix(w: Floats, a: int, b: int, c: int, s: float, t: float) -> None:
     """Write a + s (b - a) + t (c - a) as the nearest point."""
-    for k in range(3):
+    for k in range(POINT):
         base = w[a + k]
         w[NEAREST + k] = base + s * (w[b + k] - base) + t * (w[c + k] - base)
 
@@ -103,38 +121,48 @@ def _on_tetrahedron(w: Floats) -> int:
     bx, by, bz = 0.0, 0.0, 0.0
     for face in range(4):
         # the face without point 3 - face
-        a = 0 if face < 3 else 3
-        b = 3 if face < 2 else 6
-        c = 6 if face == 0 else 9
-        d = 9 - 3 * face
+        a = 0 if face < 3 else POINT
+        b = POINT if face < 2 else 2 * POINT
+        c = 2 * POINT if face == 0 else 3 * POINT
+        d = (3 - face) * POINT
         if not _outside(w, a, b, c, d):
             continue
         bits = _on_triangle(w, a, b, c)
         square = _dot(w, NEAREST, NEAREST)
         if square < best:
             best = square
-            bx, by, bz = w[NEAREST], w[NEAREST + 1], w[NEAREST + 2]
-            kept = ((bits & 1) << (a // 3)) | (((bits >> 1) & 1) << (b // 3)) | (((bits >> 2) & 1) << (c // 3))
+            bx, by, bz = nearest_point(w)
+            kept = (bits & 1) << (a // POINT)
+            kept |= ((bits >> 1) & 1) << (b // POINT)
+            kept |= ((bits >> 2) & 1) << (c // POINT)
     w[NEAREST], w[NEAREST + 1], w[NEAREST + 2] = bx, by, bz
     return kept
 
 
 @lane_step(int64(DOUBLE_POINTER, int64))
-def reduced(w: Floats, count: int) -> int:
-    """Reduce a simplex of `count` points, in `w` as this file says, shape (15,); how many are left."""
+def _reduced(w: Floats, count: int) -> int:
+    """Reduce a simplex of `count` points; how many are left."""
     bits = 1
     if count == 1:
         _copy(w, 0, NEAREST)
     elif count == 2:
-        bits = _on_segment(w, 0, 3)
+        bits = _on_segment(w, 0, POINT)
     elif count == 3:
-        bits = _on_triangle(w, 0, 3, 6)
+        bits = _on_triangle(w, 0, POINT, 2 * POINT)
     else:
         bits = _on_tetrahedron(w)
     kept = 0
     for i in range(count):
         if (bits >> i) & 1:
             if kept != i:
-                _copy(w, 3 * i, 3 * kept)
+                _copy(w, POINT * i, POINT * kept)
             kept += 1
     return kept
+
+
+@lane_part
+def reduced_with(w: Floats, count: int, x: float, y: float, z: float) -> int:
+    """Reduce a simplex of `count` points, in `w` as this file says, shape (15,), and one more; how many are left."""
+    at = POINT * count
+    w[at], w[at + 1], w[at + 2] = x, y, z
+    return int(_reduced(w, count + 1))

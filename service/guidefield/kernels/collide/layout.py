@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import types
-
 from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, RowOut, Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import Integers, lane_part
 from guidefield.kernels.simd.packing import pointed
@@ -187,8 +185,6 @@ class Scratch(NamedTuple):
     places: SinglesOut
     hits: IndicesOut
 
-
-_CELLS, _BITS = (types.Array(kind, 1, "C") for kind in (types.int32, types.uint32))
 
 LANE_BODIES = numba_type(LaneBodies)
 LANE_OBSTACLES = numba_type(LaneObstacles)

@@ -10,7 +10,8 @@ from __future__ import annotations
 from numba import boolean, int64, types
 
 from guidefield.kernels.collide.balls import ball_centre, ball_radius, placed_ball
-from guidefield.kernels.collide.gjk import KEPT, STACK, bodies_apart, parts_apart, write_axis
+from guidefield.kernels.collide.gjk import bodies_apart, parts_apart
+from guidefield.kernels.collide.gjk_scratch import KEPT, STACK, write_axis
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,
@@ -26,13 +27,14 @@ from guidefield.kernels.collide.parts import (
     BLOCKS,
     FIRST_BLOCK,
     LEFT,
-    LINK,
     POINTED_PARTS,
     POLYTOPE,
     RIGHT,
     SHAPE,
     SURFACE,
     Parts,
+    child_of,
+    is_leaf,
     kind_of,
     part_of,
     polytope_of,
@@ -122,7 +124,7 @@ def _piece_meets(
 
     A polytope below the root has corners of triangles for its vertices: one in the obstacle is a contact.
     """
-    balls, links, top = parts.balls, parts.links, 1
+    balls, top = parts.balls, 1
     other = part_of(scene, obstacles.roots[o])
     work[STACK] = root
     while top > 0:
@@ -132,17 +134,17 @@ def _piece_meets(
         u, v, w, reach = splat(x), splat(y), splat(z), ball_radius(balls, node) + margin + BAND
         if not near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
             continue
-        part, leaf = part_of(parts, node), links[LINK * node + LEFT] < 0
+        part = part_of(parts, node)
         if part >= 0:
             of_corners = node != root and kind_of(parts, part) == POLYTOPE
             if of_corners and _surface_meets(parts, part, pose, obstacles, o, margin):
                 return True
             if parts_apart(parts, part, pose, scene, other, pose_b, margin, work):
                 continue
-            if leaf:
+            if is_leaf(parts, node):
                 return True
         for side in (LEFT, RIGHT):
-            work[STACK + top] = links[LINK * node + side]
+            work[STACK + top] = child_of(parts, node, side)
             top += 1
     return False
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from numba import boolean, int64, types
 
 from guidefield.kernels.collide.balls import ball_centre
-from guidefield.kernels.collide.gjk import bodies_apart, write_axis
+from guidefield.kernels.collide.gjk import bodies_apart
+from guidefield.kernels.collide.gjk_scratch import write_axis
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from guidefield.kernels.collide.balls import ball_radius
 from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
 from guidefield.kernels.jit.signatures import lane_part
 from guidefield.kernels.simd.packing import pointed
@@ -56,6 +57,25 @@ POINTED_PARTS = pointed(PARTS)
 def part_of(parts: Parts, node: int) -> int:
     """The part of a node; -1 if it has none."""
     return int(parts.links[LINK * node + OWN])
+
+
+@lane_part
+def child_of(parts: Parts, node: int, side: int) -> int:
+    """The child of a node at a side, LEFT or RIGHT; -1 if it is a leaf."""
+    return int(parts.links[LINK * node + side])
+
+
+@lane_part
+def is_leaf(parts: Parts, node: int) -> bool:
+    """Whether a node has no children."""
+    return child_of(parts, node, LEFT) < 0
+
+
+@lane_part
+def splits_first(a: Parts, node_a: int, b: Parts, node_b: int) -> bool:
+    """Whether of two nodes, not both leaves, the first is the one to divide: of two that can be divided the larger."""
+    larger = ball_radius(a.balls, node_a) >= ball_radius(b.balls, node_b)
+    return is_leaf(b, node_b) or (not is_leaf(a, node_a) and bool(larger))
 
 
 @lane_part

@@ -6,7 +6,8 @@ import numpy as np
 from numba import boolean, int64
 
 from guidefield.kernels.collide.balls import balls_meet
-from guidefield.kernels.collide.gjk import AXIS, bodies_apart, parts_apart
+from guidefield.kernels.collide.gjk import bodies_apart, parts_apart
+from guidefield.kernels.collide.gjk_scratch import AXIS
 from guidefield.kernels.collide.layout import (
     AXIS_AND_REACH,
     BAND,

@@ -6,7 +6,8 @@ import numpy as np
 from numba import int64
 
 from guidefield.kernels.collide.balls import lowest_of_ball
-from guidefield.kernels.collide.gjk import AXIS, axis_in, axis_length, reach_along
+from guidefield.kernels.collide.gjk import reach_along
+from guidefield.kernels.collide.gjk_scratch import AXIS, axis_in, axis_length, divide_axis
 from guidefield.kernels.collide.layout import AXIS_AND_REACH, REACH, LaneBodies
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, POINTED_PARTS, SHAPE, Parts, part_of
 from guidefield.kernels.jit.signatures import Floats, Floats32, Integers, lane_part, lane_step
@@ -111,9 +112,7 @@ def write_separating(parts: Parts, root: int, work: Floats, pose: Floats, way: f
         axes: Gets axis and reach, shape (n,).
         at: Where in it.
     """
-    length = max(axis_length(work), 1e-30)
-    for k in range(AXIS, AXIS + 3):
-        work[k] /= length
+    divide_axis(work, max(axis_length(work), 1e-30))
     x, y, z = axis_in(work)
     axes[at], axes[at + 1], axes[at + 2] = turned_back(pose, x, y, z)
     part = part_of(parts, root)

@@ -14,6 +14,7 @@ from numba import types, void
 
 from guidefield.kernels.distance.triangle_distance import LEAF, SPAN, SURFACES, Span, SurfaceTables
 from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, SCALAR, Floats, Vector3, compiled, inlined
+from guidefield.kernels.linalg.vectors import cross, dot
 
 RAYS = 64
 """Directions that are tried."""
@@ -25,16 +26,6 @@ GRAZED = 1 << 40
 """More crossings than there are: the ray grazes an edge."""
 
 _STACK = 64
-
-
-@inlined
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
@@ -68,17 +59,17 @@ def _crossing(p: Vector3, u: Vector3, corners: Floats, i: int) -> int:
     b = (a[0] + ab[0], a[1] + ab[1], a[2] + ab[2])
     c = (a[0] + ac[0], a[1] + ac[1], a[2] + ac[2])
     # volumes spanned by the ray and each edge; their signs agree where the line meets the triangle
-    x, y, z = _cross(a, b), _cross(b, c), _cross(c, a)
-    f, g, h = _dot(u, x), _dot(u, y), _dot(u, z)
-    size = max(_dot(a, a), _dot(b, b), _dot(c, c))
+    x, y, z = cross(a, b), cross(b, c), cross(c, a)
+    f, g, h = dot(u, x), dot(u, y), dot(u, z)
+    size = max(dot(a, a), dot(b, b), dot(c, c))
     slack = GRAZING * size
     if (f > slack or g > slack or h > slack) and (f < -slack or g < -slack or h < -slack):
         return 0
-    normal = _cross(ab, ac)
-    height = _dot(normal, a)
+    normal = cross(ab, ac)
+    height = dot(normal, a)
     if abs(f) <= slack or abs(g) <= slack or abs(h) <= slack:
         # only a triangle that may lie ahead matters
-        if _dot(u, a) < 0.0 and _dot(u, b) < 0.0 and _dot(u, c) < 0.0:
+        if dot(u, a) < 0.0 and dot(u, b) < 0.0 and dot(u, c) < 0.0:
             return 0
         return GRAZED
     facing = f > 0.0

@@ -15,7 +15,7 @@ import numpy as np
 from numba import void
 
 from guidefield.kernels.field.field import LANES, add_field, add_potential
-from guidefield.kernels.field.field_tables import TABLES, TABLES_32
+from guidefield.kernels.field.field_tables import CAPSULE_RADIUS, TABLES, TABLES_32
 from guidefield.kernels.field.primitives import capsule_at
 from guidefield.kernels.field.wrenches import gathered, give, nothing, project
 from guidefield.kernels.jit.fields import IndexRows, Indices, Row, Rows, numba_type
@@ -43,7 +43,7 @@ class ChargedRobot(NamedTuple):
         points: In the frame of their joint, shape (p, 3) [m].
         weights: Area that each stands for, shape (p,) [m^2].
         point_joints: Index of the joint that moves each, shape (p,).
-        capsules: Ends and radius in the frame of their joint, shape (c, 7) [m].
+        capsules: In the frame of their joint: both ends (2 x 3), and the radius at `CAPSULE_RADIUS`; shape (c, 7) [m].
         capsule_joints: Index of the joint that moves each, shape (c,).
         pairs: First point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3).
     """
@@ -153,7 +153,7 @@ def _repulsion(
     first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
     other = robot.capsule_joints[capsule]
     a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[other])
-    radius = robot.capsules[capsule, 6]
+    radius = robot.capsules[capsule, CAPSULE_RADIUS]
     x, y, z = points[0], points[1], points[2]
     lane = load(counting, 0)
     zero = 0.0 * lane
@@ -265,7 +265,7 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
     for k in range(robot.pairs.shape[0]):
         first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
         a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
-        radius = robot.capsules[capsule, 6]
+        radius = robot.capsules[capsule, CAPSULE_RADIUS]
         for i in range(first, past, step):
             at = capsule_at(load(x, i), load(y, i), load(z, i), a0, a1, a2, b0, b1, b2, radius)
             U += select(lane < past - i, load(weights, i), 0.0) * at[0]

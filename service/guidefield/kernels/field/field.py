@@ -12,10 +12,19 @@ from guidefield.kernels.field.box import CHARGE as BOX_CHARGE, box_at
 from guidefield.kernels.field.faces import AFTER, FIRST_VERTEX, PAST_VERTEX, block_at, block_potential_at
 from guidefield.kernels.field.field_tables import (
     AREA,
+    CAPSULE_CHARGE,
+    CAPSULE_RADIUS,
     CHARGE,
     CHARGE_PER_AREA,
     MATRIX_32,
     MOMENTS,
+    OFFSET,
+    OTHER_END,
+    PLANE_CHARGE,
+    POINT_CHARGE,
+    SOFTENING,
+    SPHERE_CHARGE,
+    SPHERE_RADIUS,
     TABLES,
     TABLES_32,
     FieldTables,
@@ -202,9 +211,30 @@ def _add_face_potentials(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> A
 def _soft_point(p: Any, row: Any) -> Any:
     """Potential of a cloud's point, w (R^2 + eps^2)^(-3/2), and its slope over the offset, and the offset."""
     dx, dy, dz = p[0] - row[0], p[1] - row[1], p[2] - row[2]
-    i = inverse_root(dx * dx + dy * dy + dz * dz + row[4])
-    potential = row[3] * (i * i * i)
+    i = inverse_root(dx * dx + dy * dy + dz * dz + row[SOFTENING])
+    potential = row[POINT_CHARGE] * (i * i * i)
     return potential, -3.0 * potential * (i * i), dx, dy, dz
+
+
+@inlined
+def _triple(row: Any, at: int) -> Any:
+    """Three numbers of a row, from a column on."""
+    return row[at], row[at + 1], row[at + 2]
+
+
+@inlined
+def _sphere_at(p: Any, row: Any) -> Any:
+    return sphere_at(p, _triple(row, 0), row[SPHERE_RADIUS])
+
+
+@inlined
+def _capsule_at(p: Any, row: Any) -> Any:
+    return charged_capsule_at(p, _triple(row, 0), _triple(row, OTHER_END), row[CAPSULE_RADIUS])
+
+
+@inlined
+def _plane_at(p: Any, row: Any) -> Any:
+    return plane_at(p, _triple(row, 0), row[OFFSET])
 
 
 @inlined
@@ -213,14 +243,11 @@ def _closed_forms(t: Any, p: Any, f: Any) -> Any:
     for i in range(t.boxes.shape[0]):
         f = _plus(f, t.boxes[i, BOX_CHARGE], box_at(p[0], p[1], p[2], t.boxes[i]))
     for i in range(t.spheres.shape[0]):
-        s = t.spheres[i]
-        f = _plus(f, s[4], sphere_at(p, (s[0], s[1], s[2]), s[3]))
+        f = _plus(f, t.spheres[i, SPHERE_CHARGE], _sphere_at(p, t.spheres[i]))
     for i in range(t.capsules.shape[0]):
-        c = t.capsules[i]
-        f = _plus(f, c[7], charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6]))
+        f = _plus(f, t.capsules[i, CAPSULE_CHARGE], _capsule_at(p, t.capsules[i]))
     for i in range(t.planes.shape[0]):
-        n = t.planes[i]
-        f = _plus(f, n[4], plane_at(p, (n[0], n[1], n[2]), n[3]))
+        f = _plus(f, t.planes[i, PLANE_CHARGE], _plane_at(p, t.planes[i]))
     phi, gx, gy, gz, curvature, winding = f
     for i in range(t.cloud.shape[0]):
         potential, slope, dx, dy, dz = _soft_point(p, t.cloud[i])
@@ -271,14 +298,11 @@ def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
         for k in range(t.boxes.shape[0]):
             phi = phi + t.boxes[k, BOX_CHARGE] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
         for k in range(t.spheres.shape[0]):
-            s = t.spheres[k]
-            phi = phi + s[4] * sphere_at(p, (s[0], s[1], s[2]), s[3])[0]
+            phi = phi + t.spheres[k, SPHERE_CHARGE] * _sphere_at(p, t.spheres[k])[0]
         for k in range(t.capsules.shape[0]):
-            c = t.capsules[k]
-            phi = phi + c[7] * charged_capsule_at(p, (c[0], c[1], c[2]), (c[3], c[4], c[5]), c[6])[0]
+            phi = phi + t.capsules[k, CAPSULE_CHARGE] * _capsule_at(p, t.capsules[k])[0]
         for k in range(t.planes.shape[0]):
-            n = t.planes[k]
-            phi = phi + n[4] * plane_at(p, (n[0], n[1], n[2]), n[3])[0]
+            phi = phi + t.planes[k, PLANE_CHARGE] * _plane_at(p, t.planes[k])[0]
         for k in range(t.cloud.shape[0]):
             phi = phi + _soft_point(p, t.cloud[k])[0]
         store(potential_out, i, phi)

@@ -16,6 +16,19 @@ CHARGE, MOMENTS, AREA, CHARGE_PER_AREA, NODE_COLUMNS = 3, 4, 10, 13, 14
 """Columns of a node, behind its centre of charge (3): charge, its second moments xx xy xz yy yz zz, area vector (3),
 charge per area of all faces below; then how many columns there are."""
 
+SPHERE_RADIUS, SPHERE_CHARGE, SPHERE_COLUMNS = 3, 4, 5
+"""Columns of a sphere, behind its centre (3); then how many there are."""
+
+OTHER_END, CAPSULE_RADIUS, CAPSULE_CHARGE, CAPSULE_COLUMNS = 3, 6, 7, 8
+"""Columns of a capsule, behind one end of its axis (3): the other end (3), radius, charge; then how many there are."""
+
+OFFSET, PLANE_CHARGE, PLANE_COLUMNS = 3, 4, 5
+"""Columns of a plane, behind its unit normal (3); then how many there are."""
+
+POINT_CHARGE, SOFTENING, POINT_COLUMNS = 3, 4, 5
+"""Columns of a point of a cloud, behind its position (3): charge [1], square of the softening length; then how many
+there are."""
+
 
 class FieldTables(NamedTuple):
     """Everything charged; one row each, C-contiguous, in double or in single precision, lengths in m.
@@ -34,10 +47,10 @@ class FieldTables(NamedTuple):
         nodes: Shape (m, NODE_COLUMNS).
         links: As kernels/field/faces.py reads them, shape (m, LINK_COLUMNS).
         reach: Distance from a node's centre from which its expansion is used [m]; infinite for never; shape (m,).
-        spheres: Centre (3), radius, charge; shape (s, 5).
-        capsules: Ends of the axis (2 x 3), radius, charge; shape (c, 8).
-        planes: Unit normal (3), offset, charge; shape (p, 5).
-        cloud: Points of clouds: position (3), charge [1], square of their softening length; shape (n, 5).
+        spheres: Shape (s, SPHERE_COLUMNS).
+        capsules: Shape (c, CAPSULE_COLUMNS).
+        planes: Shape (p, PLANE_COLUMNS).
+        cloud: Points of clouds, shape (n, POINT_COLUMNS).
     """
 
     origin: Row
@@ -92,7 +105,7 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
         return frozen(result.astype(np.float32))
 
     planes = tables.planes.copy()
-    planes[:, 3] -= planes[:, :3] @ shift
+    planes[:, OFFSET] -= planes[:, :3] @ shift
     return tables._replace(
         origin=frozen(tables.origin + shift),
         boxes=moved(tables.boxes, 0),
@@ -102,7 +115,7 @@ def single_precision(tables: FieldTables, origin: np.ndarray) -> FieldTables:
         nodes=moved(tables.nodes, 0),
         reach=frozen(tables.reach.astype(np.float32)),
         spheres=moved(tables.spheres, 0),
-        capsules=moved(tables.capsules, 0, 3),
+        capsules=moved(tables.capsules, 0, OTHER_END),
         planes=frozen(planes.astype(np.float32)),
         cloud=moved(tables.cloud, 0),
     )

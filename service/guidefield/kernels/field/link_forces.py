@@ -8,6 +8,7 @@ import numpy as np
 
 from guidefield.kernels.field.energy import ends_at
 from guidefield.kernels.field.field import LANES, add_field
+from guidefield.kernels.field.field_tables import CAPSULE_RADIUS
 from guidefield.kernels.field.primitives import capsule_at
 from guidefield.kernels.jit.signatures import Floats, inlined
 from guidefield.kernels.simd.vector import lanes_of, load, select, total
@@ -63,7 +64,7 @@ def _between(
     for i in range(first, past, lanes_of(counting)):
         X, Y, Z = load(x, i), load(y, i), load(z, i)
         w = select(lane < past - i, load(weights, i), 0.0)
-        _, gx, gy, gz = capsule_at(X, Y, Z, ax, ay, az, bx, by, bz, robot.capsules[c, 6])
+        _, gx, gy, gz = capsule_at(X, Y, Z, ax, ay, az, bx, by, bz, robot.capsules[c, CAPSULE_RADIUS])
         gx, gy, gz = w * gx, w * gy, w * gz
         fx, fy, fz = fx - gx, fy - gy, fz - gz
         mx, my, mz = mx - (Y * gz - Z * gy), my - (Z * gx - X * gz), mz - (X * gy - Y * gx)

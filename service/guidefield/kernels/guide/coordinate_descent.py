@@ -17,6 +17,7 @@ from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT
 from guidefield.kernels.field.field import LANES
 from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.guide.counts import COUNTS_OUT, EVALUATIONS, JUDGED
 from guidefield.kernels.guide.tip_guard import GUARD, allows
 from guidefield.kernels.guide.univariate_search import (
     SLIDE_END,
@@ -65,12 +66,12 @@ class Searching(NamedTuple):
 
 
 SEARCHING = numba_type(Searching)
-COUNTS_OUT = types.Array(types.int64, 1, "C")
 
 
 @inlined
-def _within(values: Any, lower: Floats, upper: Floats, q: Floats) -> bool:
-    """Whether no value is beyond its limits."""
+def _within(limits: Any, q: Floats) -> bool:
+    """Whether no value is beyond its limits: where values stand, the lower limits, the upper ones."""
+    values, lower, upper = limits
     for k in range(values.shape[0]):
         at = values[k]
         if at >= 0 and (q[at] < lower[k] or q[at] > upper[k]):
@@ -132,12 +133,12 @@ def _free(
         return False
     if not chain_configuration(chain, there.places, here.q, here.rotations, there.q, there.rotations):
         return False
-    if not _within(limits[0], limits[1], limits[2], there.q):
+    if not _within(limits, there.q):
         return False
     z1[:] = 0.0
     chart_values(joints, here.q, swept.origin, z1, z0)
     chart_values(joints, there.q, swept.origin, z0, z1)
-    counts_out[1] += 1
+    counts_out[JUDGED] += 1
     return bool(motion_apart(swept, bodies, z0, z1, searching.margin, searching.self_margin, searching.floor))
 
 
@@ -171,7 +172,7 @@ def sweep(
         normal: Unit normal of the plane in which the tip slides, shape (3,).
         q: Configuration, shape (nq,).
         path_out: Configurations accepted, shape (most, nq); where it is full the round ends.
-        counts_out: Evaluations of forces and motions judged are added, shape (2,).
+        counts_out: Evaluations of forces and motions judged are added, shape (COUNTS,).
 
     Returns:
         How many were accepted.
@@ -197,7 +198,7 @@ def sweep(
     for task in range(1 + 2 * n if leads == 1 else 2 * n - 2):
         kind, k, which = _kind_of(leads, task, n)
         felt = push(joints, carriers, robot, tables, here, kind, k, room)
-        counts_out[0] += 1
+        counts_out[EVALUATIONS] += 1
         if not _axis_of(kind, k, which, here, felt, normal, axis):
             continue
         slope = felt[0] * axis[0] + felt[1] * axis[1] + felt[2] * axis[2]
@@ -216,7 +217,7 @@ def sweep(
             path_out[taken] = here.q
             taken += 1
             felt = push(joints, carriers, robot, tables, here, kind, k, room)
-            counts_out[0] += 1
+            counts_out[EVALUATIONS] += 1
             if (felt[0] * axis[0] + felt[1] * axis[1] + felt[2] * axis[2]) * step < 0.0:
                 step *= -0.5
     return taken

@@ -15,6 +15,7 @@ from numba import types
 from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT, forces, potential
 from guidefield.kernels.field.field_tables import TABLES_32
+from guidefield.kernels.guide.counts import COUNTS_OUT, EVALUATIONS, JUDGED, STEPS
 from guidefield.kernels.guide.projected_step import direction, state_room, step_room
 from guidefield.kernels.guide.tip_constraint import CONSTRAINT, constraint_error
 from guidefield.kernels.guide.tip_guard import GUARD, allows
@@ -64,7 +65,9 @@ class Settings(NamedTuple):
 
 
 SETTINGS = numba_type(Settings)
-COUNTS_OUT = types.Array(types.int64, 1, "C")
+
+SHARE, REACHED, TRIAL = range(3)
+"""Of a trial that is left for the caller to judge: its share of the step, and U there [m]; then how many numbers."""
 
 
 @inlined
@@ -115,11 +118,11 @@ def _taken(
     if not allows(guard, (tip[0] + origin[0], tip[1] + origin[1], tip[2] + origin[2])):
         return _REFUSED, 0.0
     chart_values(mover.joints, there.q, swept.origin, z0, z1)
-    counts_out[2] += 1
+    counts_out[JUDGED] += 1
     free = motion_apart(swept, bodies, z0, z1, settings.margin, settings.self_margin, settings.floor)
     if not free and settings.exact == 1:
         return _REFUSED, 0.0
-    counts_out[1] += 1
+    counts_out[EVALUATIONS] += 1
     whole = alpha == 1.0
     if whole:
         reached = forces(mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias)
@@ -130,7 +133,7 @@ def _taken(
     if not free:
         return _TO_JUDGE, reached
     if not whole:
-        counts_out[1] += 1
+        counts_out[EVALUATIONS] += 1
         reached = forces(mover.joints, robot, tables, there.q, there.world, there.wrenches, there.inertias)
     return _TAKEN, reached
 
@@ -166,8 +169,8 @@ def descend(
         longest: Share of the first step that is tried first.
         path_out: Configurations accepted, shape (steps, nq); where it comes back undecided the trial stands behind.
         potentials_out: U at the start and after each of them, shape (steps + 1,) [m].
-        trial_out: Of an undecided trial: its share of the step, and U [m]; shape (2,).
-        counts_out: Steps, evaluations of U, motions judged; shape (3,).
+        trial_out: Of an undecided trial, shape (TRIAL,).
+        counts_out: Its steps, evaluations of U and motions judged are written, shape (COUNTS,).
 
     Returns:
         ENDED, UNDECIDED (capsules can't tell whether the motion from the last accepted configuration to the trial is
@@ -179,10 +182,10 @@ def descend(
     zero, z0, z1 = np.zeros(m), np.empty(m), np.empty(m)
     here.q[:] = q
     U = forces(mover.joints, robot, tables, here.q, here.world, here.wrenches, here.inertias)
-    counts_out[0], counts_out[1], counts_out[2] = 0, 1, 0
+    counts_out[STEPS], counts_out[EVALUATIONS], counts_out[JUDGED] = 0, 1, 0
     potentials_out[0] = U
     alpha, tolerance = longest, settings.tolerance
-    while counts_out[0] < path_out.shape[0]:
+    while counts_out[STEPS] < path_out.shape[0]:
         slope = direction(mover, constraint, settings.regularization, here, factors, room)
         chart_values(mover.joints, here.q, swept.origin, zero, z0)
         if -slope < tolerance * U and tolerance > settings.fine and _is_close(swept, bodies, settings, z0):
@@ -198,13 +201,13 @@ def descend(
             alpha *= 0.5
         if verdict == _REFUSED:
             return ENDED
-        path_out[counts_out[0]] = there.q
+        path_out[counts_out[STEPS]] = there.q
         if verdict == _TO_JUDGE:
-            trial_out[0], trial_out[1] = 2.0 * alpha, reached
+            trial_out[SHARE], trial_out[REACHED] = 2.0 * alpha, reached
             return UNDECIDED
-        counts_out[0] += 1
+        counts_out[STEPS] += 1
         before, U, alpha = U, reached, 1.0
-        potentials_out[counts_out[0]] = U
+        potentials_out[counts_out[STEPS]] = U
         here, there = there, here
         if before - U < tolerance * before:
             if tolerance <= settings.fine or not _is_close(swept, bodies, settings, z1):

@@ -16,7 +16,8 @@ from numba import types
 from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT
 from guidefield.kernels.field.field_tables import TABLES_32
-from guidefield.kernels.guide.descent import COUNTS_OUT, SETTINGS, descend
+from guidefield.kernels.guide.counts import COUNTS, COUNTS_OUT, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS
+from guidefield.kernels.guide.descent import SETTINGS, TRIAL, descend
 from guidefield.kernels.guide.tip_constraint import ON_PLANE, TipConstraint
 from guidefield.kernels.guide.tip_guard import GUARD, TipGuard, closest
 from guidefield.kernels.jit.fields import IndicesOut, Row, RowOut, RowsOut, numba_type
@@ -33,6 +34,9 @@ NEARER, ARRIVED, BLOCKED = range(3)
 
 ADVANCED, DESCENDED = range(2)
 """Kinds of steps."""
+
+BEFORE, AFTER, GAPS = range(3)
+"""The tip's distances to the inset polygon of a round: where it begins and where it ends; then how many."""
 
 _STRAIGHT, _ALL, _NONE = -1, -2, -3
 """Ways, where a number that isn't negative is the one step through which it leads."""
@@ -72,23 +76,23 @@ class Record(NamedTuple):
         values: Length of an advance [m] or potential after a descent's step [m], shape (rows,).
         kinds: ADVANCED or DESCENDED, shape (rows,).
         kept: 1 where a step stays in the path, shape (rows,).
-        rounds: For each round: distance before and after [m], shape (rounds, 2).
+        gaps: For each round: distance before and after it [m], shape (rounds, GAPS).
         ends: For each round: its row past the last, shape (rounds,).
         refused: Ends of the last motion that was not free, shape (2, nq).
-        counts: Rounds; evaluations of U; motions judged; steps of descents; 2 ends if a motion was refused.
+        counts: Of all rounds together, shape (COUNTS,).
     """
 
     steps: RowsOut
     values: RowOut
     kinds: IndicesOut
     kept: IndicesOut
-    rounds: RowsOut
+    gaps: RowsOut
     ends: IndicesOut
     refused: RowsOut
     counts: IndicesOut
 
 
-ROUNDS = numba_type(Rounds)
+ROUND_SETTINGS = numba_type(Rounds)
 RECORD_OUT = numba_type(Record)
 
 
@@ -115,13 +119,13 @@ def _keeps(swept: Any, bodies: Any, q0: Floats, q1: Floats, margin: float, setti
     z0, z1 = np.zeros(m), np.empty(m)
     chart_values(swept.joints, q0, swept.origin, np.zeros(m), z0)
     chart_values(swept.joints, q1, swept.origin, z0, z1)
-    counts[2] += 1
+    counts[JUDGED] += 1
     return bool(motion_apart(swept, bodies, z0, z1, margin, settings.self_margin, settings.floor))
 
 
 @inlined
 def _refuse(record: Any, q0: Floats, q1: Floats) -> None:
-    record.counts[4] = 2
+    record.counts[REFUSED] = 2
     for k in range(q0.shape[0]):
         record.refused[0, k], record.refused[1, k] = q0[k], q1[k]
 
@@ -192,7 +196,11 @@ def _straightened(
             kept[through] = 1
 
 
-@compiled(types.int64(MOVER, ROBOT, TABLES_32, SWEPT, BODIES, GUARD, SETTINGS, ROUNDS, types.int64, VECTOR, RECORD_OUT))
+@compiled(
+    types.int64(
+        MOVER, ROBOT, TABLES_32, SWEPT, BODIES, GUARD, SETTINGS, ROUND_SETTINGS, types.int64, VECTOR, RECORD_OUT
+    )
+)
 def approach(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, aim: Any, settings: Any, rounds: Any,
     most_steps: int, q: Floats, record_out: Any,
@@ -217,16 +225,16 @@ def approach(
     """
     world = np.empty((mover.joints.parents.shape[0], 3, 4))
     constraint = TipConstraint(ON_PLANE, np.empty(3), np.empty(3), np.eye(3))
-    trial, counts, potentials = np.empty(2), np.zeros(3, np.int64), np.empty(most_steps + 1)
+    trial, counts, potentials = np.empty(TRIAL), np.zeros(COUNTS, np.int64), np.empty(most_steps + 1)
     here, row, total = q.copy(), 0, record_out.counts
     total[:] = 0
-    while total[0] < record_out.ends.shape[0]:
+    while total[ROUNDS] < record_out.ends.shape[0]:
         tip = _tip(mover, here, world)
         distance, to = _gap(aim, tip)
         if distance <= rounds.on_plane:
             return ARRIVED
         first = row
-        total[4] = 0
+        total[REFUSED] = 0
         moved = _advanced(mover, swept, bodies, settings, rounds, here, tip, to, distance, row, record_out)
         if moved == 0.0:
             return BLOCKED
@@ -246,22 +254,21 @@ def approach(
             mover, robot, tables, swept, bodies, constraint, guard, settings, record_out.steps[row - 1], 1.0,
             record_out.steps[row : row + most_steps], potentials, trial, counts,
         )  # fmt: skip
-        for k in range(counts[0]):
+        for k in range(counts[STEPS]):
             record_out.kinds[row + k], record_out.values[row + k] = DESCENDED, potentials[k + 1]
             record_out.kept[row + k] = 1
-        row += counts[0]
-        total[1] += counts[1]
-        total[2] += counts[2]
-        total[3] += counts[0]
+        row += counts[STEPS]
+        for counted in (EVALUATIONS, JUDGED, STEPS):
+            total[counted] += counts[counted]
         _straightened(
             swept, bodies, settings, rounds, here, record_out.steps[first:row], record_out.kept[first:row], record_out
         )
         here[:] = record_out.steps[row - 1]
-        k = total[0]
-        record_out.rounds[k, 0] = distance
-        record_out.rounds[k, 1] = _gap(aim, _tip(mover, here, world))[0]
-        record_out.ends[k] = row
-        total[0] += 1
+        made = total[ROUNDS]
+        record_out.gaps[made, BEFORE] = distance
+        record_out.gaps[made, AFTER] = _gap(aim, _tip(mover, here, world))[0]
+        record_out.ends[made] = row
+        total[ROUNDS] += 1
         if arrived:
             return ARRIVED
     return NEARER

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gc
 import importlib
-import os
 import subprocess
 import sys
 import tempfile
@@ -17,7 +16,8 @@ import threading
 from collections.abc import Callable
 
 from guidefield.kernels.jit.cache import sources, uncompiled
-from guidefield.kernels.jit.compilers import quicken
+from guidefield.kernels.jit.compilers import load, quicken
+from guidefield.system import usable_processors
 
 Told = Callable[[str], None]
 """Told, in one sentence, how far it is."""
@@ -41,7 +41,7 @@ def compile_missing(told: Told, processes: int | None = None) -> None:
     work = _Work({name: sources().imported(name) & missing - {name} for name in missing}, told)
     threads = [
         threading.Thread(target=work.in_a_child, daemon=True)
-        for _ in range(min(len(missing), processes or len(os.sched_getaffinity(0))))
+        for _ in range(min(len(missing), processes or usable_processors()))
     ]
     for thread in threads:
         thread.start()
@@ -55,8 +55,9 @@ class _Work:
     """Files to compile, and which of them each needs; handed out to threads that each have a child."""
 
     def __init__(self, needs: dict[str, set[str]], told: Told) -> None:
-        self._needs, self._told, self._count = needs, told, len(needs)
-        self._ahead = _ahead_of(needs)
+        self._needs, self._told = needs, told
+        self._sizes = {name: _size_of(name) for name in needs}
+        self._ahead = _ahead_of(needs, self._sizes)
         self._waiting, self._done = set(needs), set[str]()
         self._changed = threading.Condition()
         self.fault: str | None = None
@@ -95,25 +96,29 @@ class _Work:
                 if ready:
                     name = max(ready, key=lambda one: (self._ahead[one], one))
                     self._waiting.remove(name)
-                    self._told(f"compiling kernels, once for this version: {self._begun()} of {self._count} ({name})")
+                    self._told(self._progress(name))
                     return name
                 self._changed.wait()
         return None
 
-    def _begun(self) -> int:
-        return self._count - len(self._waiting)
+    def _progress(self, name: str) -> str:
+        """How far it is when a file is begun; the share is that of the sources which are compiled."""
+        share = 100 * sum(self._sizes[one] for one in self._done) // sum(self._sizes.values())
+        begun = len(self._sizes) - len(self._waiting)
+        return f"compiling kernels {share} %, once for this version: {begun} of {len(self._sizes)} ({name})"
 
 
-def _ahead_of(needs: dict[str, set[str]]) -> dict[str, int]:
-    """How much is left to compile from each file on: the longest way through those that need it.
+def _size_of(name: str) -> int:
+    """How much there is to compile of a file [bytes of source], with the parts that are compiled into it."""
+    return sum(sources().path(one).stat().st_size for one in sources().imported(name))
 
-    In bytes of source, parts that are compiled into a file included: nothing else is known of it before.
-    """
+
+def _ahead_of(needs: dict[str, set[str]], sizes: dict[str, int]) -> dict[str, int]:
+    """How much is left to compile from each file on: the longest way through those that need it, by their sizes."""
     found: dict[str, int] = {}
     for name in sorted(needs, key=lambda one: len(needs[one]), reverse=True):  # before what they need
         later = [found[one] for one, needed in needs.items() if name in needed]
-        own = sum(sources().path(one).stat().st_size for one in sources().imported(name))
-        found[name] = own + max(later, default=0)
+        found[name] = sizes[name] + max(later, default=0)
     return found
 
 
@@ -123,7 +128,7 @@ def _compile_what_is_named() -> None:
     gc.disable()  # the compiler makes millions of objects, and looking through them all is a fifth of its time
     for line in sys.stdin:
         try:
-            importlib.import_module(f"guidefield.kernels.{line.strip()}")
+            load(importlib.import_module(f"guidefield.kernels.{line.strip()}"))
         except Exception as error:
             sys.exit(f"{line.strip()}: {type(error).__name__}: {' '.join(str(error).split())}")
         _tell(line.strip())

@@ -7,7 +7,9 @@ several times as long, and what kernels return is the same up to rounding. The m
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 from guidefield.first_start import plain_numba
@@ -58,6 +60,18 @@ def part(
     """
     made: Callable[..., Any] = _COMPILER.part(function, optimized, counting, error_model="numpy", **options)
     return made
+
+
+def load(module: ModuleType) -> None:
+    """Compile the kernels of a file that has been imported, or load what is kept of them; else their first calls do."""
+    _COMPILER.load(module)
+
+
+def load_imported() -> None:
+    """The same for all files that have been imported by now, so that no first call has to wait."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith("guidefield.kernels."):
+            load(module)
 
 
 def quicken() -> None:

@@ -5,23 +5,33 @@ numba by itself makes each function callable by everybody: a part that is compil
 and wrappers of its own, and a kernel is translated and optimised once more into each kernel that calls it. Here a part
 stays intermediate code, and a kernel calls another one's machine code by name; its body is known to the caller's
 optimiser, so that what is small is still compiled in.
+
+A kernel's machine code is loaded when it is first called, after that of all kernels it calls, and what is only for
+compiling isn't looked at then: of some 150 kernels an answer needs half, and the linker's tables and the types and
+functions that numba knows are for callers that are yet to be compiled.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from types import CodeType, ModuleType
 from typing import Any
 
-from llvmlite.binding import Linkage
-from numba import _dynfunc, njit
+from llvmlite.binding import Linkage, parse_bitcode
+from numba import _dynfunc, config
+from numba.core import sigutils, typeinfer
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, DefaultPassBuilder, Flags
+from numba.core.compiler import Compiler, CompileResult, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime.nrt import rtsys
 from numba.core.typed_passes import NativeLowering
 from numba.extending import overload
 from numba.np import arrayobj
 
+from guidefield.kernels.jit.cache import use_kernel_folders
 from guidefield.kernels.jit.typing_cache import quicken_typing
 
 
@@ -33,10 +43,142 @@ class Part(CPUDispatcher):  # type: ignore[misc]  # numba is untyped
         return self.py_func(*arguments, **by_name)
 
 
-def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A function with machine code, which is loaded, or made, at its first call from Python or by a compiler.
+
+    Args:
+        function: Its source.
+        signatures: The types of its arguments and of what it returns, for each kind of call.
+        cache: Whether its machine code is kept.
+        options: numba's.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], signatures: list[Any], cache: bool, options: dict[str, Any]
+    ) -> None:
+        super().__init__(
+            function, targetoptions={"nopython": True, "boundscheck": None, **options}, pipeline_class=_KernelCompiler
+        )
+        self._due, self._is_kept = signatures, cache
+
+    def load(self) -> None:
+        """Load its machine code and that of all it calls by name, or make it; at once if that was done before."""
+        with _LOADING:
+            if not self._due:
+                return
+            due, self._due = self._due, []
+            try:
+                for called in _called_by(self.py_func, set[Any]()):
+                    called.load()
+                if self._is_kept:
+                    use_kernel_folders()
+                    self._cache = _Kept(self.py_func)
+                with typeinfer.register_dispatcher(self):
+                    for signature in due:
+                        self.compile(signature)
+            except BaseException:
+                self._due = due
+                raise
+            self.disable_compile()
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """What a call of such types is, for a caller that is compiled."""
+        self.load()
+        return super().get_call_template(args, kws)
+
+    def _compile_for_args(self, *_arguments: Any, **_by_name: Any) -> Any:
+        """What to call, where a call from Python found no machine code: this again, once it is loaded."""
+        self.load()
+        return self
+
+
+class _Loading(CompileResultCacheImpl):  # type: ignore[misc]
+    """Makes a kernel of what was kept of it: what only its callers' compiler wants is read when that asks for it."""
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """The same as numba's, with the library of a kernel."""
+        kept, fndesc, env, signature, objectmode, lifted, annotation, reload_init, referenced = payload
+        for initialize in reload_init:
+            initialize()
+        callable_by = (fndesc.mangled_name, fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name)
+        library = _KernelLibrary.kept(target_context.codegen(), kept, callable_by)
+        for one in referenced:
+            library.codegen.set_env(one.env_name, one)
+        return CompileResult(
+            target_context=target_context,
+            typing_context=target_context.typing_context,
+            library=library,
+            environment=env,
+            entry_point=target_context.get_executable(library, fndesc, env),
+            fndesc=fndesc,
+            type_annotation=annotation,
+            signature=signature,
+            objectmode=objectmode,
+            lifted=lifted,
+            typing_error=None,
+            call_helper=None,
+            metadata=None,
+            reload_init=reload_init,
+            referenced_envs=referenced,
+        )
+
+
+class _Kept(FunctionCache):  # type: ignore[misc]
+    """Where a kernel's machine code is kept; what numba knows is asked for where some has to be made only."""
+
+    _impl_class = _Loading
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is kept, or None."""
+        rtsys.initialize(target_context)  # what counts references, which machine code calls by name
+        found = self._load_overload(sig, target_context)
+        if found is None:
+            target_context.refresh()
+        return found
+
+
+_LOADING = threading.RLock()
+
+
+def _called_by(function: Callable[..., Any], seen: set[Any]) -> Iterator[Kernel]:
+    """Kernels that a function may call, itself or through its parts: all that its names may mean."""
+    if function in seen:
+        return
+    seen.add(function)
+    names, codes = set[str](), [function.__code__]
+    while codes:
+        code = codes.pop()
+        names.update(code.co_names)
+        codes += [one for one in code.co_consts if isinstance(one, CodeType)]
+    known = [function.__globals__[name] for name in names if name in function.__globals__]
+    known += [
+        getattr(one, name) for one in known if isinstance(one, ModuleType) for name in names if hasattr(one, name)
+    ]
+    known += [cell.cell_contents for cell in function.__closure__ or ()]
+    for one in known:
+        if isinstance(one, Kernel):
+            yield one
+        elif isinstance(one, Part):
+            yield from _called_by(one.py_func, seen)
+
+
+def kernel(signature: Any, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator of a kernel of one signature or several, with numba's options."""
-    decorator: Callable[[Callable[..., Any]], Any] = njit(signature, pipeline_class=_KernelCompiler, **options)
-    return decorator
+    signatures = [signature] if sigutils.is_signature(signature) else list(signature)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        if config.DISABLE_JIT:
+            return function
+        return Kernel(function, signatures, cache, options)
+
+    return decorate
+
+
+def load(module: ModuleType) -> None:
+    """Load or make the machine code of all kernels of a file."""
+    for one in vars(module).values():
+        if isinstance(one, Kernel) and one.py_func.__module__ == module.__name__:
+            one.load()
 
 
 def part(function: Callable[..., Any], optimized: bool, counting: bool | None, **options: Any) -> Part:
@@ -89,7 +231,31 @@ class _KernelFlags(Flags):  # type: ignore[misc]
 class _KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
     """Machine code that other kernels call by its name."""
 
-    _shared_module: Any
+    _bitcode: bytes | None = None
+    _shared: Any = None
+
+    @property
+    def _shared_module(self) -> Any:
+        """Bodies to look into; those that were kept are read where they are first asked for."""
+        if self._shared is None and self._bitcode is not None:
+            self._shared = parse_bitcode(self._bitcode)
+        return self._shared
+
+    @_shared_module.setter
+    def _shared_module(self, module: Any) -> None:
+        self._shared = module
+
+    @classmethod
+    def kept(cls, codegen: Any, state: Any, callable_by: Iterable[str]) -> _KernelLibrary:
+        """One that was kept: its machine code is ready to be called, by those of some names that it has."""
+        name, _, (machine_code, bitcode) = state
+        library = cls(codegen, name)
+        library.enable_object_caching()
+        library._set_compiled_object(machine_code)
+        library._bitcode = bitcode
+        library._finalize_final_module()
+        codegen._engine._defined_symbols.update(name for name in callable_by if name.encode() + b"\0" in machine_code)
+        return library
 
     def _get_module_for_linking(self) -> Any:
         """What is linked into callers: bodies to look into, without machine code of their own."""

@@ -6,6 +6,7 @@ Each part gets machine code that nobody calls, and each kernel is compiled once 
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 from numba import njit
@@ -21,6 +22,10 @@ def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any
 def part(function: Callable[..., Any], optimized: bool, counting: bool | None, **options: Any) -> Any:  # noqa: ARG001
     """The function itself, that numba compiles into kernels from now on: always optimised, always counting."""
     return register_jitable(forceinline=True, **options)(function)
+
+
+def load(module: ModuleType) -> None:
+    """Nothing: whoever imported the file has compiled its kernels."""
 
 
 def quicken() -> None:

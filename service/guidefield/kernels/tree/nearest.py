@@ -81,12 +81,12 @@ def nearest(search: TreeSearch, tree: int, target: Floats32, sampling: Sampling)
 @lane_step(void(SEARCH, int64, SAMPLING, int64))
 def _nearer_in_buckets(search: TreeSearch, tree: int, sampling: Sampling, k: int) -> None:
     """Write of one of the sixteen samples the nearest node if that is in a bucket."""
-    sample, near = search.sample, search.near
+    sample = search.sample
     for j in range(search.nv):
         sample[j] = search.samples[j * LANES + k]
-    winner, square = int(near[LANES + k]), near[k]
+    winner, square = int(search.nearest[k]), search.squares[k]
     winner, square = nearest_in_buckets(search.buckets, search.nv, tree, sample, sampling, winner, square)
-    near[k], near[LANES + k] = square, winner
+    search.squares[k], search.nearest[k] = square, winner
 
 
 @lane_part
@@ -118,8 +118,8 @@ def nearest_to_each(search: TreeSearch, tree: int, sampling: Sampling) -> None:
         least = smallest_of(u, least)
         which = select(v < least, splat(np.float32(d)), which)
         least = smallest_of(v, least)
-    store(search.near, 0, least)
-    store(search.near, LANES, which)
+    store(search.squares, 0, least)
+    store(search.nearest, 0, which)
     if known:
         for k in range(LANES):
             _nearer_in_buckets(search, tree, sampling, k)

@@ -49,8 +49,9 @@ class TreeSearch(NamedTuple):
         sample, target, origin, reached: (nv,) memory.
         first, last: (nv,) chart points: the ends of the motion that is judged.
         samples: (nv * 16,) samples, coordinate by coordinate.
-        near: (2 * 16,) how far each is from the node nearest to it, squared; then those nodes.
-        grown: (2 * 16,) of a batch of extensions the trees and the nodes that they are of.
+        squares: (16,) how far each is from the node nearest to it, squared.
+        nearest: (16,) those nodes.
+        grown_trees, grown_nodes: (16,) of a batch of extensions the trees and the nodes that they are of.
         longest: (16,) how long they may be; then which share of the ways to their samples they are.
         origins, ends: (nv * 16,) where they begin and end, coordinate by coordinate.
         judged: (nv * 16,) chart points: where they end.
@@ -74,8 +75,10 @@ class TreeSearch(NamedTuple):
     first: SinglesOut
     last: SinglesOut
     samples: SinglesOut
-    near: SinglesOut
-    grown: IndicesOut
+    squares: SinglesOut
+    nearest: SinglesOut
+    grown_trees: IndicesOut
+    grown_nodes: IndicesOut
     longest: SinglesOut
     origins: SinglesOut
     ends: SinglesOut
@@ -98,10 +101,10 @@ ROOTS = types.Array(types.float64, 2, "A", readonly=True)
 @lane_part
 def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
     """Let the first extensions of a batch, whose ends are what they go towards, end where they get to at most."""
-    nodes, grown, origins, ends, longest = search.nodes, search.grown, search.origins, search.ends, search.longest
+    nodes, origins, ends, longest = search.nodes, search.origins, search.ends, search.longest
     nv, capacity = search.nv, search.capacity
     for slot in range(batch):
-        at = grown[2 * slot] * nv * capacity + grown[2 * slot + 1]
+        at = search.grown_trees[slot] * nv * capacity + search.grown_nodes[slot]
         for j in range(nv):
             origins[j * LANES + slot] = lane(load(nodes, at + j * capacity), 0)
     square = splat(0.0)
@@ -110,9 +113,9 @@ def step_each(search: TreeSearch, sampling: Sampling, batch: int) -> None:
         way = short_way(way, sampling.period[j], sampling.frequency[j])
         store(ends, j * LANES, way)
         square = square + way * way
-    store(search.near, 0, root(square))
+    store(search.squares, 0, root(square))
     for slot in range(batch):
-        longest[slot] = min(np.float32(1.0), longest[slot] / max(search.near[slot], np.float32(1e-12)))
+        longest[slot] = min(np.float32(1.0), longest[slot] / max(search.squares[slot], np.float32(1e-12)))
     share = load(longest, 0)
     for j in range(nv):
         store(ends, j * LANES, load(ends, j * LANES) * share + load(origins, j * LANES))
@@ -137,6 +140,13 @@ def step_towards(
     for j in range(nv):
         reached[j] = origin[j] + share * reached[j]
     return distance
+
+
+@lane_part
+def aim_at(search: TreeSearch, tree: int, node: int) -> None:
+    """Let a node of a tree be the target."""
+    for j in range(search.nv):
+        search.target[j] = search.nodes[(tree * search.nv + j) * search.capacity + node]
 
 
 @lane_step(int64(SEARCH, int64, int64))

@@ -35,6 +35,7 @@ from guidefield.kernels.tree.nodes import (
     TRIED,
     TreeSearch,
     add_reached,
+    aim_at,
     plant,
     search_of,
     step_each,
@@ -73,7 +74,7 @@ MET, FULL, GOING_ON = range(3)
 
 
 @lane_part
-def _is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float) -> bool:
+def is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float) -> bool:
     """Whether the straight motion from the origin to what is reached is free."""
     for j in range(search.nv):
         search.first[j] = search.origin[j] * sampling.units[j]
@@ -96,7 +97,7 @@ def _connected(
     while counters[SIZE + tree] < search.capacity:
         distance = step_towards(search, tree, node, search.target, sampling, RANGE)
         counters[MOTIONS] += 1
-        if not _is_free(world, sampling, search, clearance, resolution):
+        if not is_free(world, sampling, search, clearance, resolution):
             return False
         if distance <= RANGE:
             counters[MEETING + tree] = node
@@ -108,11 +109,10 @@ def _connected(
 @lane_part
 def _taken(search: TreeSearch, tree: int) -> int:
     """Mask of the sixteen samples that are extended to: those in the domains of their nodes, and some others."""
-    near, domains, first, refused, taken = search.near, search.domains, tree * search.capacity, 0, 0
-    refused = search.counters[REFUSED]
+    domains, first, taken, refused = search.domains, tree * search.capacity, 0, search.counters[REFUSED]
     for k in range(LANES):
-        domain = domains[first + int(near[LANES + k])]
-        passed_by = (near[k] > domain * domain) & (refused < PATIENCE)
+        domain = domains[first + int(search.nearest[k])]
+        passed_by = (search.squares[k] > domain * domain) & (refused < PATIENCE)
         refused = refused + 1 if passed_by else 0
         taken |= (0 if passed_by else 1) << k
     search.counters[REFUSED] = refused
@@ -131,13 +131,13 @@ def way_of(search: TreeSearch, drawn: int) -> Way:
 
 
 @lane_step(int64(SAMPLING, SEARCH, int64))
-def _choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
+def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
     """Write a batch of extensions: from which node of which tree, and where they would end; how many samples it took.
 
     Samples come sixteen at a time, towards one tree. One outside of the domain of the node nearest to it is passed by,
     but not for ever. Those that are left when the batch is full are drawn again.
     """
-    counters, grown, nv, drawn, chosen = search.counters, search.grown, search.nv, 0, 0
+    counters, nv, drawn, chosen = search.counters, search.nv, 0, 0
     while chosen < batch:
         tree = 1 - counters[ACTIVE]
         if counters[SIZE + 1 - tree] * BALANCE <= counters[SIZE + tree]:  # the other is smaller: it goes on
@@ -148,8 +148,8 @@ def _choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
         while taken:
             k = first_lane(taken)
             taken &= taken - 1
-            node = int(search.near[LANES + k])
-            grown[2 * chosen], grown[2 * chosen + 1] = tree, node
+            node = int(search.nearest[k])
+            search.grown_trees[chosen], search.grown_nodes[chosen] = tree, node
             halved = min(search.failed[tree * search.capacity + node] // STUBBORN, SHORTEST)
             search.longest[chosen] = RANGE / (1 << halved)
             for j in range(nv):
@@ -173,11 +173,11 @@ def _extension_free(
     for j in range(search.nv):
         search.origin[j] = search.origins[j * LANES + slot]
         search.reached[j] = search.ends[j * LANES + slot]
-    return bool(_is_free(world, sampling, search, clearance, resolution))
+    return bool(is_free(world, sampling, search, clearance, resolution))
 
 
 @lane_part
-def _begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
+def begin(search: TreeSearch, starts: np.ndarray, goals: np.ndarray) -> None:
     """Leave only the roots of both trees, shapes (k, nv) and (m, nv), and nothing counted."""
     for k in range(COUNTERS):
         search.counters[k] = 0
@@ -202,14 +202,14 @@ def _gone_on(
 
     Where one step was free the next often is. To go on until something is in the way costs more than it gains.
     """
-    tree, share = search.grown[2 * slot], search.longest[slot]
+    tree, share = search.grown_trees[slot], search.longest[slot]
     if share == 1.0:
         return node
     for j in range(search.nv):
         search.target[j] = search.origin[j] + (search.reached[j] - search.origin[j]) / share
     step_towards(search, tree, node, search.target, sampling, RANGE)
     search.counters[MOTIONS] += 1
-    if not _is_free(world, sampling, search, clearance, resolution):
+    if not is_free(world, sampling, search, clearance, resolution):
         return node
     return int(add_reached(search, tree, node))
 
@@ -224,14 +224,14 @@ def _grown(
     iterations: int,
 ) -> int:
     """`grow` on pointers."""
-    counters, capacity, domains, grown = search.counters, search.capacity, search.domains, search.grown
+    counters, capacity, domains = search.counters, search.capacity, search.domains
     domain = DOMAIN * math.sqrt(search.nv)
     last = counters[ITERATION] + iterations
     while counters[ITERATION] < last:
         batch, hit = 1, 0
         if counters[MOTIONS] >= ALONE:
             batch = LANES
-        counters[ITERATION] += _choose(sampling, search, batch)
+        counters[ITERATION] += choose(sampling, search, batch)
         if batch > 1:
             for j in range(search.nv):
                 store(search.judged, j * LANES, load(search.ends, j * LANES) * sampling.units[j])
@@ -239,7 +239,7 @@ def _grown(
                 world.joints, world.bodies, world.obstacles, clearance, search.judged, world.scratch, search.hits
             )
         for slot in range(batch):
-            tree, node = grown[2 * slot], grown[2 * slot + 1]
+            tree, node = search.grown_trees[slot], search.grown_nodes[slot]
             if max(counters[SIZE], counters[SIZE + 1]) + 2 >= capacity:
                 return FULL
             counters[MOTIONS] += 1
@@ -253,8 +253,7 @@ def _grown(
                 domains[at] *= 1.0 + DOMAIN_STEP
             met = add_reached(search, tree, node)
             met = _gone_on(world, sampling, search, clearance, resolution, slot, met)
-            for j in range(search.nv):
-                search.target[j] = search.nodes[(tree * search.nv + j) * capacity + met]
+            aim_at(search, tree, met)
             if _connected(world, sampling, search, clearance, resolution, 1 - tree):
                 counters[MEETING + tree] = met
                 return MET
@@ -296,7 +295,7 @@ def grow(
     if starts.shape[1] != trees.nv or goals.shape[1] != trees.nv or among.nv != trees.nv:
         raise ValueError("roots, trees and robot differ in how many coordinates they have")
     if begins:
-        _begin(trees, starts, goals)
+        begin(trees, starts, goals)
         forget(among)
     outcome = _grown(among, sources, trees, clearance, resolution, iterations)
     if outcome == MET:

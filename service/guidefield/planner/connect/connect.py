@@ -1,7 +1,10 @@
 """Connect two configurations: the straight motion, else a tree on the lane kernels; certified if that is asked for.
 
-Lanes judge motions by samples only: what they find is a proposal to the certificate. One that is relaxed anyway need
-not be certified before: relaxing moves it away from where samples overlooked something.
+Of several goals the one is chosen that is estimated to be reached soonest (`quickest`); all are tried together where
+none of them is reached with a few motions.
+
+Lanes judge motions by samples only: what they find is a proposal to the certificate. One that is optimised anyway need
+not be certified before: that moves it away from where samples overlooked something.
 """
 
 from __future__ import annotations
@@ -14,10 +17,11 @@ import numpy as np
 from guidefield.collision.certify.certificate import motion_free
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.quickest import quickest_way
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.connect.unconnected import no_way, why_not
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
@@ -33,12 +37,14 @@ class Connection(ReadOnly):
         message: One sentence for a person.
         path: Chart points (n, nv) from start to a goal if it succeeded, else only the start.
         proven: Whether the path is certified, not only free at samples.
+        others: Other paths to a goal, shape (n, nv) each, free at samples, that may prove quicker.
     """
 
     status: Status
     message: str
     path: ChartPoints
     proven: bool = True
+    others: tuple[ChartPoints, ...] = ()
 
 
 def connect(
@@ -58,6 +64,10 @@ def connect(
     """
     lanes, clearance = problem.lanes, problem.min_clearance
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
+    if len(near) > 1 or problem.objective is Objective.TIME:
+        quickest = _quickest(problem, z_start, near, rng, prove)
+        if quickest is not None:
+            return quickest
     for goal in near[np.argsort(np.linalg.norm((near - z_start) / problem.group.units, axis=1))]:
         way = np.array([z_start, goal])
         if lanes.free_until(way, TREE.resolution, clearance) and (not prove or _certified(problem, way)):
@@ -90,6 +100,30 @@ def connect(
             return Connection(Status.SUCCESS, message, path, prove)
         resolution, refused = resolution * TREE.finer, refused + 1
     return _unconnected(problem, z_start, found, len(goals), refused)
+
+
+def _quickest(
+    problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator, prove: bool
+) -> Connection | None:
+    """To the goal (m, nv) that is estimated to be reached soonest; None where none is, or the certificate refuses."""
+
+    def accepted(path: ChartPoints) -> bool:
+        return not prove or _certified(problem, path)
+
+    way = quickest_way(problem, z_start, goals, rng)
+    if way is None or not accepted(way.path):
+        return None
+    path = way.path
+    message = f"of {len(goals)} goals {way.tried} tried; " if len(goals) > 1 else ""
+    message += "the straight motion is free" if len(path) == 2 else f"found by trees in {way.iterations} iterations"
+    if problem.optimization_iterations and len(path) > 2:
+        rounds = Rounds(problem.optimization_iterations, TREE.resolution, MARGIN)
+        roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])
+        better = shorter(problem, path, roots, rounds, rng, accepted)
+        path, message = better.path, f"{message}, {better.message}"
+    for z in path[1:]:
+        problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
+    return Connection(Status.SUCCESS, message, path, prove, way.others)
 
 
 def _unconnected(

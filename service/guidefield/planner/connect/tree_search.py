@@ -15,11 +15,13 @@ from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel
+from guidefield.kernels.tree.constrained_connect import Strides, grow_within
 from guidefield.kernels.tree.kd_buckets import buckets_for
+from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.kernels.tree.sphere_rejection import SIEVE
 from guidefield.planner.connect.escape_test import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
-from guidefield.planner.connect.settings import TREE
+from guidefield.planner.connect.settings import CONSTRAINED, TREE
 from guidefield.planner.task.conditions import Budget
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -83,6 +85,8 @@ def grow(
     *,
     within: float = math.inf,
     most_motions: int = TREE.most_motions,
+    most_iterations: int = TREE.most_iterations,
+    frames: KeptFrames | None = None,
 ) -> FoundPath:
     """Grow two trees towards each other until they meet.
 
@@ -96,6 +100,8 @@ def grow(
         budget: How long.
         within: Samples come from where a path of at most this length by the group's metric [rad] may lead.
         most_motions: After so many motions it ends.
+        most_iterations: After so many samples it ends; with 0 it walks straight to each goal, if there are `frames`.
+        frames: Path constraints within which the trees walk; all roots keep them.
 
     Raises:
         ValueError: if a root hasn't as many coordinates as the robot.
@@ -115,9 +121,17 @@ def grow(
         room = _Room.build(nv, 2 * most_roots)
     rng.random(out=room.search.places)
     begins, suspected, counters = True, [0, 1], room.search.counters
+    strides = Strides(
+        CONSTRAINED.stride, CONSTRAINED.least_gain, CONSTRAINED.farthest, CONSTRAINED.room, CONSTRAINED.corrections,
+        resolution, clearance,
+    )  # fmt: skip
     while True:
-        piece = TREE.piece if budget.spent() is None else 0
-        ended = kernel.grow(lanes.words, sources.words, room.words, first, second, clearance, resolution, piece, begins)
+        piece = 0 if budget.spent() else min(TREE.piece if frames is None else CONSTRAINED.piece, most_iterations)
+        words = lanes.words, sources.words, room.words
+        if frames is None:
+            ended = kernel.grow(*words, first, second, clearance, resolution, piece, begins)
+        else:
+            ended = grow_within(*words, frames, strides, first, second, piece, begins)
         if ended == kernel.MET:
             # samples are float32: rounding may take one beyond a limit
             path = np.clip(room.path[: counters[lane_nodes.ROWS]] * group.units, group.lower, group.upper)
@@ -133,7 +147,7 @@ def grow(
                 return FoundPath(None, counters.copy(), room.search, group.units, tried)
         if (
             piece == 0
-            or counters[lane_nodes.ITERATION] >= TREE.most_iterations
+            or counters[lane_nodes.ITERATION] >= most_iterations
             or counters[lane_nodes.MOTIONS] >= most_motions
         ):
             return FoundPath(None, counters.copy(), room.search, group.units)
@@ -170,8 +184,10 @@ class _Room:
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
         """Room for so many nodes in each tree."""
-        ends_of = np.cumsum((nv, nv, nv, nv, 2)) * LANES
-        samples, origins, ends, judged, near, longest = np.split(_from_a_line((4 * nv + 3) * LANES), ends_of)
+        ends_of = np.cumsum((nv, nv, nv, nv, 1, 1)) * LANES
+        samples, origins, ends, judged, squares, nearest, longest = np.split(
+            _from_a_line((4 * nv + 3) * LANES), ends_of
+        )
         # sixteen more: the nearest node is looked for sixteen at a time
         search = lane_nodes.TreeSearch(
             nv=nv,
@@ -189,8 +205,10 @@ class _Room:
             first=np.zeros(nv, np.float32),
             last=np.zeros(nv, np.float32),
             samples=samples,
-            near=near,
-            grown=np.zeros(2 * LANES, np.int64),
+            squares=squares,
+            nearest=nearest,
+            grown_trees=np.zeros(LANES, np.int64),
+            grown_nodes=np.zeros(LANES, np.int64),
             longest=longest,
             origins=origins,
             ends=ends,

@@ -17,26 +17,16 @@ from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.guide.grid_astar import CAP
 from guidefield.messages import scene as messages
+from guidefield.planner.guide.settings import AUTO_PLANES
 from guidefield.planner.guide.tip_reach import arm_reach, tip_radius
-from guidefield.planner.guide.tip_way import TipWay, centroid, clearances, enclosed, open_areas, section, tip_way
+from guidefield.planner.guide.tip_way import TipWay, clearances, enclosed, open_areas, section, tip_way
 from guidefield.planner.task.problem import Problem
-from guidefield.scene.flat import axes_across
+from guidefield.scene.flat import axes_across, centroid
 from guidefield.scene.guide_plane import GuidePlane, build
 
-MOUTH = 0.8
-"""A passage begins where clearance falls below this share of what counts as free."""
-SIGHT = 0.5
-"""Two centres see each other if the straight way between them keeps this share of the clearance at its ends."""
-NEARBY = 3
-"""How many points of the way a plane may be moved to a smaller section."""
-APART = 0.1
-"""Planes nearer to each other, to the start or to the goal than this are one [m]."""
-CENTRINGS = 2
 NORMALS = np.array([n for n in itertools.product((-1.0, 0.0, 1.0), repeat=3) if n > (0.0, 0.0, 0.0)])
 NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 """Normals of planes in which a point may be enclosed, where none is given: along axes and diagonals, shape (13, 3)."""
-SIGHT_STEP = 0.02
-"""Spacing of the points that are looked at along a line of sight [m]."""
 
 
 def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
@@ -82,7 +72,7 @@ def _places(tables: DistanceTables, way: TipWay) -> list[int]:
 def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
     """The places and one more, unless it is next to one of them or to an end."""
     others = [0, len(way.points) - 1, *chosen]
-    if min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others) < APART:
+    if min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others) < AUTO_PLANES.apart:
         return chosen
     return sorted([*chosen, place])
 
@@ -92,7 +82,7 @@ def _bottlenecks(way: TipWay) -> set[int]:
     clear, found = way.clearances, set()
     first = 0
     for k in range(1, len(clear)):
-        if abs(clear[k] - clear[first]) <= 0.02 * clear[first]:
+        if abs(clear[k] - clear[first]) <= AUTO_PLANES.plateau * clear[first]:
             continue
         falls = first > 0 and clear[first - 1] > clear[first]
         if falls and clear[k] > clear[k - 1] and clear[first] < CAP:
@@ -103,7 +93,7 @@ def _bottlenecks(way: TipWay) -> set[int]:
 
 def _mouths(way: TipWay) -> set[int]:
     """Where clearance falls below a share of what counts as free."""
-    confined = way.clearances < MOUTH * CAP
+    confined = way.clearances < AUTO_PLANES.mouth * CAP
     return set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
 
 
@@ -130,16 +120,16 @@ def _with_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[
 
 def _see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
     """Whether the straight way between two places keeps a share of the clearance that they have."""
-    steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / SIGHT_STEP)))
+    steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / AUTO_PLANES.sight_step)))
     points = np.linspace(way.points[a], way.points[b], steps + 1)
     local = float(min(way.clearances[a], way.clearances[b]))
-    return float(clearances(tables, points).min()) >= SIGHT * local
+    return float(clearances(tables, points).min()) >= AUTO_PLANES.sight * local
 
 
 def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None) -> int:
     """The place near another, and within a stretch of the way, where the section is smallest."""
     first, last = within or (0, len(way.points) - 1)
-    places = np.arange(max(first + 1, place - NEARBY), min(last, place + NEARBY + 1))
+    places = np.arange(max(first + 1, place - AUTO_PLANES.nearby), min(last, place + AUTO_PLANES.nearby + 1))
     if not len(places):
         return place
     across = np.array([axes_across(way.tangents[k]) for k in places])
@@ -151,9 +141,9 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
     """The free section at a place, about its own middle; None where it is no polygon."""
     across = axes_across(way.tangents[place])
     centre = way.points[place].copy()
-    for _ in range(CENTRINGS):
+    for _ in range(AUTO_PLANES.centrings):
         moved = centre + centroid(section(tables, centre, across)) @ across
-        if clearances(tables, moved[None])[0] < 0.5 * way.clearances[place]:
+        if clearances(tables, moved[None])[0] < AUTO_PLANES.centred * way.clearances[place]:
             break
         centre = moved
     corners = _distinct(section(tables, centre, across))
@@ -167,5 +157,6 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
 def _distinct(corners: np.ndarray) -> np.ndarray:
     """Corners (k, 2) without those on top of the one before."""
     size = float(np.ptp(corners, axis=0).max())
-    distinct: np.ndarray = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-3 * size]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    distinct: np.ndarray = corners[sides > AUTO_PLANES.distinct * size]
     return distinct

@@ -7,7 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
-from guidefield.kernels.guide.descent import ENDED, UNDECIDED, Settings, descend as descend_kernel
+from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED, STEPS
+from guidefield.kernels.guide.descent import (
+    ENDED,
+    REACHED,
+    SHARE,
+    TRIAL,
+    UNDECIDED,
+    Settings,
+    descend as descend_kernel,
+)
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.guided_path import GuidedPath
@@ -72,7 +81,7 @@ def descend(
     q, planned, longest = group.expand(guided.q), planned_values(group), 1.0
     path: list[Configuration] = []
     potentials: list[float] = []
-    trial, counts = np.empty(2), np.zeros(3, np.int64)
+    trial, counts = np.empty(TRIAL), np.zeros(COUNTS, np.int64)
     while True:
         found = np.empty((min(DESCENT.at_once, most_steps - len(path)), len(q)))
         values = np.empty(len(found) + 1)
@@ -80,9 +89,9 @@ def descend(
             mover_of(group), field.charged, field.tables, swept.robot, swept.tables, constraint, guard,
             settings_of(guided, tolerance), q, longest, found, values, trial, counts,
         )  # fmt: skip
-        steps = int(counts[0])
-        field.evaluations += int(counts[1])
-        problem.counters.collision_checks += int(counts[2])
+        steps = int(counts[STEPS])
+        field.evaluations += int(counts[EVALUATIONS])
+        problem.counters.collision_checks += int(counts[JUDGED])
         path += [row[planned] for row in found[:steps]]
         potentials += [float(value) for value in values[min(1, len(potentials)) : steps + 1]]
         q, longest = found[steps - 1] if steps else q, 1.0
@@ -91,11 +100,11 @@ def descend(
             if guided.judged(path[-1] if path else guided.q, found[steps][planned]):
                 q = found[steps]
                 path.append(q[planned])
-                potentials.append(float(trial[1]))
+                potentials.append(float(trial[REACHED]))
                 if before - potentials[-1] < tolerance * before and guided.keeps(path[-1], path[-1], DESCENT.close):
                     answer = ENDED
             else:
-                longest = 0.5 * float(trial[0])
+                longest = 0.5 * float(trial[SHARE])
         if answer == ENDED or len(path) >= most_steps or problem.budget.spent():
             break
     problem.counters.iterations += len(path)

@@ -15,6 +15,7 @@ import numpy as np
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
+from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.descent import settings_of
 from guidefield.planner.guide.guided_path import GuidedPath
@@ -107,21 +108,22 @@ def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) 
     rows = at_once * (minimizer.most_steps + 1)
     record = kernel.Record(
         steps=np.empty((rows, len(q))), values=np.empty(rows), kinds=np.empty(rows, np.int64),
-        kept=np.empty(rows, np.int64), rounds=np.empty((at_once, 2)), ends=np.empty(at_once, np.int64),
-        refused=np.empty((2, len(q))), counts=np.zeros(5, np.int64),
+        kept=np.empty(rows, np.int64), gaps=np.empty((at_once, kernel.GAPS)), ends=np.empty(at_once, np.int64),
+        refused=np.empty((2, len(q))), counts=np.zeros(COUNTS, np.int64),
     )  # fmt: skip
     ended = kernel.approach(
         mover_of(group), field.charged, field.tables, swept.robot, swept.tables, aim.table,
         settings_of(guided, minimizer.tolerance), _going(aim, step), minimizer.most_steps, q, record,
     )  # fmt: skip
-    made, evaluations, judged, steps, refused = record.counts.tolist()
-    field.evaluations += evaluations
-    problem.counters.collision_checks += judged
-    problem.counters.iterations += steps
+    counts = record.counts.tolist()
+    field.evaluations += counts[EVALUATIONS]
+    problem.counters.collision_checks += counts[JUDGED]
+    problem.counters.iterations += counts[STEPS]
     planned = planned_values(group)
-    guided.refused_between(*(q[planned] for q in record.refused[:refused]))
+    guided.refused_between(*(q[planned] for q in record.refused[: counts[REFUSED]]))
+    made = counts[ROUNDS]
     past = record.ends[:made].tolist()
-    for k, (before, after) in enumerate(record.rounds[:made].tolist()):
+    for k, (before, after) in enumerate(record.gaps[:made].tolist()):
         _take(guided, record, planned, past[k - 1] if k else 0, past[k])
         arrived = k == made - 1 and ended == kernel.ARRIVED
         yield Made(Round.ARRIVED if arrived else Round.NEARER, before, after)

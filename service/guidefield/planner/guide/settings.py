@@ -124,3 +124,69 @@ class UnivariateSettings:
 
 
 UNIVARIATE = UnivariateSettings()
+
+
+@dataclass(frozen=True)
+class TipWaySettings:
+    """Of the coarse way of the tip by which guide planes are derived, and of free sections across it.
+
+    Attributes:
+        spacing: Of the grid [m]. Unrecorded.
+        most_points: The grid is made coarser where it would have more. Unrecorded.
+        around: How far the grid reaches beyond obstacles, start and goal [m]. Unrecorded.
+        comforts: Clearance at which a way costs twice its length [m]: ways with much of it are looked for first.
+            Unrecorded.
+        least_ample: Clearance that counts even where an end is in a narrower tube [m]. Unrecorded.
+        smoothings: How often the way is drawn straight and pushed off the obstacles. Unrecorded.
+        push: Share of what is missing to free clearance by which a point of the way is pushed. Unrecorded.
+        kept: No point of it keeps less than this share of the clearance that it had. Unrecorded.
+        rays: By which a free section is cut. Unrecorded.
+        compared_rays: By which areas are compared, and points told to be enclosed. Unrecorded.
+        longest: Rays are followed no farther [m]: a plane in the open is this large. Unrecorded.
+    """
+
+    spacing: float = 0.05
+    most_points: int = 2_000_000
+    around: float = 0.3
+    comforts: tuple[float, ...] = (0.2, 0.1, 0.05, 0.02)
+    least_ample: float = 0.1
+    smoothings: int = 8
+    push: float = 0.3
+    kept: float = 0.98
+    rays: int = 24
+    compared_rays: int = 12
+    longest: float = 0.4
+
+
+TIP_WAY = TipWaySettings()
+
+
+@dataclass(frozen=True)
+class AutoPlaneSettings:
+    """Of guide planes that nobody gave.
+
+    Attributes:
+        mouth: A passage begins where clearance falls below this share of what counts as free. Unrecorded.
+        plateau: Clearances that differ by less than this share are one plateau. Unrecorded.
+        sight: Two centres see each other if the straight way between them keeps this share of the clearance at its
+            ends. Unrecorded.
+        sight_step: Spacing of the points that are looked at along a line of sight [m]. Unrecorded.
+        nearby: How many points of the way a plane may be moved to a smaller section. Unrecorded.
+        apart: Planes nearer to each other, to the start or to the goal than this are one [m]. Unrecorded.
+        centrings: How often a section is cut anew about its own middle. Unrecorded.
+        centred: Share of the clearance on the way that its middle keeps. Unrecorded.
+        distinct: Corners nearer than this share of a section's size are one. Unrecorded.
+    """
+
+    mouth: float = 0.8
+    plateau: float = 0.02
+    sight: float = 0.5
+    sight_step: float = 0.02
+    nearby: int = 3
+    apart: float = 0.1
+    centrings: int = 2
+    centred: float = 0.5
+    distinct: float = 1e-3
+
+
+AUTO_PLANES = AutoPlaneSettings()

@@ -9,27 +9,9 @@ import numpy as np
 from guidefield.kernels.distance.distance import DistanceTables, distance_at_points
 from guidefield.kernels.guide.grid_astar import CAP, wavefront
 from guidefield.kernels.guide.visibility_polygon import free_section, is_enclosed, open_areas as open_areas_kernel
+from guidefield.planner.guide.settings import TIP_WAY
 from guidefield.read_only import ReadOnly
 from guidefield.scene.flat import axes_across
-
-SPACING = 0.05
-"""Of the grid [m]."""
-MOST_POINTS = 2_000_000
-"""The grid is made coarser where it would have more."""
-AROUND = 0.3
-"""How far the grid reaches beyond obstacles, start and goal [m]."""
-COMFORTS = (0.2, 0.1, 0.05, 0.02)
-"""Clearance at which a way costs twice its length [m]: ways with much of it are looked for first."""
-LEAST_AMPLE = 0.1
-"""Clearance that counts even where an end is in a narrower tube [m]."""
-SMOOTHINGS = 8
-PUSH = 0.3
-"""Share of what is missing to free clearance by which a point of the way is pushed off the obstacles."""
-RAYS = 24
-COMPARED_RAYS = 12
-"""By which areas are compared, and points told to be enclosed."""
-LONGEST = 0.4
-"""Rays are followed no farther [m]: a plane in the open is this large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +47,7 @@ def tip_way(
         ample: Clearance beyond which more is worth no detour [m].
     """
     low, high = _box(tables, start, goal, centre, reach)
-    spacing = max(SPACING, float(np.cbrt(np.prod(high - low) / MOST_POINTS)))
+    spacing = max(TIP_WAY.spacing, float(np.cbrt(np.prod(high - low) / TIP_WAY.most_points)))
     low = start - spacing * np.ceil((start - low) / spacing)  # the start is a point of the grid
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     first, last = (np.rint((end - low) / spacing).astype(np.int64) for end in (start, goal))
@@ -75,8 +57,8 @@ def tip_way(
         return None
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
-    ample = float(np.clip(ample, LEAST_AMPLE, CAP))
-    for comfort, arm in (*((comfort, reach) for comfort in COMFORTS), (COMFORTS[0], np.inf)):
+    ample = float(np.clip(ample, TIP_WAY.least_ample, CAP))
+    for comfort, arm in (*((comfort, reach) for comfort in TIP_WAY.comforts), (TIP_WAY.comforts[0], np.inf)):
         n = wavefront(tables, low, spacing, counts, first, last, comfort, ample, floor, centre, reach, arm, free, found)
         if n >= 2:
             points = low + spacing * np.stack(np.unravel_index(found[:n][::-1], tuple(counts)), axis=1)
@@ -95,8 +77,8 @@ def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> n
         centre: The point, shape (3,) [m].
         across: Two unit vectors of the plane, shape (2, 3).
     """
-    corners = np.empty((2 * RAYS, 2))
-    return corners[: free_section(tables, centre, across, LONGEST, corners)]
+    corners = np.empty((2 * TIP_WAY.rays, 2))
+    return corners[: free_section(tables, centre, across, TIP_WAY.longest, corners)]
 
 
 def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -108,21 +90,14 @@ def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray) 
         across: Two unit vectors of each plane, shape (n, 2, 3).
     """
     areas = np.empty(len(centres))
-    open_areas_kernel(tables, centres, across, LONGEST, COMPARED_RAYS, areas)
+    open_areas_kernel(tables, centres, across, TIP_WAY.longest, TIP_WAY.compared_rays, areas)
     return areas
 
 
 def enclosed(tables: DistanceTables, point: np.ndarray, normals: np.ndarray) -> bool:
     """Whether a point (3,) is in a passage: in one of the planes with unit normals (n, 3) all rays from it hit."""
-    return is_enclosed(tables, point, np.array([axes_across(normal) for normal in normals]), LONGEST, COMPARED_RAYS)
-
-
-def centroid(polygon: np.ndarray) -> np.ndarray:
-    """Centroid (2,) of a polygon (k, 2) with an area."""
-    after = np.roll(polygon, -1, axis=0)
-    cross = polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]
-    middle: np.ndarray = ((polygon + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())
-    return middle
+    across = np.array([axes_across(normal) for normal in normals])
+    return is_enclosed(tables, point, across, TIP_WAY.longest, TIP_WAY.compared_rays)
 
 
 def clearances(tables: DistanceTables, points: np.ndarray) -> np.ndarray:
@@ -135,9 +110,10 @@ def _box(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, centre: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners of a box about obstacles and both ends, and no larger than the reach."""
-    low, high = np.minimum(start, goal) - AROUND, np.maximum(start, goal) + AROUND
+    around = TIP_WAY.around
+    low, high = np.minimum(start, goal) - around, np.maximum(start, goal) + around
     if len(tables.nodes):
-        low, high = np.minimum(low, tables.nodes[0, :3] - AROUND), np.maximum(high, tables.nodes[0, 3:] + AROUND)
+        low, high = np.minimum(low, tables.nodes[0, :3] - around), np.maximum(high, tables.nodes[0, 3:] + around)
     if np.isfinite(reach):
         low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
         low, high = np.minimum(low, np.minimum(start, goal)), np.maximum(high, np.maximum(start, goal))
@@ -146,14 +122,14 @@ def _box(
 
 def _smoothed(tables: DistanceTables, points: np.ndarray) -> TipWay:
     """The way as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
-    least = 0.98 * clearances(tables, points)
-    for _ in range(SMOOTHINGS):
+    least = TIP_WAY.kept * clearances(tables, points)
+    for _ in range(TIP_WAY.smoothings):
         distances, away, _ = distance_at_points(tables, points, CAP)
         tangents = _tangents(points)
         away -= np.einsum("ij,ij->i", away, tangents)[:, None] * tangents
         moved = points.copy()
         moved[1:-1] = 0.25 * points[:-2] + 0.5 * points[1:-1] + 0.25 * points[2:]
-        moved[1:-1] += (PUSH * (CAP - np.minimum(distances, CAP))[:, None] * away)[1:-1]
+        moved[1:-1] += (TIP_WAY.push * (CAP - np.minimum(distances, CAP))[:, None] * away)[1:-1]
         keeps = clearances(tables, moved) >= least
         points = np.where(keeps[:, None], moved, points)
     return TipWay(points, _tangents(points), clearances(tables, points))

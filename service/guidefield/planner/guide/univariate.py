@@ -16,6 +16,7 @@ import numpy as np
 
 from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
 from guidefield.kernels.guide.coordinate_descent import Searching, sweep
+from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED
 from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.kernels.kinematics.chain_angles import chain_configuration
 from guidefield.kernels.kinematics.link_chain import close_chain
@@ -107,14 +108,14 @@ class Univariate:
             SELF_MARGIN,
             FLOOR,
         )
-        path, counts = np.empty((UNIVARIATE.most_steps, len(guided.q))), np.zeros(2, np.int64)
+        path, counts = np.empty((UNIVARIATE.most_steps, len(guided.q))), np.zeros(COUNTS, np.int64)
         taken = sweep(
             chain.table, chain.joints, chain.carriers, int(chain.leads), problem.robot_field.charged,
             problem.robot_field.tables, swept.robot, swept.tables, guard, searching, mover.values, mover.lower,
             mover.upper, normal, guided.q, path, counts,
         )  # fmt: skip
-        problem.robot_field.evaluations += int(counts[0])
-        problem.counters.collision_checks += int(counts[1])
+        problem.robot_field.evaluations += int(counts[EVALUATIONS])
+        problem.counters.collision_checks += int(counts[JUDGED])
         return path[:taken]
 
     def _configuration(self, q: Configuration, rotations: np.ndarray, joints: np.ndarray) -> Configuration | None:

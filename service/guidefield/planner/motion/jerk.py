@@ -15,11 +15,11 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.timing import hermite
+from guidefield.planner.motion.limit_load import limit_load
 from guidefield.planner.motion.settings import JERK
 from guidefield.planner.motion.spline import CubicSpline
 from guidefield.planner.motion.timing import fastest, parameterize
-from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.within_limits import leaving, smoothly_within
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
@@ -52,7 +52,7 @@ def parameterize_gently(
     ways = [fastest(spline, velocity_limits, share * acceleration_limits) for share in JERK.accelerations]
     for (s, times, rates), window in product(ways, JERK.windows):
         motion = _averaged(spline, s, times, rates, window * times[-1])
-        load = _load(*motion, velocity_limits, acceleration_limits, jerk_limits)
+        load = limit_load(*motion, velocity_limits, acceleration_limits, jerk_limits)
         if best is None or load * motion[0][-1] < best[0]:
             best = load * motion[0][-1], load, motion
     assert best is not None, "something was tried"
@@ -130,23 +130,3 @@ def _tridiagonal(lower: np.ndarray, diagonal: float, upper: np.ndarray, right: n
     for i in range(n - 2, -1, -1):
         solution[i] = (solution[i] - upper[i] * solution[i + 1]) / pivots[i]
     return solution
-
-
-def _load(
-    times: np.ndarray,
-    positions: ChartPoints,
-    velocities: ChartRates,
-    velocity_limits: ChartRate,
-    acceleration_limits: ChartRate,
-    jerk_limits: ChartRate,
-) -> float:
-    """The factor by which time has to be stretched to exceed no limit, and to reach one."""
-    speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
-    hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
-    at_start, at_end = piece_accelerations(times, positions, velocities)
-    jerks = np.abs(at_end - at_start) / np.diff(times)[:, None]
-    return max(
-        float((speeds / velocity_limits).max()),
-        math.sqrt(float((accelerations / acceleration_limits).max())),
-        math.cbrt(float((jerks / jerk_limits).max())),
-    )

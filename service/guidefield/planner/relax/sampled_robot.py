@@ -117,10 +117,10 @@ def _ball(points: np.ndarray) -> np.ndarray:
 
 def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
     """Which obstacles don't count for which moving bodies: those that the world doesn't test against them."""
-    bodies, obstacles = problem.group.geometry.ngeoms, len(problem.scene.obstacles)
-    ignored = np.ones((bodies, obstacles), bool)
-    tested = problem.world.pairs[problem.world.is_obstacle_pair]
-    ignored[tested[:, 0], tested[:, 1] - bodies] = False
+    pairs = problem.world.pairs
+    ignored = np.ones((pairs.links, pairs.obstacles), bool)
+    ignored[pairs.moving] = False
+    ignored[tuple(pairs.bodies_left_out().T)] = True
     return np.ascontiguousarray(ignored[list(moving)])
 
 
@@ -129,7 +129,7 @@ def _pairs(problem: Problem) -> np.ndarray:
     place = {body: index for index, body in enumerate(_moving(problem.group))}
     pairs = [
         (place[points], other)
-        for first, second in problem.world.pairs[: problem.world.n_self].tolist()
+        for first, second in problem.world.pairs.own.tolist()
         for points, other in ((first, second), (second, first))
         if points in place
     ]

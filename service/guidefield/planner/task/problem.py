@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
@@ -13,7 +16,7 @@ from guidefield.planner.task.conditions import Conditions
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.model.spaces import ChartPoint, Configuration
+from guidefield.robot.model.spaces import ChartPoint, ChartRate, Configuration
 from guidefield.scene.guide_plane import GuidePlane
 
 if TYPE_CHECKING:  # its kernels take a sixth of the time until a first plan that doesn't use them
@@ -39,6 +42,14 @@ class LastPlaneGoal:
     """Reach the last guide plane."""
 
 
+class Objective(enum.Enum):
+    """What a motion is optimised for."""
+
+    BALANCED = "balanced"
+    TIME = "time"
+    CLEARANCE = "clearance"
+
+
 Goal = ConfigurationGoal | TipGoal | LastPlaneGoal
 
 
@@ -53,8 +64,11 @@ class Problem(Conditions):
         goal: What to reach.
         guide_planes: Planes to cross, in order.
         derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
-        optimization_iterations: Rounds in which a connection is made shorter, and most steps of the relaxation; None:
-            no rounds, and what the relaxation takes.
+        optimization_iterations: Rounds in which a connection is made shorter, and most steps of the optimisation; None:
+            no rounds, and what the optimisation takes; 0: the path that was found is only timed.
+        start_velocity, start_acceleration: With which the motion begins, shape (nv,); None: at rest, without one.
+        end_velocity: With which it ends, shape (nv,); None: at rest.
+        objective: What the motion is optimised for.
         seed: Of all randomness.
     """
 
@@ -65,12 +79,34 @@ class Problem(Conditions):
     guide_planes: tuple[GuidePlane, ...] = ()
     derived_planes: int = 0
     optimization_iterations: int | None = None
+    start_velocity: ChartRate | None = None
+    start_acceleration: ChartRate | None = None
+    end_velocity: ChartRate | None = None
+    objective: Objective = Objective.BALANCED
     seed: int = 0
 
     @cached_property
     def z_start(self) -> ChartPoint:
         """The start as a chart point, shape (nv,) [rad or m]."""
         return self.group.chart(self.q_start)
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether the motion begins or ends in motion."""
+        return any(one is not None for one in (self.start_velocity, self.start_acceleration, self.end_velocity))
+
+    @property
+    def start_rates(self) -> ChartRate:
+        """The velocities at the start, shape (nv,)."""
+        return self._or_still(self.start_velocity)
+
+    @property
+    def end_rates(self) -> ChartRate:
+        """The velocities at the end, shape (nv,)."""
+        return self._or_still(self.end_velocity)
+
+    def _or_still(self, rates: ChartRate | None) -> ChartRate:
+        return cast(ChartRate, np.zeros(self.group.nv)) if rates is None else rates
 
     @cached_property
     def lanes(self) -> BatchCollision:

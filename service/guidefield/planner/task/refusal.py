@@ -7,8 +7,8 @@ from typing import Any
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
+from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.ending import Ending
-from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 
 SLACK = 1e-3
@@ -41,21 +41,21 @@ def refused_at(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
     return details
 
 
-def refusal(problem: Problem, verdict: Verdict) -> Ending:
+def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
     """Why a motion is not certified, and where.
 
     Args:
-        problem: What was planned.
+        conditions: What the motion was judged by.
         verdict: Of the motion; not free.
     """
-    status = problem.budget.spent() or Status.INVALID_MOTION_PLAN
+    status = conditions.budget.spent() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"
-    details = refused_at(problem.group, verdict)
+    details = refused_at(conditions.group, verdict)
     if verdict.chart_point is None:
         return Ending(status, message, details)
-    group = problem.group
+    group = conditions.group
     if verdict.reason is Reason.STOPPED:
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
         return Ending(status, f"{why} before the motion was certified", details)
@@ -65,12 +65,12 @@ def refusal(problem: Problem, verdict: Verdict) -> Ending:
             f" {fault.excess:.3g} beyond its limits [{fault.lower:.6g}, {fault.upper:.6g}]"
         )
         return Ending(status, message, details)
-    distance = clearance_at(problem.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
-    if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < problem.min_clearance + SLACK:
+    distance = clearance_at(conditions.world, group.expand_from_chart(verdict.chart_point)).obstacle_distance
+    if status is Status.INVALID_MOTION_PLAN and 0.0 < distance < conditions.min_clearance + SLACK:
         message = (
-            f"no motion was found that keeps {1000 * problem.min_clearance:.1f} mm from the obstacles; this one comes"
-            f" within {1000 * distance:.1f} mm between {pair}"
+            f"no motion was found that keeps {1000 * conditions.min_clearance:.1f} mm from the obstacles; this one"
+            f" comes within {1000 * distance:.1f} mm between {pair}"
         )
-        measured = {"clearance": distance, "min_clearance": problem.min_clearance}
+        measured = {"clearance": distance, "min_clearance": conditions.min_clearance}
         return Ending(Status.CLEARANCE_BELOW_MINIMUM, message, details | measured)
     return Ending(status, message, details)

@@ -15,9 +15,10 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.faults import nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
+from guidefield.robot.catalog.kept_lines import lines_of
 from guidefield.robot.catalog.library import entries
 from guidefield.robot.catalog.sent import SentRobot
-from guidefield.robot.catalog.summary import summarize, summarize_sent
+from guidefield.robot.catalog.summary import summarize_sent
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
@@ -54,16 +55,16 @@ class Catalog:
         """Names that `load` knows."""
         return list(entries())
 
-    def summaries(self, sent: Iterable[SentRobot] = ()) -> list[RobotSummary]:
-        """A line about each name, in their order, then about robots that clients sent; those with a problem say it."""
-        return [*self._own_lines, *map(self._line, sent)]
+    def summaries(self) -> list[RobotSummary]:
+        """A line about each name, in their order; those with a problem say it."""
+        return list(self._own_lines)
 
     @functools.cached_property
     def _own_lines(self) -> list[RobotSummary]:
         """Lines about the robots that come with the package."""
-        return [summarize(entry) for entry in entries().values()]
+        return lines_of(entries().values())
 
-    def _line(self, sent: SentRobot) -> RobotSummary:
+    def line(self, sent: SentRobot) -> RobotSummary:
         """A line about a robot that was sent, found once; not so where it has a problem, which somebody may mend."""
         line = self._lines.get(_key(sent))
         if line is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +29,9 @@ from guidefield.robot.model.spaces import (
     Tangent,
     WireRow,
 )
+
+LONGEST_TURN = 3.0
+"""How far a rotation vector may go between two rows on the wire [rad]: less than half a turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +278,28 @@ class PlanningGroup:
             else:
                 row += z[_at_v(joint)].tolist()
         return row
+
+    def wire_path(self, zs: ChartPoints) -> list[WireRow]:
+        """Chart points (n, nv), straight from each to the next, as rows of the wire's position columns.
+
+        An orientation doesn't say which way it was turned to, and who reads it takes the shorter one: where two points
+        are `LONGEST_TURN` or more apart there are rows between them.
+        """
+        rows = [self.wire_positions(z) for z in zs[:1]]
+        for before, after, turn in zip(zs, zs[1:], self.turns(zs), strict=False):
+            parts = math.floor(turn / LONGEST_TURN) + 1
+            rows += [self.wire_positions(before + (after - before) * (k / parts)) for k in range(1, parts)]
+            rows.append(self.wire_positions(after))
+        return rows
+
+    def turns(self, zs: ChartPoints) -> np.ndarray:
+        """How far rotation vectors go between chart points (n, nv), the largest of all joints, shape (n - 1,) [rad]."""
+        found = np.zeros(max(0, len(zs) - 1))
+        for joint in self.joints:
+            if joint.kind in chart.ROTATION:
+                vectors = zs[:, _at_v(joint)][:, chart.ROTATION[joint.kind]]
+                found = np.maximum(found, np.linalg.norm(np.diff(vectors, axis=0), axis=1))
+        return found
 
     def random(self, rng: np.random.Generator) -> Configuration:
         """A configuration, shape (nq,), drawn evenly within the limits.

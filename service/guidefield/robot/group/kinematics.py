@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.kernels.kinematics.frame_positions import frame_positions
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ModelConfiguration
+from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration
 
 
 class Kinematics:
@@ -39,6 +41,22 @@ class Kinematics:
         """Position of the tip in the world, shape (3,) [m], at a configuration of `group.model`, shape (model.nq,)."""
         position: np.ndarray = self.frame_placement(q, self.group.tip_id).translation
         return position
+
+    def tip_positions(self, zs: ChartPoints) -> np.ndarray:
+        """Positions of the tip in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
+        group = self.group
+        frame, positions = group.model.frames[group.tip_id], np.empty((len(zs), 3))
+        frame_positions(
+            joints_of(group),
+            np.ascontiguousarray(group.expand_velocity, float),
+            np.array(group.expand_offset, float),
+            np.array(group.expand(group.q_origin), float),
+            np.ascontiguousarray(zs, float),
+            int(frame.parentJoint),
+            np.array(frame.placement.translation),
+            positions,
+        )
+        return positions
 
     def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
         """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).

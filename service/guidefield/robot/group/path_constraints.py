@@ -147,13 +147,20 @@ def line(frame: str, point: np.ndarray, direction: np.ndarray, tolerance: float)
 
 
 class ConstrainedFrames:
-    """The constraints of a motion of a group, evaluated at chart points; owns scratch data (one per thread)."""
+    """The constraints of a motion of a group, evaluated at chart points; owns scratch data (one per thread).
+
+    Attributes:
+        group: The group.
+        constraints: k of them.
+        limits: What their numbers must not exceed, shape (k,) [rad or m].
+        indices: Of their frames, in the group's model.
+    """
 
     def __init__(self, group: PlanningGroup, constraints: tuple[PathConstraint, ...]) -> None:
         self.group = group
         self.constraints = constraints
         self.limits = np.array([constraint.limit for constraint in constraints])
-        self._frames = [_frame_id(group.model, constraint.frame) for constraint in constraints]
+        self.indices = [_frame_id(group.model, constraint.frame) for constraint in constraints]
         self._data = group.model.createData()
 
     def values(self, z: ChartPoint) -> np.ndarray:
@@ -176,12 +183,12 @@ class ConstrainedFrames:
         model, q = self.group.model, self.group.expand_from_chart(z)
         return [
             pin.computeFrameJacobian(model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)
-            for frame in self._frames
+            for frame in self.indices
         ]
 
     def _placed(self, z: ChartPoint) -> list[Any]:
         pin.forwardKinematics(self.group.model, self._data, self.group.expand_from_chart(z))
-        return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self._frames]
+        return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self.indices]
 
 
 def _frame_id(model: Any, name: str) -> int:

@@ -167,11 +167,13 @@ def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
 def _reduced(model: Any, geometry: Any, locked: list[int], q_reference: np.ndarray) -> tuple[Any, Any]:
     """The models with some joints fixed.
 
-    Pinocchio finds a joint's frame by the joint's name alone, so links that share one are called otherwise meanwhile.
+    Pinocchio finds frames of joints, fixed ones too, by name alone: links that share one are called otherwise
+    meanwhile.
     """
     if not locked:
         return model, geometry
-    joints = set(model.names)
+    fixed = (frame.name for frame in model.frames if frame.type == pin.FrameType.FIXED_JOINT)
+    joints = {*model.names, *fixed}
     for frame in model.frames:
         if frame.type == pin.FrameType.BODY and frame.name in joints:
             frame.name = f"{_RENAMED}{frame.name}"

@@ -1,4 +1,4 @@
-"""The chain of joints from the world to a group's tip, as the kernels want it."""
+"""The chain of joints from the world to a group's tip, or to another frame, as the kernels want it."""
 
 from __future__ import annotations
 
@@ -53,10 +53,31 @@ class ChainToTip:
 @kept_with
 def chain_to_tip(group: PlanningGroup) -> ChainToTip:
     """The chain to a group's tip."""
+    table = chain_to(group, group.tip_id)
+    moved_by = np.count_nonzero(group.expand_velocity, axis=0)
+    periods = np.zeros(group.nv)
+    for joint in group.joints:
+        if joint.kind in (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PLANAR):
+            angle = joint.idx_v + joint.nv - 1
+            returns = joint.kind is not JointKind.REVOLUTE or moved_by[angle] == 1  # followers may be elsewhere
+            periods[angle] = 2.0 * np.pi if returns else 0.0
+    moving = np.zeros(group.nv, bool)
+    for kind, driver, (scale, _) in zip(table.kinds, table.drivers, table.scales, strict=True):
+        moving[driver : driver + (3 if kind == BALL else 1)] |= scale != 0.0
+    units = DISTINCT * group.units
+    rotations = [joint.idx_v + ROTATION[joint.kind].start for joint in group.joints if joint.kind in ROTATION]
+    measure = Measure(periods, units, np.array(rotations, np.int64))
+    turning = np.flatnonzero((periods > 0.0) & (group.upper - group.lower >= periods))
+    read_only(*measure, moving, turning)
+    return ChainToTip(table, moving, measure, turning, _reach(table))
+
+
+def chain_to(group: PlanningGroup, frame: int) -> TipChain:
+    """The chain to a frame of a group's model, by its index."""
     model, joints = group.model, joints_of(group)
-    tip = model.frames[group.tip_id]
+    end = model.frames[frame]
     parts = _Parts()
-    for index in list(model.supports[tip.parentJoint])[1:]:
+    for index in list(model.supports[end.parentJoint])[1:]:
         parts.fixed = parts.fixed * model.jointPlacements[index]
         kind, own = joints.kinds[index], next((j for j in group.joints if j.name == model.names[index]), None)
         if joints.nv[index] == 1:
@@ -75,8 +96,8 @@ def chain_to_tip(group: PlanningGroup) -> ChainToTip:
             reference = pin.Quaternion(group.q_origin[own.idx_q : own.idx_q + own.nq][-4:]).normalized()
             parts.fixed = parts.fixed * pin.SE3(reference.matrix(), np.zeros(3))
             parts.add(BALL, own.idx_v + ROTATION[own.kind].start, _Z)
-    parts.fixed = parts.fixed * tip.placement
-    return _chain(group, parts)
+    parts.fixed = parts.fixed * end.placement
+    return parts.chain(group)
 
 
 class _Parts:
@@ -98,34 +119,20 @@ class _Parts:
         self.scales.append(scale)
         self.fixed = turn.inverse()
 
-
-def _chain(group: PlanningGroup, parts: _Parts) -> ChainToTip:
-    first, *others = [*parts.placements, _rows(parts.fixed)]
-    moved_by = np.count_nonzero(group.expand_velocity, axis=0)
-    periods = np.zeros(group.nv)
-    for joint in group.joints:
-        if joint.kind in (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PLANAR):
-            angle = joint.idx_v + joint.nv - 1
-            returns = joint.kind is not JointKind.REVOLUTE or moved_by[angle] == 1  # followers may be elsewhere
-            periods[angle] = 2.0 * np.pi if returns else 0.0
-    moving = np.zeros(group.nv, bool)
-    for kind, driver, (scale, _) in zip(parts.kinds, parts.drivers, parts.scales, strict=True):
-        moving[driver : driver + (3 if kind == BALL else 1)] |= scale != 0.0
-    units = DISTINCT * group.units
-    rotations = [joint.idx_v + ROTATION[joint.kind].start for joint in group.joints if joint.kind in ROTATION]
-    measure = Measure(periods, units, np.array(rotations, np.int64))
-    turning = np.flatnonzero((periods > 0.0) & (group.upper - group.lower >= periods))
-    table = TipChain(
-        kinds=np.array(parts.kinds, np.int64),
-        drivers=np.array(parts.drivers, np.int64),
-        scales=np.array(parts.scales, float).reshape(-1, 2),
-        placements=np.array(others, float).reshape(-1, 12),
-        first=first,
-        lower=group.lower,
-        upper=group.upper,
-    )
-    read_only(*table, *measure, moving, turning)
-    return ChainToTip(table, moving, measure, turning, _reach(table))
+    def chain(self, group: PlanningGroup) -> TipChain:
+        """The parts so far, with the group's limits."""
+        first, *others = [*self.placements, _rows(self.fixed)]
+        table = TipChain(
+            kinds=np.array(self.kinds, np.int64),
+            drivers=np.array(self.drivers, np.int64),
+            scales=np.array(self.scales, float).reshape(-1, 2),
+            placements=np.array(others, float).reshape(-1, 12),
+            first=first,
+            lower=group.lower,
+            upper=group.upper,
+        )
+        read_only(*table)
+        return table
 
 
 def _reach(table: TipChain) -> float:

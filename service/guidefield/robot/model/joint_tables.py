@@ -49,7 +49,7 @@ def joint_table(model: Any) -> JointTable:
 
 
 def axis_of(joint: Any) -> np.ndarray:
-    """Axis of a Pinocchio joint with one degree of freedom, shape (3,): what of its motion subspace isn't zero."""
+    """Axis of a Pinocchio joint with one degree of freedom, shape (3,): where its subspace isn't zero."""
     data = joint.createData()
     joint.calc(data, np.zeros(joint.idx_q + joint.nq))
     subspace = np.asarray(data.S, float).ravel()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.geometry.met import all_as_met
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
@@ -108,6 +109,7 @@ def _shares_touching(
     model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: RobotConfiguration
 ) -> dict[frozenset[str], float]:
     """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
+    geometry = all_as_met(geometry)
     data, geometry_data = model.createData(), scratch_space(geometry)
     rng = np.random.default_rng(0)
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]

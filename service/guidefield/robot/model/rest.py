@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
+from guidefield.geometry.met import all_as_met
 from guidefield.messages.requests import Positions
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.configuration import LENGTHS, clamp, values_from_wire
@@ -107,8 +108,8 @@ class _Search:
     """Looks for configurations without contact."""
 
     def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint]) -> None:
-        self._model, self._geometry, self._joints = model, geometry, joints
-        self._data, self._geometry_data = model.createData(), scratch_space(geometry)
+        self._model, self._geometry, self._joints = model, all_as_met(geometry), joints
+        self._data, self._geometry_data = model.createData(), scratch_space(self._geometry)
 
     def touching(self, q: RobotConfiguration, margin: float = 0.0) -> list[int]:
         """Pairs of shapes that are no further apart than a margin [m]."""

@@ -141,7 +141,7 @@ def _remembered_hull(mesh: Any) -> Arrays:
 
 
 def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
-    """Hull of a mesh, how far it stands off, and what of hollows it fills.
+    """Hull of a mesh, how far it stands off, and how much of hollows it fills.
 
     Beyond `HULL_STAND_OFF` it is only said that it stands off further; where there is no hull, infinitely far.
     """

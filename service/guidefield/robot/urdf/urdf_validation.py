@@ -77,7 +77,7 @@ def check_geometry_complete(facts: UrdfFacts, geometry_model: Any, model: Any) -
     read = dict.fromkeys(facts.links, 0)
     for shape in geometry_model.geometryObjects:
         frame = model.frames[shape.parentFrame]
-        assert frame.type == pin.FrameType.BODY, "collision shapes of a URDF hang on links"
+        assert frame.type == pin.FrameType.BODY, "collision shapes of a URDF belong to links"
         read[frame.name] += 1
     for link, count in read.items():
         written = facts.collisions.get(link, ())

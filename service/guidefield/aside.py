@@ -1,0 +1,92 @@
+"""Long work aside, in a thread of its own: who needs it waits no longer than there is time.
+
+Building a mesh or preparing a robot is some long calls into libraries, which nobody can interrupt. Where time is up in
+the middle of one, whoever waits goes on without it: the work comes to its end by itself, and what it made is kept for
+the next time. Only one thread works at any time: what is asked for meanwhile waits until it is done, or until its own
+time is up.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+LOOK = 0.01
+"""How often who waits looks whether there is time left [s]."""
+
+Spent = Callable[[], object]
+"""Whether time is up."""
+
+T = TypeVar("T")
+
+
+class StoppedError(Exception):
+    """Time was up before long work was done; the text says before what."""
+
+
+def done_aside(work: Callable[[], T], spent: Spent, doing: Callable[[], str]) -> T:
+    """What long work makes.
+
+    Args:
+        work: Does it; what it raises is raised here.
+        spent: Whether time is up, asked again and again by the one who waits.
+        doing: What is being done at the moment, in a few words.
+
+    Raises:
+        StoppedError: if time was up before the work was done, or before it could begin.
+    """
+    wait_for_others(spent)
+    job = _Job(work)
+    _jobs[:] = [job]
+    job.start()
+    while not job.ended.wait(LOOK):
+        if spent():
+            raise StoppedError(doing())
+    _jobs.clear()
+    return job.result()
+
+
+def wait_for_others(spent: Spent) -> None:
+    """Wait until what somebody left behind is done.
+
+    Raises:
+        StoppedError: if time was up before.
+    """
+    for job in _jobs:
+        while not job.ended.wait(LOOK):
+            if spent():
+                raise StoppedError("what was asked for before it was done")
+    _jobs.clear()
+
+
+class _Job(Generic[T]):
+    """Work in a thread. The process doesn't end before it: a thread in the middle of a library would take it down."""
+
+    def __init__(self, work: Callable[[], T]) -> None:
+        self._work = work
+        self._made: list[T] = []
+        self._fault: BaseException | None = None
+        self.ended = threading.Event()
+
+    def start(self) -> None:
+        """Begin."""
+        threading.Thread(target=self._run, name="guidefield-aside").start()
+
+    def result(self) -> T:
+        """What was made, or raise what was raised."""
+        if self._fault is not None:
+            raise self._fault
+        return self._made[0]
+
+    def _run(self) -> None:
+        try:
+            self._made.append(self._work())
+        except BaseException as fault:  # it is raised where it is waited for
+            self._fault = fault
+        finally:
+            self.ended.set()
+
+
+_jobs: list[_Job[Any]] = []
+"""The one that runs, or was left behind."""

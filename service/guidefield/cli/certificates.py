@@ -1,0 +1,83 @@
+"""A certificate for a service, and one of an authority that signs it alone; needs ``guidefield[secure]``."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+VALID = timedelta(days=3650)
+EARLIER = timedelta(hours=1)
+"""Clocks may differ by this."""
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """In PEM.
+
+    Attributes:
+        authority: The authority's certificate, by which clients know the service. Its key is kept nowhere, so it never
+            signs anything else.
+        service: The service's certificate.
+        key: The service's key.
+    """
+
+    authority: bytes
+    service: bytes
+    key: bytes
+
+
+def certificates(hosts: Sequence[str]) -> Certificates:
+    """New certificates.
+
+    Args:
+        hosts: Names and addresses by which clients reach the service.
+    """
+    now = datetime.now(UTC)
+    root, own = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
+    issuer, subject = _name("guidefield authority"), _name(hosts[0])
+
+    def begun(whose: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
+        return (
+            x509.CertificateBuilder()
+            .subject_name(whose)
+            .issuer_name(issuer)
+            .public_key(key)
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(now - EARLIER)
+            .not_valid_after(now + VALID)
+        )
+
+    authority = (
+        begun(issuer, root.public_key())
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .sign(root, hashes.SHA256())
+    )
+    service = (
+        begun(subject, own.public_key())
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.SubjectAlternativeName([_host(host) for host in hosts]), critical=False)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(root.public_key()), critical=False)
+        .sign(root, hashes.SHA256())
+    )
+    pem = serialization.Encoding.PEM
+    key = own.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    return Certificates(authority.public_bytes(pem), service.public_bytes(pem), key)
+
+
+def _name(name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name[:64])])
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)

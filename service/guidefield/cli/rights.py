@@ -1,0 +1,94 @@
+"""Who may use which keys: Zenoh's access control for operators, users and onlookers.
+
+Zenoh looks at each message of each link. What comes from a client may be a question, or that it wants to hear of
+something; what goes to it may be an answer, or what is published. So nobody but the service answers, publishes or says
+that it lives: a client is sent no question of another one, and what it publishes reaches nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from guidefield.messages.identities import base_key, shared_key
+
+ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+"""What a client sends that asks and listens."""
+ANSWERING = ["reply", "put", "declare_queryable", "liveliness_token"]
+"""What it is sent."""
+PRESENCE = ["liveliness_token"]
+"""What a client sends to say that it is there."""
+HEARING, HEARD = ["declare_subscriber"], ["put"]
+"""What a client sends that listens, and what it is sent."""
+OF_ALL = ("guidefield/*/alive", "guidefield/*/starting")
+"""What everybody may look at: which services there are."""
+LISTS = ("info", "robots", "scenes", "runs")
+SHARED = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording")
+"""What others share; only the owner may change it, so whoever may use these keys can read alone."""
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Who may do what.
+
+    Attributes:
+        operators: They may do everything, on the keys without a user.
+        users: Each has keys of its own.
+        onlookers: They see lists, figures, and what is shared.
+    """
+
+    operators: tuple[str, ...] = ("operator",)
+    users: tuple[str, ...] = ("user",)
+    onlookers: tuple[str, ...] = ("onlooker",)
+
+    def everybody(self) -> tuple[str, ...]:
+        """All names."""
+        return (*self.operators, *self.users, *self.onlookers)
+
+
+def access_control(roles: Roles) -> dict[str, Any]:
+    """The section ``access_control`` of the service's Zenoh configuration: what isn't allowed is denied."""
+    published = [f"{shared_key('*')}/**"]
+    rules: list[dict[str, Any]] = [
+        *_rules("everybody", OF_ALL),
+        _rule("everybody listens", HEARING, "ingress", published),
+        _rule("everybody hears", HEARD, "egress", published),
+    ]
+    policies: list[dict[str, Any]] = [{"rules": _ids(rules), "subjects": list(roles.everybody())}]
+    of_roles = [
+        *((name, ["guidefield/**"], base_key("*", "plain")) for name in roles.operators),
+        *((name, [f"{base_key('*', name)}/**"], base_key("*", name)) for name in roles.users),
+        *((name, [f"{base_key('*', name)}/{key}" for key in (*LISTS, *SHARED)], None) for name in roles.onlookers),
+    ]
+    for name, keys, present in of_roles:
+        own = _rules(f"user {name}", keys, None if present is None else f"{present}/clients/*")
+        rules += own
+        policies.append({"rules": _ids(own), "subjects": [name]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": name, "usernames": [name]} for name in roles.everybody()],
+        "policies": policies,
+    }
+
+
+def _rules(who: str, keys: Sequence[str], present: str | None = None) -> list[dict[str, Any]]:
+    """Rules that let somebody ask and be answered on some keys, and say on one that it is there."""
+    found = [_rule(f"{who} asks", ASKING, "ingress", keys), _rule(f"{who} is answered", ANSWERING, "egress", keys)]
+    return found if present is None else [*found, _rule(f"{who} is there", PRESENCE, "ingress", [present])]
+
+
+def _rule(name: str, messages: Sequence[str], flow: str, keys: Iterable[str]) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "messages": list(messages),
+        "flows": [flow],
+        "key_exprs": list(keys),
+    }
+
+
+def _ids(rules: Iterable[dict[str, Any]]) -> list[str]:
+    return [rule["id"] for rule in rules]

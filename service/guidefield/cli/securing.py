@@ -1,0 +1,124 @@
+"""`guidefield secure`: the files of a service that whole networks can reach, and one file for each who may use it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import secrets
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from guidefield.cli.rights import Roles, access_control
+from guidefield.errors import MalformedRequest
+from guidefield.messages.identities import checked_user
+
+if TYPE_CHECKING:
+    from guidefield.cli.certificates import Certificates
+
+HOSTS = ("localhost", "127.0.0.1")
+"""How clients reach a service on their own machine."""
+SECRET_BYTES = 24
+"""How many random bytes a password is made of."""
+READABLE, SECRET = 0o644, 0o600
+"""Rights of files: those with a password or key are for the one alone who wrote them."""
+
+
+def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> list[Path]:
+    """Write certificates, passwords and Zenoh configurations into a folder, which is made.
+
+    Args:
+        folder: It must not hold any of these files.
+        roles: Who may do what.
+        hosts: Names and addresses by which clients reach the service; each client's file has the first.
+        port: Where the service listens.
+
+    Returns:
+        What was written: the service's configuration first, then those of the clients, then what the service reads.
+
+    Raises:
+        MalformedRequest: if a name can't be a user's, or two have the same, or a file is there already.
+        ImportError: if ``guidefield[secure]`` isn't installed.
+    """
+    from guidefield.cli.certificates import certificates
+
+    names = roles.everybody()
+    for name in names:
+        checked_user(name)
+    if len(set(names)) < len(names):
+        raise MalformedRequest(f"each name has one role, got {', '.join(names)}", names=list(names))
+    made = certificates(hosts)
+    passwords = {name: secrets.token_urlsafe(SECRET_BYTES) for name in names}
+    where = folder.resolve()
+    users = "".join(f"{name}:{password}\n" for name, password in passwords.items())
+    clients = {name: _client(name, name in roles.operators, passwords[name], made, hosts[0], port) for name in names}
+    files: dict[str, tuple[bytes, int]] = {
+        "service.json5": (_commented(SERVICE, service_configuration(roles, where, port)), READABLE),
+        **{f"{name}.json5": (content, SECRET) for name, content in clients.items()},
+        "service.pem": (made.service, READABLE),
+        "service.key": (made.key, SECRET),
+        "users.txt": (users.encode(), SECRET),
+    }
+    return _written(where, files)
+
+
+def service_configuration(roles: Roles, folder: Path, port: int) -> dict[str, Any]:
+    """The Zenoh configuration of a service whose other files are in a folder."""
+    tls = {"listen_certificate": str(folder / "service.pem"), "listen_private_key": str(folder / "service.key")}
+    return {
+        "mode": "peer",
+        "listen": {"endpoints": [f"tls/0.0.0.0:{port}"]},
+        "transport": {
+            "link": {"tls": tls},
+            "auth": {"usrpwd": {"dictionary_file": str(folder / "users.txt")}},
+        },
+        "access_control": access_control(roles),
+    }
+
+
+def client_configuration(
+    name: str, operator: bool, password: str, authority: bytes, host: str, port: int
+) -> dict[str, Any]:
+    """The Zenoh configuration of a client; the Python client asks on the keys of the user that it names."""
+    configuration: dict[str, Any] = {
+        "mode": "client",
+        "connect": {"endpoints": [f"tls/{host}:{port}"]},
+        "transport": {
+            "link": {"tls": {"root_ca_certificate_base64": base64.b64encode(authority).decode()}},
+            "auth": {"usrpwd": {"user": name, "password": password}},
+        },
+    }
+    return configuration if operator else {**configuration, "metadata": {"guidefield": {"user": name}}}
+
+
+SERVICE = """A service that whole networks can reach: encrypted, by user and password, each user on keys of its own.
+
+    guidefield serve --config service.json5
+
+The files that it names are the service's alone: service.key, and users.txt with a line name:password for each user."""
+CLIENT = """All that {name} needs to use the service. It holds a password: give it to nobody else.
+
+    guidefield query request.json --config {name}.json5
+    Client.connect(config=Path("{name}.json5"))"""
+
+
+def _client(name: str, operator: bool, password: str, made: Certificates, host: str, port: int) -> bytes:
+    text = CLIENT.format(name=name)
+    return _commented(text, client_configuration(name, operator, password, made.authority, host, port))
+
+
+def _commented(text: str, configuration: dict[str, Any]) -> bytes:
+    comment = "".join(f"// {line}".rstrip() + "\n" for line in text.splitlines())
+    return f"{comment}{json.dumps(configuration, indent=2)}\n".encode()
+
+
+def _written(folder: Path, files: dict[str, tuple[bytes, int]]) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    there = [name for name in files if (folder / name).exists()]
+    if there:
+        told = f"{folder} holds {', '.join(there)} already; name another folder, or delete what is to be made anew"
+        raise MalformedRequest(told, path=str(folder))
+    for name, (content, rights) in files.items():
+        path = folder / name
+        path.touch(mode=rights)
+        path.write_bytes(content)
+    return [folder / name for name in files]

@@ -1,0 +1,54 @@
+"""Which obstacles can be the nearest somewhere along a motion: no others have to be measured.
+
+Let c be the distance from the obstacles at some time, and s how far a body moves within a stretch that begins then.
+Within it the distance is c + max s at most, so what is nearest is within c + max s + s of its body when it begins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.minimum.curve import Curve
+
+FEW = 64
+"""So many obstacles are measured all."""
+
+
+def with_nearest(worlds: TimedWorld, curve: Curve, times: np.ndarray) -> TimedWorld:
+    """A robot among those obstacles that can be the nearest along a motion; all that move are among them.
+
+    Args:
+        worlds: The robot among all obstacles.
+        curve: The motion.
+        times: Some times of it, in order, the first and last of all among them, shape (k,) [s].
+    """
+    world = worlds.moving
+    if world.pairs.obstacles <= FEW or not len(world.pairs.moving) or len(times) < 2:
+        return worlds
+    movers = np.unique(world.pairs.bodies(worlds.pairs)[:, 1]) - world.pairs.links
+    chosen = np.union1d(movers, _near(worlds, curve, times))
+    return worlds if len(chosen) == world.pairs.obstacles else TimedWorld.of(worlds.resting, world.among(chosen))
+
+
+def _near(worlds: TimedWorld, curve: Curve, times: np.ndarray) -> np.ndarray:
+    """Obstacles, as they are placed at first, that can be the nearest, shape (n,)."""
+    world, group = worlds.moving, worlds.moving.group
+    spans = np.diff(times)
+    widths = curve.most(times[:-1], times[1:])[0] * spans[:, None]
+    qs = [group.expand_from_chart(z) for z in curve.at(times[:-1])[0]]
+    jacobians, kept = np.empty((len(qs), 6, world.model.nv)), np.empty(len(qs))
+    placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
+    for row, q in enumerate(qs):
+        kept[row] = clearance_at(world, q).obstacle_distance
+        jacobians[row] = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
+        placements[row] = there
+    centres = world.bodies.centres_in_world(placements)
+    travel = world.motion_bound.at(jacobians, centres, widths)[1]
+    margins = kept[:, None] + travel.max(axis=1, keepdims=True) + travel
+    which, pairs = world.near_pairs.by_place(centres, margins)
+    bodies = world.pairs.bodies(pairs)
+    near = world.near_pairs.separations(centres, which, pairs) <= margins[which, bodies[:, 0]]
+    return np.unique(bodies[near, 1]) - world.pairs.links

@@ -1,0 +1,144 @@
+"""The narrow phase: what Coal says of two bodies where they stand, asked for pair by pair.
+
+Nothing is made of a pair before it is asked for. Answers don't depend on the questions before. A surface of very many
+triangles is judged patch by patch, by those whose boxes are near enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import coal
+import numpy as np
+
+from guidefield.geometry.met import as_met
+from guidefield.scene.facets import Patches
+
+_Meeting = tuple[int, int, int]
+"""Indices of two bodies, and which patch of the second is meant."""
+
+_ROUNDING = 1e-9
+"""What boxes about bodies are wider by, for rounding [m]."""
+
+
+class NarrowPhase:
+    """Coal's judgement of pairs of bodies; like the world that it belongs to it answers one question at a time.
+
+    Unless points of contact are asked for, Coal (3.0.3, without a margin) overlooks boxes that overlap by centimetres
+    where an axis of one lies along an axis of the other. So they are.
+
+    Args:
+        shape: Makes a body's Coal shape, by its index; of a body that doesn't move it may be patches of one.
+        placement: Where a body stands now, by its index, a pinocchio.SE3.
+        moving: How many bodies move, the first ones; the others stand still.
+    """
+
+    def __init__(self, shape: Callable[[int], Any], placement: Callable[[int], Any], moving: int) -> None:
+        self._shape, self._placement, self._moving = shape, placement, moving
+        self._shapes: dict[int, Any] = {}
+        self._moved: dict[int, Any] = {}
+        self._still: dict[int, Any] = {}
+        self._boxes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._met: dict[_Meeting, tuple[Any, Any]] = {}
+        self._collide: dict[_Meeting, Any] = {}
+        self._measure: dict[_Meeting, Any] = {}
+        self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
+        self._distance_request = coal.DistanceRequest()
+
+    def forget_placements(self) -> None:
+        """The bodies have moved."""
+        self._moved.clear()
+
+    def move(self, body: int, placement: Any) -> None:
+        """Put a body elsewhere, at a pinocchio.SE3, until the bodies move."""
+        self._moved[body] = transform(placement)
+
+    def shape(self, body: int) -> Any:
+        """A body's Coal shape."""
+        if body not in self._shapes:
+            self._shapes[body] = self._shape(body)
+        return self._shapes[body]
+
+    def penetration(self, first: int, second: int, margin: float = 0.0) -> float | None:
+        """How far two bodies are apart [m] if they don't keep a margin, negative in contact; None if they keep it.
+
+        Args:
+            first: Index of a body.
+            second: Index of another.
+            margin: What they have to keep [m]; Coal answers for none below 0 where a body is a mesh.
+        """
+        if isinstance(patches := self.shape(second), Patches):
+            for apart, patch in patches.nearest_first(*self._box_of(first, second)):
+                if apart > margin:
+                    break
+                found = self._penetration((first, second, patch), margin)
+                if found is not None:
+                    return found
+            return None
+        return self._penetration((first, second, 0), margin)
+
+    def _penetration(self, meeting: _Meeting, margin: float) -> float | None:
+        first, second, _ = meeting
+        if meeting not in self._collide:
+            self._collide[meeting] = coal.ComputeCollision(*self._as_met(meeting))
+        self._request.security_margin = self._request.distance_upper_bound = margin
+        self._result.clear()
+        self._collide[meeting](self._there(first), self._there(second), self._request, self._result)
+        return float(self._result.getContact(0).penetration_depth) if self._result.isCollision() else None
+
+    def distance(self, first: int, second: int) -> Any:
+        """Coal's distance of two bodies, with its closest points (a coal.DistanceResult)."""
+        if not isinstance(patches := self.shape(second), Patches):
+            return self._distance((first, second, 0))
+        nearest = None
+        for apart, patch in patches.nearest_first(*self._box_of(first, second)):
+            if nearest is not None and apart > nearest.min_distance:
+                break
+            found = self._distance((first, second, patch))
+            if nearest is None or found.min_distance < nearest.min_distance:
+                nearest = found
+        return nearest
+
+    def _distance(self, meeting: _Meeting) -> Any:
+        first, second, _ = meeting
+        if meeting not in self._measure:
+            self._measure[meeting] = coal.ComputeDistance(*self._as_met(meeting))
+        result = coal.DistanceResult()
+        self._measure[meeting](self._there(first), self._there(second), self._distance_request, result)
+        return result
+
+    def _as_met(self, meeting: _Meeting) -> tuple[Any, Any]:
+        """The shapes as they meet; Coal's functors don't keep them alive."""
+        if meeting not in self._met:
+            first, second, patch = meeting
+            other = self.shape(second)
+            self._met[meeting] = as_met(self.shape(first), other.shape(patch) if isinstance(other, Patches) else other)
+        return self._met[meeting]
+
+    def _box_of(self, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of a box about a body's shape in the frame of another body, shapes (3,) [m]."""
+        if first not in self._boxes:
+            shape = self.shape(first)
+            shape.computeLocalAABB()
+            self._boxes[first] = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+        low, high = self._boxes[first]
+        here, there = self._there(first), self._there(second)
+        rotation = there.getRotation().T @ here.getRotation()
+        middle = here.getRotation() @ (0.5 * (low + high)) + here.getTranslation() - there.getTranslation()
+        centre, reach = there.getRotation().T @ middle, np.abs(rotation) @ (0.5 * (high - low)) + _ROUNDING
+        return centre - reach, centre + reach
+
+    def _there(self, body: int) -> Any:
+        """Where a body stands, as Coal takes it."""
+        if body in self._moved:
+            return self._moved[body]
+        known = self._moved if body < self._moving else self._still
+        if body not in known:
+            known[body] = transform(self._placement(body))
+        return known[body]
+
+
+def transform(placement: Any) -> Any:
+    """A placement (pinocchio.SE3) as Coal takes it."""
+    return coal.Transform3s(np.array(placement.rotation), np.array(placement.translation))

@@ -1,0 +1,128 @@
+"""Which pairs of bodies may be near each other: by balls and boxes about them, obstacles found by their place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.bodies import Bodies
+from guidefield.collision.obstacle_boxes import ObstacleBoxes
+from guidefield.collision.pairs import Pairs
+
+SLACK = 1e-9
+"""What boxes about balls are wider by, for rounding [m]."""
+
+TOGETHER = 30_000
+"""So many pairs are compared at once: some megabytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """Lower bounds of the signed distances of pairs, and the pairs whose bounds are low.
+
+    Attributes:
+        pairs: The pairs.
+        bodies: Balls about the robot's bodies.
+        boxes: Boxes about obstacles.
+    """
+
+    pairs: Pairs
+    bodies: Bodies
+    boxes: ObstacleBoxes
+
+    def separations(self, centres: np.ndarray, which: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Lower bounds of the signed distances of chosen pairs, by one ball about each of the robot's bodies.
+
+        A ball that overlaps another, or a box from outside, bounds the depth too; a centre inside a box bounds nothing:
+        minus infinity.
+
+        Args:
+            centres: Centres of the balls at s configurations, shape (s, r, 3) [m, world].
+            which: Configuration at which each pair is asked for, shape (m,).
+            pairs: Indices of the pairs, shape (m,).
+
+        Returns:
+            Shape (m,) [m].
+        """
+        first, second = self.pairs.bodies(pairs).T
+        own, radii, found = pairs < self.pairs.n_self, self.bodies.radii, np.empty(len(pairs))
+        a, b = first[own], second[own]
+        between = centres[which[own], a] - centres[which[own], b]
+        found[own] = np.sqrt(np.einsum("mi,mi->m", between, between)) - radii[a] - radii[b]
+        body, obstacle = first[~own], second[~own] - self.pairs.links
+        gaps = self.boxes.gaps(centres[which[~own], body][:, None], obstacle)[:, 0]
+        found[~own] = np.where(gaps > 0.0, gaps - radii[body], -np.inf)
+        return found
+
+    def closer_separations(self, placements: np.ndarray, which: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """The same by the balls about parts of bodies: closer to the distances.
+
+        Where balls overlap they bound no depth, because bodies can overlap in several parts: minus infinity.
+
+        Args:
+            placements: ``T_world_joint`` of every joint of the model at s configurations, shape (s, njoints, 3, 4) [m].
+            which: As in `separations`.
+            pairs: As there.
+
+        Returns:
+            Shape (m,) [m].
+        """
+        first, second = self.pairs.bodies(pairs).T
+        own, radii, found = pairs < self.pairs.n_self, self.bodies.part_radii, np.empty(len(pairs))
+        centres = self.bodies.part_centres_in_world(placements, which, first)
+        if own.any():
+            others = self.bodies.part_centres_in_world(placements, which[own], second[own])
+            between = centres[own][:, :, None] - others[:, None]
+            nearest = np.sqrt(np.einsum("mabi,mabi->mab", between, between).min(axis=(1, 2)))
+            found[own] = nearest - radii[first[own]] - radii[second[own]]
+        gaps = self.boxes.gaps(centres[~own], second[~own] - self.pairs.links).min(axis=1)
+        found[~own] = gaps - radii[first[~own]]
+        return np.where(found > 0.0, found, -np.inf)
+
+    def within(
+        self, placements: np.ndarray, centres: np.ndarray, own: np.ndarray, mixed: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The pairs at each of s configurations that balls and boxes can't tell to be farther apart than margins.
+
+        Args:
+            placements: As in `closer_separations`.
+            centres: As in `separations`.
+            own: Margins of the robot's own pairs, shape (s, n_self) [m].
+            mixed: Margins of the robot's bodies and obstacles, shape (s, r) [m].
+
+        Returns:
+            Configuration and index of each of them, both of shape (k,), in this order.
+        """
+        at, found = self.by_place(centres, mixed)
+        margins = np.concatenate([own.ravel(), mixed[at, self.pairs.bodies(found)[:, 0]]])
+        count = self.pairs.n_self
+        which = np.concatenate([np.repeat(np.arange(len(centres)), count), at])
+        pairs = np.concatenate([np.tile(np.arange(count), len(centres)), found])
+        close = np.zeros(len(pairs), bool)
+        for first in range(0, len(pairs), TOGETHER):
+            some = np.arange(first, min(first + TOGETHER, len(pairs)))
+            some = some[self.separations(centres, which[some], pairs[some]) <= margins[some]]
+            some = some[self.closer_separations(placements, which[some], pairs[some]) <= margins[some]]
+            close[some] = True
+        which, pairs = which[close], pairs[close]
+        order = np.lexsort((pairs, which))
+        return which[order], pairs[order]
+
+    def by_place(self, centres: np.ndarray, margins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The pairs with obstacles whose boxes are within margins of the boxes about balls: no others are as near.
+
+        Args:
+            centres: As in `separations`.
+            margins: Of the robot's bodies, shape (s, r) [m].
+
+        Returns:
+            Configuration and index of each of them, both of shape (k,).
+        """
+        moving = self.pairs.moving
+        middle = centres[:, moving].reshape(-1, 3)
+        reach = (self.bodies.radii[moving] + margins[:, moving]).reshape(-1, 1) + SLACK * (1.0 + np.abs(middle))
+        asked, obstacles = self.boxes.overlapping(middle - reach, middle + reach)
+        which, rows = np.divmod(asked, max(1, len(moving)))
+        are, pairs = self.pairs.with_obstacles(rows, obstacles)
+        return which[are], pairs

@@ -1,0 +1,177 @@
+"""Boxes about obstacles: along the world's axes, by which they are found, and along their own, which are closer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import coal
+import numpy as np
+
+from guidefield.collision.box_tree import BoxTree
+from guidefield.kept import kept_with
+from guidefield.messages import scene as messages
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene
+
+ROUNDING = 1e-9
+"""What boxes along the world's axes are wider by, of a metre and of each metre that they are from the origin."""
+
+
+class ObstacleBoxes:
+    """Boxes about the obstacles of a scene, as they are placed at first.
+
+    Those along their own axes are made of what Coal judges, once an obstacle is asked for.
+
+    Args:
+        obstacles: The obstacles.
+    """
+
+    def __init__(self, obstacles: tuple[Obstacle, ...]) -> None:
+        self._obstacles = obstacles
+        self._known = np.zeros(len(obstacles), bool)
+        self._axes = np.empty((len(obstacles), 3, 3))
+        self._centres = np.empty((len(obstacles), 3))
+        self._halves = np.empty((len(obstacles), 3))
+
+    def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which obstacles may be in which of some boxes along the world's axes.
+
+        Args:
+            low: Their lower corners, shape (q, 3) [m, world].
+            high: Their upper corners, shape (q, 3) [m, world].
+
+        Returns:
+            Index of a box and index of an obstacle, both of shape (k,), in this order.
+        """
+        asked, found = self._tree.overlapping(low, high)
+        if not len(self._endless):
+            return asked, self._bounded[found]
+        asked = np.concatenate([asked, np.repeat(np.arange(len(low)), len(self._endless))])
+        found = np.concatenate([self._bounded[found], np.tile(self._endless, len(low))])
+        order = np.lexsort((found, asked))
+        return asked[order], found[order]
+
+    def gaps(self, points: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+        """Distances of points from the boxes about obstacles along their own axes: 0 inside.
+
+        Args:
+            points: Shape (m, k, 3) [m, world].
+            obstacles: Index of an obstacle for each row, shape (m,).
+
+        Returns:
+            Shape (m, k) [m]; of a half-space 0, for its box is endless.
+        """
+        self._require(obstacles)
+        along = np.matmul(points, self._axes[obstacles]) - self._centres[obstacles, None]
+        outside = np.maximum(np.abs(along) - self._halves[obstacles, None], 0.0)
+        found: np.ndarray = np.sqrt(np.einsum("mki,mki->mk", outside, outside))
+        return found
+
+    def along_own_axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The boxes along the obstacles' own axes.
+
+        Returns:
+            Their axes as columns, shape (o, 3, 3), centres along them and half extents, both of shape (o, 3) [m]; the
+            extents of a half-space are infinite.
+        """
+        self._require(np.arange(len(self._obstacles)))
+        return self._axes, self._centres, self._halves
+
+    @cached_property
+    def _endless(self) -> np.ndarray:
+        """Those without an end."""
+        return np.flatnonzero([isinstance(one.message, messages.HalfSpace) for one in self._obstacles])
+
+    @cached_property
+    def _bounded(self) -> np.ndarray:
+        """The others."""
+        return np.setdiff1d(np.arange(len(self._obstacles)), self._endless)
+
+    @cached_property
+    def _tree(self) -> BoxTree:
+        low, high = boxes_along_axes([self._obstacles[index] for index in self._bounded.tolist()])
+        return BoxTree.of(low, high)
+
+    def _require(self, obstacles: np.ndarray) -> None:
+        """Make the boxes of some obstacles that are not made yet."""
+        for index in np.unique(obstacles[~self._known[obstacles]]).tolist():
+            self._axes[index], self._centres[index], self._halves[index] = _own_box(self._obstacles[index])
+            self._known[index] = True
+
+
+@kept_with
+def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
+    """The boxes about a scene's obstacles; made once for each scene."""
+    return ObstacleBoxes(scene.obstacles)
+
+
+def boxes_along_axes(obstacles: list[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes along the world's axes that contain obstacles, a hair wider than they have to be.
+
+    Of primitives they are made of what is declared, many at once.
+
+    Args:
+        obstacles: Bounded obstacles.
+
+    Returns:
+        Lower and upper corners, both of shape (n, 3) [m, world].
+    """
+    low, high = np.empty((len(obstacles), 3)), np.empty((len(obstacles), 3))
+    kinds = np.array([_KINDS.get(type(one.message), -1) for one in obstacles], int)
+    for kind, halves in enumerate(_HALVES):
+        rows = np.flatnonzero(kinds == kind)
+        if len(rows):
+            low[rows], high[rows] = _of_primitives([obstacles[row].message for row in rows.tolist()], halves)
+    for row in np.flatnonzero(kinds < 0).tolist():
+        low[row], high[row] = _of_shape(obstacles[row])
+    wider = ROUNDING * (1.0 + np.maximum(np.abs(low), np.abs(high)))
+    return low - wider, high + wider
+
+
+def _of_primitives(
+    declared: list[Any], halves: Callable[[Any], tuple[float, float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of boxes along the world's axes about those along the axes of primitives of one kind."""
+    centres, extents = np.array([one.position for one in declared], float), np.array([halves(one) for one in declared])
+    if isinstance(declared[0], messages.Sphere):
+        return centres - extents, centres + extents
+    turned = np.array([one.quaternion_xyzw for one in declared], float)
+    x, y, z, w = (turned / np.linalg.norm(turned, axis=1, keepdims=True)).T
+    rotations = np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+    reach = np.einsum("ijn,nj->ni", np.abs(rotations), extents)
+    return centres - reach, centres + reach
+
+
+_KINDS: dict[type, int] = {messages.Box: 0, messages.Sphere: 1, messages.Cylinder: 2, messages.Capsule: 3}
+
+_HALVES: tuple[Callable[[Any], tuple[float, float, float]], ...] = (
+    lambda m: (0.5 * m.size[0], 0.5 * m.size[1], 0.5 * m.size[2]),
+    lambda m: (m.radius, m.radius, m.radius),
+    lambda m: (m.radius, m.radius, 0.5 * m.length),
+    lambda m: (m.radius, m.radius, 0.5 * m.length + m.radius),
+)
+"""Half extents of a primitive's box along its own axes [m], by `_KINDS`."""
+
+
+def _of_shape(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the box along the world's axes about the one along an obstacle's own."""
+    axes, along, halves = _own_box(obstacle)
+    reach, centre = np.abs(axes) @ halves, axes @ along
+    return centre - reach, centre + reach
+
+
+def _own_box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The box about an obstacle along its own axes: these as columns, centre along them [m], half extents [m]."""
+    axes = np.array(obstacle.placement.rotation)
+    if obstacle.facets is None and isinstance(obstacle.shape, coal.Halfspace):
+        return axes, np.zeros(3), np.full(3, np.inf)
+    low, high = obstacle.box
+    return axes, obstacle.placement.act(0.5 * (low + high)) @ axes, 0.5 * (high - low) + obstacle.rounding

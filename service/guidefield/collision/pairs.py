@@ -1,0 +1,119 @@
+"""The pairs of bodies that must stay apart, counted and never listed: its index tells which bodies a pair is of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from guidefield.read_only import ReadOnly
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs(ReadOnly):
+    """First the robot's own pairs, then every body on a moving link with every obstacle, but those left out.
+
+    Bodies are the robot's, then the obstacles.
+
+    Attributes:
+        own: Bodies of the robot's own pairs, shape (n_self, 2), the lower index first.
+        links: How many bodies are the robot's.
+        moving: Those of them that are tested against obstacles, ascending, shape (m,).
+        obstacles: How many obstacles there are.
+        left_out: Of all m * obstacles pairs with obstacles those that may touch, as they are counted without own ones
+            if none is left out; ascending, shape (k,).
+    """
+
+    own: np.ndarray
+    links: int
+    moving: np.ndarray
+    obstacles: int
+    left_out: np.ndarray
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.own) + len(self.moving) * self.obstacles - len(self.left_out)
+
+    @cached_property
+    def n_self(self) -> int:
+        """How many are the robot's own."""
+        return len(self.own)
+
+    def bodies(self, pairs: np.ndarray) -> np.ndarray:
+        """Bodies of some pairs, the lower index first.
+
+        Args:
+            pairs: Indices of pairs, shape (k,).
+
+        Returns:
+            Shape (k, 2).
+        """
+        count, found = max(1, self.obstacles), np.empty((len(pairs), 2), np.int64)
+        own = pairs < self.n_self
+        found[own] = self.own[pairs[own]]
+        mixed = pairs[~own] - self.n_self
+        if len(self.left_out):
+            mixed = mixed + np.searchsorted(self.left_out - np.arange(len(self.left_out)), mixed, side="right")
+        found[~own, 0], found[~own, 1] = self.moving[mixed // count], self.links + mixed % count
+        return found
+
+    def of(self, pair: int) -> tuple[int, int]:
+        """Bodies of one pair; sooner had than by `bodies`."""
+        if pair < self.n_self:
+            return self._own[pair]
+        mixed = pair - self.n_self
+        if len(self.left_out):
+            mixed += int(np.searchsorted(self.left_out - np.arange(len(self.left_out)), mixed, side="right"))
+        row, obstacle = divmod(mixed, self.obstacles)
+        return self._moving[row], self.links + obstacle
+
+    @cached_property
+    def _own(self) -> list[tuple[int, int]]:
+        return [(first, second) for first, second in self.own.tolist()]
+
+    @cached_property
+    def _moving(self) -> list[int]:
+        return [int(body) for body in self.moving]
+
+    def with_obstacles(self, rows: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of bodies on moving links and obstacles.
+
+        Args:
+            rows: Which of `moving`, shape (k,).
+            obstacles: Which obstacles, shape (k,).
+
+        Returns:
+            Which of them are pairs, shape (k,), bool, and the indices of those that are.
+        """
+        mixed = rows * self.obstacles + obstacles
+        if not len(self.left_out):
+            return np.ones(len(mixed), bool), self.n_self + mixed
+        place = np.searchsorted(self.left_out, mixed)
+        are = self.left_out[np.minimum(place, len(self.left_out) - 1)] != mixed
+        return are, self.n_self + mixed[are] - place[are]
+
+    def bodies_left_out(self) -> np.ndarray:
+        """Body and obstacle of each pair that is left out, shape (k, 2)."""
+        row, obstacle = np.divmod(self.left_out, max(1, self.obstacles))
+        return np.column_stack([self.moving[row], obstacle])
+
+    def among(self, chosen: np.ndarray) -> Pairs:
+        """The pairs among some of the obstacles.
+
+        Args:
+            chosen: Which obstacles, ascending, shape (k,).
+        """
+        row, obstacle = np.divmod(self.left_out, max(1, self.obstacles))
+        kept = np.isin(obstacle, chosen)
+        left_out = row[kept] * len(chosen) + np.searchsorted(chosen, obstacle[kept])
+        return Pairs(self.own, self.links, self.moving, len(chosen), left_out)
+
+    def of_obstacles(self, chosen: np.ndarray) -> np.ndarray:
+        """All pairs with some obstacles, in ascending order.
+
+        Args:
+            chosen: Which obstacles, shape (k,).
+        """
+        rows = np.repeat(np.arange(len(self.moving)), len(chosen))
+        return np.sort(self.with_obstacles(rows, np.tile(chosen, len(self.moving)))[1])

@@ -1,0 +1,26 @@
+"""How the service's links are set where its configuration leaves Zenoh's own, and Zenoh's threads."""
+
+from __future__ import annotations
+
+from guidefield.messages import codec
+
+READ_WITHIN = 15.0
+"""How long an answer may take to be read, beside what the system keeps of it, before its link is ended [s]."""
+LEASE = 2.0
+"""How long a link that was cut may go unnoticed [s]."""
+LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
+"""Zenoh drops a larger message without a word [bytes]; what is between this and a payload's limit is refused."""
+RUNTIME = "(rx: (worker_threads: 32), tx: (worker_threads: 4), net: (worker_threads: 4), app: (worker_threads: 4))"
+"""Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
+
+Zenoh blocks one of those that receive, for up to `READ_WITHIN`, where a link ends to which something is still being
+sent; of two, the default, the other links would end, too.
+"""
+UNLESS_TOLD = {
+    "scouting/multicast/enabled": "false",
+    "scouting/gossip/enabled": "false",
+    "transport/link/tx/lease": f"{1e3 * LEASE:.0f}",  # [ms]
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": f"{1e6 * READ_WITHIN:.0f}",  # [us]
+    "transport/link/rx/max_message_size": str(LONGEST_MESSAGE),
+}
+"""What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end."""

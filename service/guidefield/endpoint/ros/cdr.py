@@ -1,0 +1,160 @@
+"""Messages to bytes and back (CDR), and the hashes of their types (RIHS01), by the library rosbags.
+
+A message is an object with the fields of its type: numbers, texts, other messages, lists of them, and NumPy arrays
+where a field has many numbers. Types are named as ROS does: ``std_msgs/msg/String``,
+``moveit_msgs/srv/GetMotionPlan_Request``.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+MOST_BYTES = 8 * 2**20
+"""Largest payload that is looked at: as objects it takes tens of times as much."""
+MOST_ENTRIES = 2_000_000
+"""Most entries of one sequence that are looked at."""
+
+_NUMBERS = {
+    "bool": np.bool_, "byte": np.uint8, "int8": np.int8, "uint8": np.uint8, "int16": np.int16, "uint16": np.uint16,
+    "int32": np.int32, "uint32": np.uint32, "int64": np.int64, "uint64": np.uint64, "float32": np.float32,
+    "float64": np.float64,
+}  # fmt: skip
+_UNLIKE_ZERO = {("geometry_msgs/msg/Quaternion", "w"): 1.0}
+"""Fields whose value is not zero where nobody gives one."""
+
+
+class Unreadable(ValueError):
+    """A payload is no message of its type; says why."""
+
+
+class Types:
+    """The types of a table, with what reads and writes them.
+
+    Args:
+        messages: Fields of each message, by its package and name.
+        services: Fields of each service's request and response.
+    """
+
+    def __init__(self, messages: Mapping[str, str], services: Mapping[str, tuple[str, str]]) -> None:
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.max_sequence_length = MOST_ENTRIES
+        definitions: dict[str, Any] = {}
+        for name, fields in messages.items():
+            definitions |= _parsed(name.replace("/", "/msg/"), fields)
+        for name, (request, response) in services.items():
+            definitions |= _service(name.replace("/", "/srv/"), request, response)
+        self._store.register(definitions)
+        self._made: dict[str, dict[str, _Field]] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """Every type, those of which a service is made too."""
+        return list(self._store.fielddefs)
+
+    def fields(self, name: str) -> list[tuple[str, Any]]:
+        """The fields of a type in order, each with rosbags' description of what it holds."""
+        return list(self._store.fielddefs[name][1])
+
+    def type_hash(self, name: str) -> str:
+        """The hash by which nodes tell versions of a type, ``RIHS01_`` and 64 digits."""
+        return self._store.hash_rihs01(name)
+
+    def new(self, name: str, /, **given: Any) -> Any:
+        """A message with some of its fields; all others are zero, empty or false, and a quaternion the identity."""
+        fields = self._fields_of(name)
+        if unknown := given.keys() - fields.keys():
+            raise TypeError(f"{name} has no field {', '.join(sorted(unknown))}")
+        values = [one.fitting(given[field]) if field in given else one.blank() for field, one in fields.items()]
+        return self._store.types[name](*values)
+
+    def read(self, payload: bytes, name: str) -> Any:
+        """The message that a payload holds.
+
+        Raises:
+            Unreadable: if it holds none of that type, or is longer than `MOST_BYTES`.
+        """
+        if len(payload) > MOST_BYTES:
+            raise Unreadable(f"the payload has {len(payload)} bytes, at most {MOST_BYTES} are read")
+        try:
+            return self._store.deserialize_cdr(payload, name)
+        except Exception as error:  # whatever a library raises at bytes that anybody may send
+            raise Unreadable(f"the payload is no {name}: {error}") from None
+
+    def write(self, message: Any, name: str) -> bytes:
+        """The bytes of a message, with their header, little-endian."""
+        return bytes(self._store.serialize_cdr(message, name, little_endian=True))
+
+    def _fields_of(self, name: str) -> dict[str, _Field]:
+        """The fields of a type by name, in their order, found once."""
+        if name not in self._made:
+            self._made[name] = {field: self._field(name, field, kind) for field, kind in self.fields(name)}
+        return self._made[name]
+
+    def _field(self, name: str, field: str, kind: Any) -> _Field:
+        node, inner = kind
+        if node == Nodetype.NAME:
+            return _Field(functools.partial(self.new, inner), _as_it_is)
+        if node == Nodetype.BASE:
+            zero = "" if inner[0] == "string" else _NUMBERS[inner[0]]().item()
+            value = _UNLIKE_ZERO.get((name, field), zero)
+            return _Field(lambda: value, _as_it_is)
+        element, count = inner
+        if element[0] == Nodetype.BASE and element[1][0] != "string":
+            numbers = _NUMBERS[element[1][0]]
+            most = count if node == Nodetype.ARRAY else 0
+            return _Field(lambda: np.zeros(most, numbers), lambda value: np.asarray(value, numbers))
+        return _Field(list, _as_it_is)
+
+
+@dataclass(frozen=True)
+class _Field:
+    """What a field of a message has where nobody gives a value, and a value as it holds it."""
+
+    blank: Callable[[], Any]
+    fitting: Callable[[Any], Any]
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+def _parsed(name: str, fields: str) -> dict[str, Any]:
+    package, _, own = name.split("/")
+    lines = "\n".join(field.strip() for field in fields.split(","))
+    (definition,) = get_types_from_msg(lines, f"{package}/msg/{own}").values()
+    return {name: definition}
+
+
+def _service(name: str, request: str, response: str) -> dict[str, Any]:
+    """A service as a type hash sees it: its request, its response, and the event that tells of either."""
+
+    def one(of: str) -> tuple[Nodetype, str]:
+        return Nodetype.NAME, of
+
+    def at_most_one(of: str) -> tuple[Nodetype, Any]:
+        return Nodetype.SEQUENCE, (one(of), 1)
+
+    asked, answered, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
+    return {
+        **_parsed(asked, request),
+        **_parsed(answered, response),
+        event: (
+            [],
+            [
+                ("info", one("service_msgs/msg/ServiceEventInfo")),
+                ("request", at_most_one(asked)),
+                ("response", at_most_one(answered)),
+            ],
+        ),
+        name: (
+            [],
+            [("request_message", one(asked)), ("response_message", one(answered)), ("event_message", one(event))],
+        ),
+    }

@@ -1,0 +1,208 @@
+"""Objects of the planning scene: moveit_msgs/CollisionObject to shapes that we judge, and back.
+
+An object has a pose, and shapes and named frames in it. The message's poses are in the object's, and that is in the
+frame of its header. A plane is solid on the side that its normal points away from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from guidefield.endpoint.ros.cdr import Types
+from guidefield.endpoint.ros.poses import number, placement, pose_message, wire_of
+from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
+
+BOX, SPHERE, CYLINDER = 1, 2, 3
+"""Kinds of shape_msgs/SolidPrimitive that are served; a cone is 4, a prism 5."""
+LONGEST_NAME = 200
+"""Of an object, in characters: a shape's name has its number behind it."""
+
+Shape = Box | Sphere | Cylinder | Mesh | HalfSpace
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """An object of the scene.
+
+    Attributes:
+        pose: In the world, or in the link that holds it; pinocchio.SE3.
+        shapes: Each without a name and at the origin, and where it is in the object.
+        frames: Named frames in it.
+    """
+
+    pose: Any
+    shapes: tuple[tuple[Shape, Any], ...]
+    frames: MappingProxyType[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def obstacles(self, name: str) -> Iterator[Obstacle]:
+        """Its shapes as obstacles, in the frame of its pose; named as the object, and numbered where they are many."""
+        for one, (shape, there) in zip(self.names(name), self.shapes, strict=True):
+            yield _placed(shape, one, self.pose * there)
+
+    def names(self, name: str) -> list[str]:
+        """What the obstacles of an object of this name are called."""
+        return [name] if len(self.shapes) == 1 else [f"{name}/{number}" for number in range(len(self.shapes))]
+
+
+def object_of(obstacle: str, objects: Collection[str]) -> str | None:
+    """Which of some objects an obstacle is a shape of; None if it is of none."""
+    name = obstacle.rpartition("/")[0]
+    return next((one for one in (obstacle, name) if one in objects), None)
+
+
+def shapes_of(message: Any, where: str) -> tuple[tuple[Shape, Any], ...]:
+    """The shapes of a CollisionObject, and where they are in the object; a pose that isn't given is the identity.
+
+    Raises:
+        Refused: if a kind or a size isn't served.
+    """
+    found: list[tuple[Shape, Any]] = []
+    kinds: tuple[tuple[str, str, Callable[[Any, str], Shape]], ...] = (
+        ("primitives", "primitive_poses", primitive),
+        ("meshes", "mesh_poses", _mesh),
+        ("planes", "plane_poses", _plane),
+    )
+    for several, poses, shape in kinds:
+        given = getattr(message, poses)
+        for index, one in enumerate(getattr(message, several)):
+            there = placement(given[index], f"{where}.{poses}[{index}]") if index < len(given) else pin.SE3.Identity()
+            found.append((shape(one, f"{where}.{several}[{index}]"), there))
+    return tuple(found)
+
+
+def frames_of(message: Any, where: str) -> MappingProxyType[str, Any]:
+    """The named frames of a CollisionObject.
+
+    Raises:
+        Refused: if names and poses aren't equally many.
+    """
+    names, poses = message.subframe_names, message.subframe_poses
+    if len(names) != len(poses):
+        raise Refused(
+            MoveItCode.INVALID_OBJECT_NAME,
+            f"`{where}.subframe_names` has {len(names)} entries, `subframe_poses` {len(poses)}",
+        )
+    there = [placement(pose, f"{where}.subframe_poses[{index}]") for index, pose in enumerate(poses)]
+    return MappingProxyType(dict(zip(names, there, strict=True)))
+
+
+def checked_id(name: str, where: str) -> str:
+    """The name itself, if an object can have it.
+
+    Raises:
+        Refused: otherwise.
+    """
+    if not 0 < len(name) <= LONGEST_NAME:
+        raise Refused(
+            MoveItCode.INVALID_OBJECT_NAME, f"`{where}.id` must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}"
+        )
+    return name
+
+
+def primitive(message: Any, where: str) -> Shape:
+    """The shape of a shape_msgs/SolidPrimitive.
+
+    Raises:
+        Refused: if it is a cone or a prism, or a size isn't positive.
+    """
+    wanted = {BOX: 3, SPHERE: 1, CYLINDER: 2}.get(message.type)
+    if wanted is None:
+        raise Refused(
+            MoveItCode.INVALID_OBJECT_NAME,
+            f"`{where}.type` {message.type} isn't served; box 1, sphere 2, cylinder 3 are",
+        )
+    if len(message.dimensions) != wanted:
+        raise Refused(
+            MoveItCode.INVALID_OBJECT_NAME,
+            f"`{where}.dimensions` must have {wanted} for type {message.type}, got {len(message.dimensions)}",
+        )
+    sizes = [number(size, f"{where}.dimensions[{index}]") for index, size in enumerate(message.dimensions.tolist())]
+    if min(sizes) <= 0.0:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.dimensions` must be positive, got {sizes}")
+    if message.type == BOX:
+        return Box(name="-", size=(sizes[0], sizes[1], sizes[2]))
+    if message.type == SPHERE:
+        return Sphere(name="-", radius=sizes[0])
+    return Cylinder(name="-", length=sizes[0], radius=sizes[1])
+
+
+def _mesh(message: Any, where: str) -> Shape:
+    try:
+        return Mesh(
+            name="-",
+            vertices=[(float(p.x), float(p.y), float(p.z)) for p in message.vertices],
+            triangles=[_indices(triangle) for triangle in message.triangles],
+        )
+    except ValueError as error:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}`: {error}") from None
+
+
+def _indices(triangle: Any) -> tuple[int, int, int]:
+    a, b, c = triangle.vertex_indices.tolist()
+    return a, b, c
+
+
+def _plane(message: Any, where: str) -> Shape:
+    a, b, c, d = (number(value, f"{where}.coef[{index}]") for index, value in enumerate(message.coef.tolist()))
+    length = math.hypot(a, b, c)
+    if length < 1e-6:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.coef` has no normal")
+    return HalfSpace(name="-", normal=(a / length, b / length, c / length), offset=-d / length)
+
+
+def _placed(shape: Shape, name: str, there: Any) -> Obstacle:
+    position, quaternion = wire_of(there)
+    if isinstance(shape, HalfSpace):
+        normal = there.rotation @ np.array(shape.normal)
+        offset = shape.offset + float(normal @ there.translation)
+        return HalfSpace(name=name, normal=tuple(normal.tolist()), offset=offset)
+    if isinstance(shape, Sphere):
+        return msgspec.structs.replace(shape, name=name, position=position)
+    return msgspec.structs.replace(shape, name=name, position=position, quaternion_xyzw=quaternion)
+
+
+def message_of(types: Types, name: str, thing: SceneObject, frame: str, *, geometry: bool = True) -> Any:
+    """The CollisionObject of an object whose pose is in a frame."""
+    message = types.new("moveit_msgs/msg/CollisionObject", id=name, pose=pose_message(types, *wire_of(thing.pose)))
+    message.header.frame_id = frame
+    for shape, there in thing.shapes if geometry else ():
+        pose = pose_message(types, *wire_of(there))
+        match shape:
+            case Mesh():
+                message.meshes.append(_mesh_message(types, shape))
+                message.mesh_poses.append(pose)
+            case HalfSpace():
+                coefficients = [*shape.normal, -shape.offset]
+                message.planes.append(types.new("shape_msgs/msg/Plane", coef=coefficients))
+                message.plane_poses.append(pose)
+            case _:
+                kind, sizes = _sizes(shape)
+                message.primitives.append(types.new("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=sizes))
+                message.primitive_poses.append(pose)
+    message.subframe_names += list(thing.frames)
+    message.subframe_poses += [pose_message(types, *wire_of(there)) for there in thing.frames.values()]
+    return message
+
+
+def _sizes(shape: Box | Sphere | Cylinder) -> tuple[int, list[float]]:
+    if isinstance(shape, Box):
+        return BOX, list(shape.size)
+    if isinstance(shape, Sphere):
+        return SPHERE, [shape.radius]
+    return CYLINDER, [shape.length, shape.radius]
+
+
+def _mesh_message(types: Types, mesh: Mesh) -> Any:
+    assert isinstance(mesh.vertices, list), "it came as numbers"
+    points = [types.new("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in mesh.vertices]
+    triangles = [types.new("shape_msgs/msg/MeshTriangle", vertex_indices=list(t)) for t in mesh.triangles]
+    return types.new("shape_msgs/msg/Mesh", triangles=triangles, vertices=points)

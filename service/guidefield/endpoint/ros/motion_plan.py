@@ -1,0 +1,214 @@
+"""`plan_kinematic_path`: a moveit_msgs/GetMotionPlan as a plan request of ours, and the reply as its response."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from guidefield.endpoint.ros.cdr import Types
+from guidefield.endpoint.ros.constraints import AskedGoal, goal_of, path_constraints_of
+from guidefield.endpoint.ros.poses import number
+from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
+from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
+from guidefield.endpoint.ros.scene_updates import with_state
+from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
+from guidefield.messages.kinematics_replies import InverseKinematicsReply
+from guidefield.messages.plan_reply import PlanReply
+from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
+
+RESPONSE = "moveit_msgs/srv/GetMotionPlan_Response"
+UNSET_TIME = 1.0
+"""The planning time where a request has none, as in MoveIt [s]."""
+MOST_TIME = 3600.0
+SOLUTIONS = 8
+"""How many configurations are looked for at each of several poses."""
+
+
+@dataclass(frozen=True)
+class AskedPlan:
+    """What is asked.
+
+    Attributes:
+        request: As a plan request of ours.
+        start: Robot and scene when it begins.
+        group: The group's name.
+        notes: What was read otherwise than it stands there.
+        choices: Goals of which any one will do, where some are poses; empty where the request has them all.
+    """
+
+    request: PlanRequest
+    start: Snapshot
+    group: str
+    notes: tuple[str, ...]
+    choices: tuple[AskedGoal, ...] = ()
+
+
+def asked_plan(message: Any, now: Snapshot) -> AskedPlan:
+    """What a GetMotionPlan asks for.
+
+    Raises:
+        Refused: if it isn't served; names the field.
+    """
+    asked = message.motion_plan_request
+    group = now.robot.group(asked.group_name)
+    _require_served(asked)
+    start = with_state(now, asked.start_state, "start_state")
+    goal = goal_of(asked.goal_constraints, group, start)
+    allowed, time_notes = _planning_time(asked.allowed_planning_time)
+    velocity, velocity_notes = _factor(asked.max_velocity_scaling_factor, "max_velocity_scaling_factor")
+    acceleration, acceleration_notes = _factor(asked.max_acceleration_scaling_factor, "max_acceleration_scaling_factor")
+    request = PlanRequest(
+        robot=start.robot.name,
+        scene=start.scene(),
+        goal=goal.goal,
+        group=group,
+        tip=goal.tip,
+        start=dict(start.whole),
+        guide_planes=[],
+        attached_objects=start.attached(),
+        allowed_collisions=start.allowed(),
+        path_constraints=path_constraints_of(asked.path_constraints, group, start),
+        max_velocity_scaling_factor=velocity,
+        max_acceleration_scaling_factor=acceleration,
+        allowed_planning_time=allowed,
+    )
+    notes = (*_start_notes(start), *goal.notes, *time_notes, *velocity_notes, *acceleration_notes, *_ignored(asked))
+    return AskedPlan(request, start, asked.group_name, notes, (goal, *goal.others) if goal.others else ())
+
+
+def asked_solutions(asked: AskedPlan) -> list[InverseKinematics]:
+    """Requests for configurations at the poses of several goals, one for each link.
+
+    Our requests have one pose at most, and as many configurations as wanted: MoveIt's planners draw such samples, too.
+    """
+    request = asked.request
+    poses: dict[str, list[TargetPose]] = {}
+    for one in asked.choices:
+        if isinstance(one.goal, PoseGoal):
+            assert one.tip is not None, "a pose is a link's"
+            poses.setdefault(one.tip, []).append(TargetPose(**msgspec.structs.asdict(one.goal)))
+    return [
+        InverseKinematics(
+            robot=request.robot,
+            poses=targets,
+            tip=tip,
+            group=request.group,
+            scene=request.scene,
+            collision_free=True,
+            attached_objects=request.attached_objects,
+            allowed_collisions=request.allowed_collisions,
+            start_configurations=[request.start],
+            solutions=SOLUTIONS,
+            allowed_time=request.allowed_planning_time,
+        )
+        for tip, targets in poses.items()
+    ]
+
+
+def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) -> AskedPlan:
+    """What is asked, with the configurations at those poses, and those that were asked for, as its goal.
+
+    Raises:
+        Refused: if there are none.
+    """
+    positions = [one.goal.positions for one in asked.choices if isinstance(one.goal, JointsGoal)]
+    positions += [solution for reply in found for solutions in reply.configurations for solution in solutions]
+    if not positions:
+        reasons = "; ".join(dict.fromkeys(reason for reply in found for reason in reply.reasons))
+        raise Refused(MoveItCode.NO_IK_SOLUTION, f"`goal_constraints`: none of the poses is reached: {reasons}")
+    note = f"of {len(asked.choices)} goals {len(positions)} configurations were looked at"
+    goal = JointSetGoal(positions)
+    return dataclasses.replace(
+        asked, request=msgspec.structs.replace(asked.request, goal=goal, tip=None), notes=(*asked.notes, note)
+    )
+
+
+def plan_response(types: Types, asked: AskedPlan, reply: PlanReply, seconds: float) -> Any:
+    """The response of a reply; a trajectory stands in it where there is a whole, certified one."""
+    code = moveit_code(reply.status.code)
+    answer = types.new(
+        "moveit_msgs/msg/MotionPlanResponse",
+        trajectory_start=robot_state(types, asked.start),
+        group_name=asked.group,
+        planning_time=seconds,
+        error_code=error_code(types, code, _told(reply, asked.notes)),
+    )
+    if code == MoveItCode.SUCCESS:
+        assert reply.trajectory is not None, "a plan that was found has one"
+        answer.trajectory = robot_trajectory(types, asked.start, reply.position_names, reply.trajectory)
+    return types.new(RESPONSE, motion_plan_response=answer)
+
+
+def refused_plan(types: Types, code: MoveItCode, message: str) -> Any:
+    """The response of a request that isn't served."""
+    answer = types.new("moveit_msgs/msg/MotionPlanResponse", error_code=error_code(types, code, message))
+    return types.new(RESPONSE, motion_plan_response=answer)
+
+
+def display(types: Types, asked: AskedPlan, response: Any) -> Any:
+    """The moveit_msgs/DisplayTrajectory of a response."""
+    answer = response.motion_plan_response
+    return types.new(
+        "moveit_msgs/msg/DisplayTrajectory",
+        model_id=asked.start.robot.name,
+        trajectory=[answer.trajectory],
+        trajectory_start=answer.trajectory_start,
+    )
+
+
+def _told(reply: PlanReply, notes: tuple[str, ...]) -> str:
+    """What happened, how sure it is, and what was read otherwise."""
+    name = "" if reply.status.name == moveit_code(reply.status.code).name else f"{reply.status.name}: "
+    parts = [f"{name}{reply.status.message}"]
+    if (found := reply.clearance) is not None and found.minimum is not None and found.pair is not None:
+        parts.append(f"clearance {found.minimum:.4g} m ({' and '.join(found.pair)})")
+    parts.append(f"run {reply.run_id}")
+    return "; ".join([*parts, *notes, *reply.warnings])
+
+
+def _require_served(asked: Any) -> None:
+    if asked.trajectory_constraints.constraints:
+        raise Refused(MoveItCode.INVALID_GOAL_CONSTRAINTS, "`trajectory_constraints` isn't served")
+    if not asked.max_cartesian_speed <= 0.0:
+        raise Refused(MoveItCode.FAILURE, "`max_cartesian_speed` isn't served: leave it 0")
+
+
+def _factor(value: float, field: str) -> tuple[float, tuple[str, ...]]:
+    if value == 0.0:
+        return 1.0, (f"`{field}` is unset and means 1",)
+    if not 0.0 < value <= 1.0:
+        raise Refused(MoveItCode.FAILURE, f"`{field}` must be above 0 and at most 1, or 0 for 1; got {value}")
+    return value, ()
+
+
+def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
+    number(seconds, "allowed_planning_time")
+    if seconds <= 0.0:
+        return UNSET_TIME, (f"`allowed_planning_time` is unset and means {UNSET_TIME:g} s",)
+    if seconds > MOST_TIME:
+        raise Refused(MoveItCode.FAILURE, f"`allowed_planning_time` must be at most {MOST_TIME:g} s, got {seconds:g}")
+    return seconds, ()
+
+
+def _start_notes(start: Snapshot) -> list[str]:
+    if not start.unheard:
+        return []
+    return [f"neither /joint_states nor `start_state` tells {', '.join(start.unheard)}: taken at rest"]
+
+
+def _ignored(asked: Any) -> list[str]:
+    """What doesn't change what is planned."""
+    ignored = {
+        "pipeline_id": bool(asked.pipeline_id),
+        "planner_id": bool(asked.planner_id),
+        "num_planning_attempts": asked.num_planning_attempts > 1,
+        "reference_trajectories": bool(asked.reference_trajectories),
+        "start_state.joint_state.velocity": any(asked.start_state.joint_state.velocity.tolist()),
+    }
+    names = ", ".join(f"`{name}`" for name, given in ignored.items() if given)
+    return [f"{names} not used"] if names else []

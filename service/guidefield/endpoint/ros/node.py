@@ -1,0 +1,294 @@
+"""The ROS node that the service is: queries and samples in, exactly one answer to each query, topics out.
+
+Theory of operation. Zenoh's callbacks only sort. What a query asks is read, translated, asked of the engine and
+answered by a thread of this node's own, which waits for the engine; there are as many as queries may be under way, and
+one more is told that the service is busy. Answers go out by threads of an `Outbox`. What can't be read is answered by
+an error and logged, at most once a second. A node whose types are of another version doesn't reach this one: the log
+names it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import zenoh
+import zenoh.ext
+
+from guidefield.endpoint.outbox import Outbox
+from guidefield.endpoint.ros.attachment import Attachment
+from guidefield.endpoint.ros.cdr import Types, Unreadable
+from guidefield.endpoint.ros.engine_door import EngineDoor
+from guidefield.endpoint.ros.known_scene import KnownScene
+from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Entity, Kind, Node
+from guidefield.endpoint.ros.options import IDENTITY
+from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
+from guidefield.endpoint.ros.scene_updates import heard, updated
+from guidefield.endpoint.ros.services import Answered, Service, Services
+from guidefield.endpoint.ros.strangers import Strangers
+from guidefield.errors import GuidefieldError, unforeseen
+from guidefield.messages.identities import Asker
+
+_log = logging.getLogger(__name__)
+
+NAME = "guidefield"
+MOST_UNDER_WAY = 64
+"""How many queries may be under way."""
+MOST_UPDATES = 64
+"""How many scenes that were published may wait."""
+LAST_ANSWERS = 5.0
+"""How long the last answers may take to be read at the end [s]."""
+COMPLAINTS_EVERY = 1.0
+"""What can't be read is logged at most so often [s]."""
+PUBLISHED = {
+    "display_planned_path": "moveit_msgs/msg/DisplayTrajectory",
+    "guidefield/plans": "std_msgs/msg/String",
+}
+LATCHED = {"robot_description": "std_msgs/msg/String"}
+
+
+class _Publisher:
+    """Numbers what it publishes.
+
+    Args:
+        type_name: Of its messages.
+        publisher: Zenoh's.
+    """
+
+    def __init__(self, type_name: str, publisher: Any) -> None:
+        self.type_name = type_name
+        self._publisher = publisher
+        self._sender = os.urandom(16)
+        self._numbers = itertools.count(1)
+
+    def put(self, payload: bytes) -> None:
+        """Publish a message."""
+        self._publisher.put(payload, attachment=Attachment(next(self._numbers), self._sender).write())
+
+
+class RosNode:
+    """A node that offers MoveIt's services.
+
+    Args:
+        session: An open session.
+        domain: ROS domain.
+        types: Of messages.
+        known: What is known of robot and scene.
+        engine: Where requests of ours are answered.
+        description: The robot's URDF, to be published; None: nothing is.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        domain: int,
+        types: Types,
+        known: KnownScene,
+        engine: EngineDoor,
+        description: str | None,
+    ) -> None:
+        self._session = session
+        self._domain = domain
+        self._types = types
+        self._known = known
+        self._services = Services(types, known, engine).all()
+        self._description = description
+        self._publishers: dict[str, _Publisher] = {}
+        self._declared = contextlib.ExitStack()
+        self._threads = ThreadPoolExecutor(MOST_UNDER_WAY, thread_name_prefix="guidefield-ros")
+        self._updates = ThreadPoolExecutor(1, thread_name_prefix="guidefield-ros-scene")
+        self._free, self._free_updates = threading.Semaphore(MOST_UNDER_WAY), threading.Semaphore(MOST_UPDATES)
+        self._outbox = Outbox()
+        self._complained = -COMPLAINTS_EVERY
+
+    def offer(self) -> None:
+        """Be there for other nodes."""
+        node = Node(self._domain, str(self._session.zid()), NAME)
+        self._declare_token(node.token())
+        entities = [*self._offer_services(), *self._offer_topics(), *self._listen()]
+        for number, entity in enumerate(entities, 1):
+            self._declare_token(node.token_of(number, entity))
+        self._watch(Strangers(entities, _log.warning))
+        if self._description is not None:
+            self._publish("robot_description", self._types.new("std_msgs/msg/String", data=self._description))
+
+    def withdraw(self) -> None:
+        """Be there no more; queries under way are still answered."""
+        self._declared.close()
+
+    def finish(self) -> None:
+        """Wait for the last answers; whoever answers them for this node must come to an end."""
+        self._updates.shutdown(wait=True)
+        self._threads.shutdown(wait=True)
+        self._outbox.close(LAST_ANSWERS)
+
+    def _watch(self, strangers: Strangers) -> None:
+        """Look at each token of the domain, those that are there already too."""
+
+        def look(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                strangers.look(str(sample.key_expr))
+
+        tokens = self._session.liveliness().declare_subscriber(f"{GRAPH}/{self._domain}/**", look, history=True)
+        self._declared.callback(tokens.undeclare)
+
+    def _declare_token(self, key: str) -> None:
+        self._declared.callback(self._session.liveliness().declare_token(key).undeclare)
+
+    def _entity(self, kind: Kind, name: str, type_name: str, **qos: str) -> Entity:
+        return Entity(kind, name, type_name, self._types.type_hash(type_name), **qos)
+
+    def _offer_services(self) -> Iterator[Entity]:
+        for service in self._services:
+            entity = self._entity(Kind.SERVICE, service.name, service.type_name)
+            key = entity.key(self._domain)
+            self._types.write(service.refuse(self._types, MoveItCode.FAILURE, ""), f"{service.type_name}_Response")
+            queryable = self._session.declare_queryable(key, partial(self._receive, service, key), complete=True)
+            self._declared.callback(queryable.undeclare)
+            yield entity
+
+    def _offer_topics(self) -> Iterator[Entity]:
+        for name, type_name in PUBLISHED.items():
+            entity = self._entity(Kind.PUBLISHER, name, type_name)
+            self._keep_publisher(name, type_name, self._session.declare_publisher(entity.key(self._domain)))
+            yield entity
+        for name, type_name in LATCHED.items():
+            entity = self._entity(Kind.PUBLISHER, name, type_name, qos=LATCHED_QOS)
+            cache = zenoh.ext.CacheConfig(max_samples=1)
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._session, entity.key(self._domain), cache=cache, publisher_detection=True
+            )
+            self._keep_publisher(name, type_name, publisher)
+            yield entity
+
+    def _listen(self) -> Iterator[Entity]:
+        heard_of: dict[str, tuple[str, Callable[[zenoh.Sample], None]]] = {
+            "joint_states": ("sensor_msgs/msg/JointState", self._hear_joints),
+            "planning_scene": ("moveit_msgs/msg/PlanningScene", self._hear_scene),
+        }
+        for name, (type_name, hear) in heard_of.items():
+            entity = self._entity(Kind.SUBSCRIPTION, name, type_name)
+            self._declared.callback(self._session.declare_subscriber(entity.key(self._domain), hear).undeclare)
+            yield entity
+
+    def _keep_publisher(self, name: str, type_name: str, publisher: Any) -> None:
+        self._publishers[name] = _Publisher(type_name, publisher)
+        self._declared.callback(publisher.undeclare)
+
+    def _publish(self, topic: str, message: Any) -> None:
+        publisher = self._publishers[topic]
+        try:
+            publisher.put(self._types.write(message, publisher.type_name))
+        except Exception:  # nobody hears it then; the response is on its way
+            _log.exception("%s could not be published", topic)
+
+    def _hear_joints(self, sample: zenoh.Sample) -> None:
+        with self._complaining(str(sample.key_expr)):
+            message = self._types.read(sample.payload.to_bytes(), "sensor_msgs/msg/JointState")
+            self._known.update(lambda now: heard(now, message))
+
+    def _hear_scene(self, sample: zenoh.Sample) -> None:
+        if not self._free_updates.acquire(blocking=False):
+            self._complain(f"{sample.key_expr}: {MOST_UPDATES} scenes wait already; this one is left out")
+            return
+        self._updates.submit(self._read_scene, sample)
+
+    def _read_scene(self, sample: zenoh.Sample) -> None:
+        try:
+            with self._complaining(str(sample.key_expr)):
+                message = self._types.read(sample.payload.to_bytes(), "moveit_msgs/msg/PlanningScene")
+                self._known.update(lambda now: updated(now, message))
+        finally:
+            self._free_updates.release()
+
+    @contextlib.contextmanager
+    def _complaining(self, what: str) -> Iterator[None]:
+        """Log what is wrong with a sample: nobody waits for an answer."""
+        try:
+            yield
+        except (Unreadable, Refused) as error:
+            self._complain(f"{what}: {error}")
+        except Exception:
+            _log.exception("%s could not be used", what)
+
+    def _complain(self, sentence: str) -> None:
+        now = time.monotonic()
+        if now - self._complained >= COMPLAINTS_EVERY:
+            self._complained = now
+            _log.warning("%s", sentence)
+
+    def _receive(self, service: Service, key: str, query: zenoh.Query) -> None:
+        """Take a query; returns at once."""
+        received = time.monotonic()
+        if not self._free.acquire(blocking=False):
+            message = f"SERVER_BUSY: {MOST_UNDER_WAY} requests are under way; ask again later"
+            self._answer(service, key, query, service.refuse(self._types, MoveItCode.FAILURE, message))
+            return
+        self._threads.submit(self._serve, service, key, query, received)
+
+    def _serve(self, service: Service, key: str, query: zenoh.Query, received: float) -> None:
+        try:
+            payload = b"" if query.payload is None else query.payload.to_bytes()
+            message = self._types.read(payload, f"{service.type_name}_Request")
+            answered = self._answered(service, message, received)
+            self._answer(service, key, query, answered.response)
+            for topic, told in answered.published.items():
+                self._publish(topic, told)
+        except Unreadable as error:
+            self._complain(f"{key}: {error}")
+            self._post(query, 0, partial(_send_error, query, str(error)))
+        except Exception as error:
+            _log.exception("%s failed by itself", service.name)
+            self._post(query, 0, partial(_send_error, query, unforeseen(error).message))
+        finally:
+            self._free.release()
+
+    def _answered(self, service: Service, message: Any, received: float) -> Answered:
+        try:
+            return service.answer(message, received)
+        except Refused as refused:
+            code, sentence = refused.code, refused.message
+        except GuidefieldError as error:
+            code, sentence = moveit_code(error.code), f"{error.code.name}: {error.message}"
+        except Exception as error:
+            _log.exception("%s failed by itself", service.name)
+            told = unforeseen(error)
+            code, sentence = moveit_code(told.code), f"{told.code.name}: {told.message}"
+        if not service.has_place:
+            self._complain(f"{service.name}: {sentence}")
+        return Answered(service.refuse(self._types, code, sentence))
+
+    def _answer(self, service: Service, key: str, query: zenoh.Query, response: Any) -> None:
+        payload = self._types.write(response, f"{service.type_name}_Response")
+        self._post(query, len(payload), partial(_send, query, key, payload))
+
+    def _post(self, query: zenoh.Query, size: int, send: Callable[[], None]) -> None:
+        attachment = _attached(query)
+        asker = Asker(IDENTITY, "" if attachment is None else attachment.sender.hex())
+        if not self._outbox.post(asker, size, send):
+            self._complain(f"{query.key_expr}: too much waits to be read by this client already; an answer is dropped")
+            query.drop()
+
+
+def _attached(query: zenoh.Query) -> Attachment | None:
+    return None if query.attachment is None else Attachment.read(query.attachment.to_bytes())
+
+
+def _send(query: zenoh.Query, key: str, payload: bytes) -> None:
+    """Reply, with the number and the sender of the query."""
+    attachment = _attached(query)
+    with query:
+        query.reply(key, payload, attachment=None if attachment is None else attachment.write())
+
+
+def _send_error(query: zenoh.Query, sentence: str) -> None:
+    with query:
+        query.reply_err(sentence.encode())

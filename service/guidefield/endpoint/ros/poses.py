@@ -1,0 +1,75 @@
+"""Numbers, vectors and poses of ROS messages, and back."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.endpoint.ros.cdr import Types
+from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.messages.values import LARGEST, QuaternionXYZW, Vector3
+
+
+def number(value: float, field: str, code: MoveItCode = MoveItCode.FAILURE) -> float:
+    """A number, if it is finite and within what can be computed with.
+
+    Raises:
+        Refused: otherwise.
+    """
+    if not abs(value) <= LARGEST:
+        raise Refused(code, f"`{field}` must be a finite number within {LARGEST:g}, got {value}")
+    return float(value)
+
+
+def vector(message: Any, field: str) -> np.ndarray:
+    """A geometry_msgs Point or Vector3, shape (3,).
+
+    Raises:
+        Refused: if a number isn't finite.
+    """
+    return np.array([number(getattr(message, axis), f"{field}.{axis}") for axis in "xyz"])
+
+
+def rotation(message: Any, field: str) -> np.ndarray:
+    """The rotation matrix (3, 3) of a geometry_msgs Quaternion of any length.
+
+    Of one that is all zero it is the identity, as in MoveIt.
+
+    Raises:
+        Refused: if a number isn't finite.
+    """
+    x, y, z, w = (number(getattr(message, axis), f"{field}.{axis}") for axis in "xyzw")
+    norm = math.hypot(x, y, z, w)
+    if norm == 0.0:
+        return np.eye(3)
+    matrix: np.ndarray = pin.Quaternion(w / norm, x / norm, y / norm, z / norm).toRotationMatrix()
+    return matrix
+
+
+def placement(pose: Any, field: str) -> Any:
+    """The pinocchio.SE3 of a geometry_msgs Pose.
+
+    Raises:
+        Refused: if a number isn't finite.
+    """
+    return pin.SE3(rotation(pose.orientation, f"{field}.orientation"), vector(pose.position, f"{field}.position"))
+
+
+def wire_of(there: Any) -> tuple[Vector3, QuaternionXYZW]:
+    """Position and quaternion of a pinocchio.SE3, as our messages have them."""
+    x, y, z, qx, qy, qz, qw = pin.SE3ToXYZQUAT(there).tolist()
+    return (x, y, z), (qx, qy, qz, qw)
+
+
+def pose_message(types: Types, position: Vector3, quaternion: QuaternionXYZW) -> Any:
+    """A geometry_msgs Pose."""
+    point = dict(zip("xyz", position, strict=True))
+    turned = dict(zip("xyzw", quaternion, strict=True))
+    return types.new(
+        "geometry_msgs/msg/Pose",
+        position=types.new("geometry_msgs/msg/Point", **point),
+        orientation=types.new("geometry_msgs/msg/Quaternion", **turned),
+    )

@@ -1,0 +1,61 @@
+"""What is refused over ROS: MoveIt's error codes, and a sentence that names the field."""
+
+from __future__ import annotations
+
+import enum
+
+from guidefield.errors import Status
+
+SOURCE = "guidefield"
+"""Who speaks, in every error code."""
+
+
+class MoveItCode(enum.IntEnum):
+    """Values of moveit_msgs/MoveItErrorCodes that are used."""
+
+    SUCCESS = 1
+    PLANNING_FAILED = -1
+    INVALID_MOTION_PLAN = -2
+    TIMED_OUT = -6
+    PREEMPTED = -7
+    START_STATE_IN_COLLISION = -10
+    START_STATE_VIOLATES_PATH_CONSTRAINTS = -11
+    GOAL_IN_COLLISION = -12
+    GOAL_VIOLATES_PATH_CONSTRAINTS = -13
+    GOAL_CONSTRAINTS_VIOLATED = -14
+    INVALID_GROUP_NAME = -15
+    INVALID_GOAL_CONSTRAINTS = -16
+    INVALID_ROBOT_STATE = -17
+    INVALID_LINK_NAME = -18
+    INVALID_OBJECT_NAME = -19
+    FRAME_TRANSFORM_FAILURE = -21
+    START_STATE_INVALID = -26
+    GOAL_STATE_INVALID = -27
+    CRASH = -29
+    NO_IK_SOLUTION = -31
+    FAILURE = 99999
+
+
+class Refused(Exception):
+    """A request that isn't served.
+
+    Attributes:
+        code: Of the answer.
+        message: One sentence that names the field.
+    """
+
+    def __init__(self, code: MoveItCode, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
+
+
+def moveit_code(status: int) -> MoveItCode:
+    """MoveIt's code for a status of ours: the same where MoveIt has it, else the nearest more general one."""
+    if status in _VALUES:
+        return MoveItCode(status)
+    return MoveItCode.PLANNING_FAILED if status in _PLANNING else MoveItCode.FAILURE
+
+
+_VALUES = {code.value for code in MoveItCode}
+_PLANNING = {Status.STUCK_IN_MINIMUM, Status.GUIDE_PLANE_UNREACHABLE, Status.CLEARANCE_BELOW_MINIMUM}

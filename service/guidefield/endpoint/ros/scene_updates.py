@@ -1,0 +1,238 @@
+"""What a moveit_msgs/PlanningScene changes, with MoveIt's meanings: objects, what is held, who may touch whom."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import pinocchio as pin
+
+from guidefield.endpoint.ros.allowed_collisions import Matrix
+from guidefield.endpoint.ros.collision_objects import SceneObject, checked_id, frames_of, shapes_of
+from guidefield.endpoint.ros.poses import number, placement
+from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.snapshot import Held, Snapshot
+
+ADD, REMOVE, APPEND, MOVE = range(4)
+"""Operations of a CollisionObject."""
+MOST_OBJECTS = 10_000
+"""Objects in a scene."""
+
+
+def updated(before: Snapshot, message: Any) -> Snapshot:
+    """Robot and scene after a PlanningScene: with `is_diff` changed by it, else as it says.
+
+    Raises:
+        Refused: if something in it isn't served; then nothing of it counts.
+    """
+    _require_served(message)
+    after = before
+    if not message.is_diff:
+        after = dataclasses.replace(after, objects={}, colors={})
+    if message.name:
+        after = dataclasses.replace(after, name=message.name)
+    matrix = message.allowed_collision_matrix
+    if not message.is_diff or matrix.entry_names or matrix.default_entry_names:
+        after = dataclasses.replace(after, matrix=Matrix.read(matrix, "allowed_collision_matrix"))
+    colors = {color.id: color.color for color in message.object_colors}
+    after = dataclasses.replace(after, colors={**after.colors, **colors})
+    state = message.robot_state
+    if state.joint_state.name or state.attached_collision_objects or not message.is_diff:
+        after = with_state(after, state, "robot_state")
+    for index, one in enumerate(message.world.collision_objects):
+        after = _with_object(after, one, f"world.collision_objects[{index}]")
+    if len(after.objects) + len(after.held) > MOST_OBJECTS:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`world.collision_objects`: at most {MOST_OBJECTS} are kept")
+    return after
+
+
+def with_state(before: Snapshot, state: Any, where: str) -> Snapshot:
+    """Robot and scene with a moveit_msgs/RobotState: joints that it leaves out keep their values.
+
+    What is held is as before and changed by the message if that is a diff, else as the message says; a state that says
+    nothing at all changes nothing.
+
+    Raises:
+        Refused: if a joint, a link or an object in it isn't served.
+    """
+    if not state.is_diff and not state.joint_state.name and not state.attached_collision_objects:
+        _require_single(state, where)
+        return before
+    positions = _positions(before, state, where)
+    after = _moved(before, positions)
+    if not state.is_diff:
+        after = dataclasses.replace(after, held={})
+    for index, one in enumerate(state.attached_collision_objects):
+        at = f"{where}.attached_collision_objects[{index}]"
+        if not state.is_diff and one.object.operation != ADD:
+            raise Refused(
+                MoveItCode.INVALID_OBJECT_NAME, f"`{at}.object.operation` must be ADD where `{where}.is_diff` is false"
+            )
+        after = _with_held(after, one, at)
+    return after
+
+
+def heard(before: Snapshot, message: Any) -> Snapshot:
+    """Robot and scene after a sensor_msgs/JointState: joints that the robot doesn't have, or that follow, don't count.
+
+    Raises:
+        Refused: if a value isn't finite.
+    """
+    values = zip(message.name, message.position.tolist(), strict=False)
+    known = {name: number(value, "position") for name, value in values if name in before.robot.joints}
+    return _moved(before, {**before.positions, **known})
+
+
+def _moved(before: Snapshot, positions: Mapping[str, float]) -> Snapshot:
+    return dataclasses.replace(before, positions=positions, _places={})
+
+
+def _require_single(state: Any, where: str) -> None:
+    if state.multi_dof_joint_state.joint_names:
+        raise Refused(
+            MoveItCode.INVALID_ROBOT_STATE,
+            f"`{where}.multi_dof_joint_state` isn't served: the robot has joints of one coordinate",
+        )
+
+
+def _positions(before: Snapshot, state: Any, where: str) -> dict[str, float]:
+    """The values of joints that were heard, and those of a RobotState in their place."""
+    _require_single(state, where)
+    names, values = state.joint_state.name, state.joint_state.position.tolist()
+    if len(names) != len(values):
+        raise Refused(
+            MoveItCode.INVALID_ROBOT_STATE,
+            f"`{where}.joint_state.position` must have a value for each name, {len(names)}, got {len(values)}",
+        )
+    robot, found = before.robot, dict(before.positions)
+    for name, value in zip(names, values, strict=True):
+        field = f"{where}.joint_state.position of {name[:64]}"
+        if name in robot.joints:
+            found[name] = number(value, field, MoveItCode.INVALID_ROBOT_STATE)
+        elif name not in robot.followers:
+            joints = ", ".join([*robot.joints, *robot.followers])
+            raise Refused(
+                MoveItCode.INVALID_ROBOT_STATE,
+                f"`{where}.joint_state.name` {name[:64]!r} is no joint of {robot.name}: {joints}",
+            )
+    return found
+
+
+def _with_object(before: Snapshot, message: Any, where: str) -> Snapshot:
+    """With a CollisionObject of the world."""
+    if message.operation == REMOVE:
+        return _without(before, message.id, where)
+    name = checked_id(message.id, where)
+    if message.operation == MOVE:
+        return _with_moved(before, message, name, where)
+    if message.operation not in (ADD, APPEND):
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.operation` {message.operation} is unknown")
+    there, _ = before.frame(message.header.frame_id, f"{where}.header.frame_id")
+    thing = _thing(message, there, where)
+    present = before.objects.get(name)
+    if message.operation == APPEND and present is not None:
+        thing = _appended(present, thing)
+    return dataclasses.replace(before, objects={**before.objects, name: thing})
+
+
+def _thing(message: Any, frame: Any, where: str) -> SceneObject:
+    """The object of a message with shapes; `frame` is where its header's frame is.
+
+    The pose of a single shape stands for that of an object which has none.
+    """
+    shapes = shapes_of(message, where)
+    if not shapes:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}` has no primitives, meshes or planes")
+    pose = placement(message.pose, f"{where}.pose")
+    if len(shapes) == 1 and pose == pin.SE3.Identity():
+        ((shape, pose),) = shapes
+        shapes = ((shape, pin.SE3.Identity()),)
+    return SceneObject(frame * pose, shapes, frames_of(message, where))
+
+
+def _appended(present: SceneObject, more: SceneObject) -> SceneObject:
+    """An object with the shapes of another one, which keep their place in the world."""
+    onto = present.pose.inverse() * more.pose
+    shapes = tuple((shape, onto * there) for shape, there in more.shapes)
+    return dataclasses.replace(present, shapes=(*present.shapes, *shapes))
+
+
+def _without(before: Snapshot, name: str, where: str) -> Snapshot:
+    if not name:
+        return dataclasses.replace(before, objects={})
+    if name not in before.objects:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.id` {name[:64]!r} is no object of the scene")
+    return dataclasses.replace(before, objects={id_: one for id_, one in before.objects.items() if id_ != name})
+
+
+def _with_moved(before: Snapshot, message: Any, name: str, where: str) -> Snapshot:
+    if name not in before.objects:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.id` {name[:64]!r} is no object of the scene")
+    for field in ("primitives", "primitive_poses", "meshes", "mesh_poses", "planes", "plane_poses"):
+        if getattr(message, field):
+            raise Refused(
+                MoveItCode.INVALID_OBJECT_NAME, f"`{where}.{field}` must be empty where an object is moved: give `pose`"
+            )
+    there, _ = before.frame(message.header.frame_id, f"{where}.header.frame_id")
+    pose = there * placement(message.pose, f"{where}.pose")
+    moved = dataclasses.replace(before.objects[name], pose=pose)
+    return dataclasses.replace(before, objects={**before.objects, name: moved})
+
+
+def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
+    """With an AttachedCollisionObject."""
+    if message.object.operation == REMOVE:
+        return _let_go(before, message, where)
+    if message.object.operation not in (ADD, APPEND):
+        raise Refused(
+            MoveItCode.INVALID_OBJECT_NAME, f"`{where}.object.operation` must be ADD, APPEND or REMOVE for what is held"
+        )
+    name = checked_id(message.object.id, f"{where}.object")
+    link = before.robot.require_link(message.link_name, f"{where}.link_name")
+    for touched in message.touch_links:
+        before.robot.require_link(touched, f"{where}.touch_links")
+    there = before.link(link)
+    if message.object.primitives or message.object.meshes or message.object.planes:
+        frame, _ = before.frame(message.object.header.frame_id, f"{where}.object.header.frame_id")
+        thing = _thing(message.object, there.inverse() * frame, f"{where}.object")
+    elif name in before.objects:
+        thing = dataclasses.replace(before.objects[name], pose=there.inverse() * before.objects[name].pose)
+    else:
+        raise Refused(
+            MoveItCode.INVALID_OBJECT_NAME, f"`{where}.object` has no shapes, and the scene has no {name[:64]!r}"
+        )
+    present = before.held.get(name)
+    if message.object.operation == APPEND and present is not None and present.link == link:
+        thing = _appended(present.thing, thing)
+    held = {**before.held, name: Held(link, thing, tuple(message.touch_links))}
+    objects = {id_: one for id_, one in before.objects.items() if id_ != name}
+    return dataclasses.replace(before, objects=objects, held=held)
+
+
+def _let_go(before: Snapshot, message: Any, where: str) -> Snapshot:
+    """Without what is held: it stands in the scene then, unless something of its name does."""
+    name, link = message.object.id, message.link_name
+    gone = [id_ for id_, one in before.held.items() if name in ("", id_) and link in ("", one.link)]
+    if not gone and name:
+        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.object.id` {name[:64]!r} isn't held")
+    objects = dict(before.objects)
+    for id_ in gone:
+        one = before.held[id_]
+        objects.setdefault(id_, dataclasses.replace(one.thing, pose=before.link(one.link) * one.thing.pose))
+    held = {id_: one for id_, one in before.held.items() if id_ not in gone}
+    return dataclasses.replace(before, objects=objects, held=held)
+
+
+def _require_served(message: Any) -> None:
+    """Refuse what would change what is judged, and isn't served."""
+    if message.fixed_frame_transforms:
+        raise Refused(MoveItCode.FRAME_TRANSFORM_FAILURE, "`fixed_frame_transforms` isn't served: use the root's frame")
+    if len(message.world.octomap.octomap.data):
+        raise Refused(MoveItCode.FAILURE, "`world.octomap` isn't served: send a mesh or boxes")
+    for index, padding in enumerate(message.link_padding):
+        if padding.padding != 0.0:
+            raise Refused(MoveItCode.FAILURE, f"`link_padding[{index}].padding` must be 0, got {padding.padding}")
+    for index, scale in enumerate(message.link_scale):
+        if scale.scale != 1.0:
+            raise Refused(MoveItCode.FAILURE, f"`link_scale[{index}].scale` must be 1, got {scale.scale}")

@@ -1,0 +1,166 @@
+"""Requests of all users: an engine for each, on stores of its own, and what is loaded shared by all."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from guidefield.engine import Engine, Loaded, LocalFiles
+from guidefield.messages import requests
+from guidefield.messages.identities import PLAIN, USERS
+from guidefield.messages.replies import Done, RobotsReply, RunsReply, ScenesReply
+from guidefield.messages.values import Reply
+from guidefield.progress import Watcher
+from guidefield.run import Owe
+from guidefield.stores.by_user import StoresByUser
+from guidefield.stores.shared import Kind
+
+MOST_KEPT = 100
+"""Of how many users the engines are kept."""
+
+
+class Engines:
+    """Engines of all users of a service; local files are refused.
+
+    Args:
+        instance: Name of the service.
+        stores: What each user has.
+        packages: Folders of packages from which a robot that is sent may take meshes.
+    """
+
+    def __init__(self, instance: str, stores: StoresByUser, packages: Sequence[Path] = ()) -> None:
+        self.stores = stores
+        self._instance, self._packages = instance, tuple(packages)
+        self._loaded = Loaded(self._packages)
+        self._engines: OrderedDict[str, Engine] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def of(self, user: str) -> Engine:
+        """The engine of a user.
+
+        Raises:
+            QuotaExceeded: if too many users have something stored already.
+        """
+        with self._lock:
+            engine = self._engines.pop(user, None) or self._made(user)
+            self._engines[user] = engine
+            while len(self._engines) > MOST_KEPT:
+                self._engines.popitem(last=False)
+            return engine
+
+    def answer(
+        self,
+        asking: str,
+        owner: str,
+        request: requests.Request,
+        *,
+        size: int = 0,
+        received: float | None = None,
+        watcher: Watcher | None = None,
+        later: Owe | None = None,
+    ) -> Reply:
+        """Answer one request about what is somebody's; the right to it was looked at.
+
+        Args:
+            asking: Who asks.
+            owner: Whose stores it is about.
+            request: It.
+            size: What it takes where it is stored [bytes].
+            received: As of `Engine.answer`.
+            watcher: As of `Engine.answer`.
+            later: As of `Engine.answer`.
+
+        Raises:
+            GuidefieldError: as `Engine.answer`; QuotaExceeded where the owner has no room for it.
+        """
+        shared = self.stores.of(owner).shared
+        if isinstance(request, requests.StoreScene | requests.ChangeScene | requests.StoreRobot):
+            self.stores.require_room(owner, size)
+        if isinstance(request, requests.MotionRequest) and request.run_id is not None:
+            shared.remove("runs", request.run_id)  # of an earlier run of that name
+        reply = self.of(owner).answer(request, received=received or time.monotonic(), watcher=watcher, later=later)
+        if isinstance(request, requests.DeleteRun):
+            shared.remove("runs", request.run_id)
+        elif isinstance(request, requests.DeleteScene):
+            shared.remove("scenes", request.name)
+        elif isinstance(request, requests.DeleteRobot):
+            shared.remove("robots", request.name)
+        return self._with_others(asking, owner, request, reply)
+
+    def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:
+        """Let everybody read what is somebody's, or nobody else any more.
+
+        Raises:
+            GuidefieldError: if there is no such thing.
+        """
+        stores = self.stores.of(owner)
+        if kind == "runs":
+            stores.runs.read(name)
+        elif kind == "scenes":
+            stores.scenes.read(name)
+        elif stores.robots.find(name) is None:
+            self.of(owner).answer(requests.ReadRobot(name))
+        if shared:
+            stores.shared.add(kind, name)
+            return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by everybody, as {f'{owner}:{name}'!r}")
+        stores.shared.remove(kind, name)
+        return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by nobody else any more")
+
+    def _made(self, user: str) -> Engine:
+        stores = self.stores.of(user)
+        return Engine(
+            self._instance if user == PLAIN else f"{self._instance}/{USERS}/{user}",
+            runs=stores.runs,
+            scenes=stores.scenes,
+            robots=stores.robots,
+            local_files=LocalFiles.REFUSED,
+            packages=self._packages,
+            loaded=self._loaded,
+            lend=partial(self._lend, user),
+        )
+
+    def _lend(self, asking: str, kind: Kind, owner: str, name: str) -> Engine:
+        """The engine that has what a request names as another user's; NotAllowed where that isn't shared."""
+        self.stores.require_right(asking, owner, kind, name, read_only=True)
+        return self.of(owner)
+
+    def _with_others(self, asking: str, owner: str, request: requests.Request, reply: Reply) -> Reply:
+        """A list with what others have and the one who asks may read, as ``owner:name``."""
+        if isinstance(reply, RunsReply):
+            found = [*reply.runs]
+            for other, answered in self._lists_of_others(owner, request):
+                assert isinstance(answered, RunsReply), "runs were asked for"
+                found += [
+                    msgspec.structs.replace(run, run_id=f"{other}:{run.run_id}")
+                    for run in answered.runs
+                    if self.stores.may_read(asking, other, "runs", run.run_id)
+                ]
+            return RunsReply(runs=sorted(found, key=lambda run: run.began, reverse=True))
+        if isinstance(reply, ScenesReply):
+            return ScenesReply(scenes=[*reply.scenes, *self._named(asking, owner, "scenes")])
+        if isinstance(reply, RobotsReply):
+            names = self._named(asking, owner, "robots")
+            return RobotsReply(robots=[*reply.robots, *self.of(owner).summaries(names)])
+        return reply
+
+    def _lists_of_others(self, owner: str, request: requests.Request) -> Iterator[tuple[str, Reply]]:
+        for other in self._others(owner):
+            yield other, self.of(other).answer(request, received=time.monotonic())
+
+    def _named(self, asking: str, owner: str, kind: Kind) -> list[str]:
+        """What others have stored and the one who asks may read."""
+        found = []
+        for other in self._others(owner):
+            stores = self.stores.of(other)
+            names = stores.scenes.stored() if kind == "scenes" else stores.robots.names()
+            found += [f"{other}:{name}" for name in names if self.stores.may_read(asking, other, kind, name)]
+        return found
+
+    def _others(self, owner: str) -> list[str]:
+        return [user for user in (PLAIN, *self.stores.users()) if user != owner]

@@ -1,0 +1,71 @@
+"""What the first use of a robot or scene needs is found before anything is asked of it, while there is time.
+
+It is some long calls into libraries: they are made aside, so that the answer comes in time whatever they take.
+"""
+
+from __future__ import annotations
+
+import weakref
+
+from guidefield.aside import Spent, done_aside, wait_for_others
+from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
+from guidefield.collision.minimum.tables import prepare_obstacles
+from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.robot.model.model import RobotModel
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.scene import Scene
+
+
+def prepare_in_time(
+    robot: RobotModel | None, scene: Scene, spent: Spent, told: Told = lambda _: None, *, field: bool = False
+) -> None:
+    """Prepare a robot and a scene for a plan.
+
+    Args:
+        robot: The robot; None where it needn't connect anything.
+        scene: The scene.
+        spent: Whether time is up.
+        told: Told what is prepared.
+        field: Whether the scene's field is needed too.
+
+    Raises:
+        StoppedError: if time was up; its text says before what.
+    """
+    known = scene in _prepared and (not field or "tables" in vars(scene))
+    if known and (robot is None or is_prepared(robot)):
+        wait_for_others(spent)
+        return
+    at = ["the meshes of the robot"]
+
+    def doing(what: str) -> None:
+        at[0] = what
+        told(what)
+
+    def work() -> None:
+        if robot is not None:
+            prepare(robot, spent, doing)
+        prepare_scene(scene, spent, doing)
+        if not scene.convex:
+            at[0] = f"the surfaces of scene {scene.name}"
+            lane_scene(scene)
+            distance_tables(scene)
+            prepare_obstacles(scene)
+        if field:
+            at[0] = f"the field of scene {scene.name}"
+            _ = scene.tables
+
+    done_aside(work, spent, lambda: at[0])
+    _prepared.add(scene)
+
+
+def field_in_time(scene: Scene, spent: Spent) -> None:
+    """Make the field of a scene.
+
+    Raises:
+        StoppedError: if time was up before.
+    """
+    if "tables" not in vars(scene):
+        done_aside(lambda: scene.tables, spent, lambda: f"the field of scene {scene.name}")
+
+
+_prepared: weakref.WeakSet[Scene] = weakref.WeakSet()

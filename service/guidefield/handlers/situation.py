@@ -1,0 +1,207 @@
+"""Where everything is between two steps of a sequence: the robot, what it holds, and the obstacles."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import coal
+import msgspec
+import pinocchio as pin
+
+from guidefield.errors import MalformedRequest, UnknownFrame, UnknownObject
+from guidefield.geometry.met import as_met
+from guidefield.geometry.placements import se3
+from guidefield.messages import scene as messages
+from guidefield.messages.requests import Attach, AttachedObject
+from guidefield.messages.values import IDENTITY, ORIGIN, Placement
+from guidefield.planner.sequence.course import Touch
+from guidefield.planner.sequence.permissions import AWAY
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.scene import obstacle, scene as scenes
+from guidefield.scene.motion import posed
+from guidefield.scene.scene import Scene
+
+CARRIED = (messages.Box, messages.Sphere, messages.Cylinder, messages.Capsule, messages.Mesh)
+"""Kinds of obstacles that can be picked up and put down."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object that is held.
+
+    Attributes:
+        attached: What holds it how.
+        touch_objects: Obstacles that it may touch where it is picked up and put down.
+        near: Those that it has not been away from since.
+    """
+
+    attached: AttachedObject
+    touch_objects: tuple[str, ...] = ()
+    near: frozenset[str] = frozenset()
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.attached.obstacle.name
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Where everything is when a step begins.
+
+    Attributes:
+        robot: The robot, with nothing in its hands.
+        root: Its placement in the world, pinocchio.SE3.
+        scene: The obstacles as they stand, without what is held.
+        q: Configuration of the whole robot, shape (nq,).
+        objects: What is held.
+    """
+
+    robot: RobotModel
+    root: Any
+    scene: Scene
+    q: RobotConfiguration
+    objects: tuple[Held, ...] = field(default=())
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the objects that are held."""
+        return tuple(one.name for one in self.objects)
+
+    @property
+    def touches(self) -> tuple[Touch, ...]:
+        """What held objects may touch where they are picked up and put down."""
+        return tuple((one.name, other) for one in self.objects for other in one.touch_objects)
+
+    @cached_property
+    def _data(self) -> Any:
+        data = self.robot.model.createData()
+        pin.framesForwardKinematics(self.robot.model, data, self.q)
+        return data
+
+    def frame(self, name: str) -> Any:
+        """Placement of a frame of the robot in the world, pinocchio.SE3."""
+        return self.root * self._data.oMf[self.robot.frame_id(name)]
+
+    def place(self, one: Held) -> messages.Obstacle:
+        """A held object as an obstacle where it is."""
+        attached = one.attached
+        own = se3(
+            getattr(attached.obstacle, "position", ORIGIN),
+            getattr(attached.obstacle, "quaternion_xyzw", IDENTITY),
+        )
+        in_link = se3(attached.placement.position, attached.placement.quaternion_xyzw)
+        placed = posed(attached.obstacle, self.frame(attached.link) * in_link * own)
+        assert placed is not None, "only what can be placed is carried"
+        return placed
+
+    def moved(self, q: RobotConfiguration, min_clearance: float) -> Standing:
+        """The same with the robot at a configuration, shape (nq,); what has left what it stood on is known to have.
+
+        Args:
+            q: The configuration.
+            min_clearance: Nothing nearer than this has left it [m].
+        """
+        there = dataclasses.replace(self, q=q)
+        objects = [
+            dataclasses.replace(one, near=frozenset(name for name in one.near if there.gap(one, name) < away))
+            for away in [max(AWAY, min_clearance)]
+            for one in self.objects
+        ]
+        return dataclasses.replace(there, objects=tuple(objects))
+
+    def gap(self, one: Held, other: str) -> float:
+        """Distance of a held object from an obstacle [m]; 0 or less in contact."""
+        against = self.scene.obstacle(other)
+        assert against is not None, "what may be touched is an obstacle"
+        body = obstacle.build(self.place(one), 0)
+        placed = [coal.Transform3s(o.placement.rotation, o.placement.translation) for o in (body, against)]
+        result = coal.DistanceResult()
+        shapes = as_met(body.shape, against.shape)
+        coal.distance(shapes[0], placed[0], shapes[1], placed[1], coal.DistanceRequest(), result)
+        return float(result.min_distance) - against.rounding
+
+    def without(self, name: str) -> Standing:
+        """The same with a held object put down where it is.
+
+        Raises:
+            UnknownObject: if no such object is held.
+        """
+        one = next((one for one in self.objects if one.name == name), None)
+        if one is None:
+            raise UnknownObject(
+                f"{name!r} is not held; held are: {', '.join(self.held) or 'nothing'}",
+                object=name,
+                available=list(self.held),
+            )
+        if not isinstance(one.attached.obstacle, CARRIED):
+            kind = type(one.attached.obstacle).__struct_config__.tag
+            raise MalformedRequest(f"{name!r} is a {kind}: it can be held, but not be put down", object=name)
+        obstacles = [*self.scene.message.obstacles, self.place(one)]
+        objects = tuple(other for other in self.objects if other is not one)
+        return dataclasses.replace(self, scene=_with(self.scene, obstacles), objects=objects)
+
+    def holding(self, asked: Attach, link: str) -> Standing:
+        """The same with an obstacle picked up where it is.
+
+        Args:
+            asked: What and by what.
+            link: What holds it where nothing else is said.
+
+        Raises:
+            UnknownObject: if there is no such obstacle, or one that it may touch.
+            UnknownFrame: if a link isn't one of the robot's.
+            MalformedRequest: if it is of a kind that can't be picked up.
+        """
+        names = [one.name for one in self.scene.obstacles]
+        for name in (asked.object, *asked.touch_objects):
+            if name not in names:
+                raise UnknownObject(
+                    f"the scene has no obstacle {name!r} then; it has {', '.join(names) or 'none'}",
+                    object=name,
+                    available=names,
+                )
+        found = self.scene.obstacle(asked.object)
+        assert found is not None, "it is one of them"
+        if not isinstance(found.message, CARRIED):
+            kind = type(found.message).__struct_config__.tag
+            raise MalformedRequest(f"{asked.object!r} is a {kind}: nothing can pick it up", object=asked.object)
+        holder = asked.link or link
+        for name in (holder, *asked.touch_links):
+            if name not in self.robot.links:
+                available = list(self.robot.links)
+                raise UnknownFrame(
+                    f"the robot has no link {name!r}; it has {', '.join(available)}", link=name, available=available
+                )
+        position, quaternion = _plain(self.frame(holder).inverse())
+        attached = AttachedObject(found.message, holder, Placement(position, quaternion), asked.touch_links)
+        others = tuple(name for name in asked.touch_objects if name != asked.object)
+        held = Held(attached, others, frozenset(others))
+        left = [one for one in self.scene.message.obstacles if one.name != asked.object]
+        return dataclasses.replace(self, scene=_with(self.scene, left), objects=(*self.objects, held))
+
+    def link_of(self, frame: str) -> str:
+        """The link that carries a frame."""
+        if frame in self.robot.links:
+            return frame
+        model = self.robot.model
+        index = self.robot.frame_id(frame)
+        while model.frames[index].name not in self.robot.links and index:
+            index = model.frames[index].parentFrame
+        return str(model.frames[index].name)
+
+
+def _with(scene: Scene, obstacles: list[messages.Obstacle]) -> Scene:
+    """The scene with other obstacles."""
+    return scenes.build(msgspec.structs.replace(scene.message, obstacles=obstacles))
+
+
+def _plain(placement: Any) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+    """Position and quaternion (x, y, z, w) of a placement, pinocchio.SE3."""
+    x, y, z, *quaternion = pin.SE3ToXYZQUAT(placement).tolist()
+    a, b, c, d = quaternion
+    return (x, y, z), (a, b, c, d)

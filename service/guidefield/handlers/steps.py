@@ -1,0 +1,297 @@
+"""The steps of a plan request as the planner's course: each a plan request of its own, where the last one ended."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+import pinocchio as pin
+
+from guidefield.collision.preparation import Told
+from guidefield.collision.world import World
+from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest
+from guidefield.geometry.placements import se3
+from guidefield.handlers.asked_group import limited, start_of
+from guidefield.handlers.attached import holding
+from guidefield.handlers.constraints import constraints_of
+from guidefield.handlers.plan_problem import in_motion, problem_of
+from guidefield.handlers.planes import with_derived_planes
+from guidefield.handlers.refused_ahead import refused_ahead
+from guidefield.handlers.situation import Held, Standing
+from guidefield.messages import requests
+from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
+from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.plan import Plan, Planner, plan
+from guidefield.planner.sequence.course import StepMotion
+from guidefield.planner.sequence.straight_motion import straight_plan
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.task.conditions import Budget, Conditions, Counters
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import configuration_to_wire
+from guidefield.robot.model.model import JointKind, RobotModel
+from guidefield.robot.model.spaces import RobotConfiguration
+from guidefield.scene.scene import Scene
+
+BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
+"""Kinds of joints whose chart begins anew with every step: they are not served in sequences."""
+
+
+class Steps:
+    """The course of a request.
+
+    Args:
+        request: With steps.
+        robot: The robot that it names.
+        scene: The scene that it names.
+        budget: How long planning may go on.
+        preparing: Told which part of the robot is prepared.
+
+    Raises:
+        GuidefieldError: as `problem_of`, with the step's path, where the question is ill-posed.
+    """
+
+    def __init__(self, request: PlanRequest, robot: RobotModel, scene: Scene, budget: Budget, preparing: Told) -> None:
+        _require_served(request, scene)
+        self._request, self._budget, self._preparing = request, budget, preparing
+        self.counters = Counters()
+        base = request.robot_placement
+        holding(robot, request.attached_objects, scene)  # refused here, as in any request
+        q, self.warnings = start_of(request.start, robot)
+        objects = tuple(Held(one) for one in request.attached_objects)
+        self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
+        self.whole = self._group(robot, self.start.q)
+        self._tried()
+
+    def __len__(self) -> int:
+        return len(self._request.steps)
+
+    def moves(self, index: int) -> bool:
+        """As in `Course`."""
+        return self._request.steps[index].goal is not None
+
+    def motion(self, index: int, at: Standing) -> StepMotion | None:
+        """As in `Course`."""
+        step = self._request.steps[index]
+        if step.goal is None:
+            return None
+        asked = self._asked(index, at)
+        with _in_step(index):
+            problem, _ = problem_of(asked, at.robot, at.scene, self._budget)
+            if step.linear and not problem.group.is_euclidean:
+                several = [joint.name for joint in problem.group.joints if joint.nv > 1]
+                raise MalformedRequest(
+                    f"`linear` is served for joints of one coordinate, and planned for is {', '.join(several)}",
+                    joints=several,
+                )
+        problem = dataclasses.replace(problem, counters=self.counters)
+        way = _way(step, asked, problem) if step.linear else None
+        return StepMotion(problem, self._planned(asked, way), way)
+
+    def after(self, index: int, at: Standing, q: RobotConfiguration) -> Standing:
+        """As in `Course`."""
+        step = self._request.steps[index]
+        with _in_step(index):
+            then = at.moved(q, self._request.min_clearance)
+            if step.detach is not None:
+                then = then.without(step.detach)
+            if step.attach is not None:
+                then = then.holding(step.attach, then.link_of(self._tip(step)))
+        return then
+
+    def conditions(self, index: int, at: Standing) -> Conditions:
+        """As in `Course`."""
+        with _in_step(index):
+            robot = holding(at.robot, [one.attached for one in at.objects], at.scene)
+            group = self._group(robot, at.q)
+            return Conditions(
+                group=group,
+                scene=at.scene,
+                world=World.build(group, at.scene, self._request.allowed_collisions),
+                min_clearance=self._request.min_clearance,
+                allowed_collisions=tuple((one, other) for one, other in self._request.allowed_collisions),
+                path_constraints=constraints_of(self._request, group),
+                budget=self._budget,
+                counters=self.counters,
+            )
+
+    def pause(self, index: int) -> float:
+        """As in `Course`."""
+        return self._request.steps[index].pause
+
+    def attached(self, index: int) -> str | None:
+        """As in `Course`."""
+        attach = self._request.steps[index].attach
+        return None if attach is None else attach.object
+
+    def detached(self, index: int) -> str | None:
+        """As in `Course`."""
+        return self._request.steps[index].detach
+
+    def _group(self, robot: RobotModel, q: RobotConfiguration) -> PlanningGroup:
+        """All joints that any step moves, with the request's limits."""
+        request = self._request
+        root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
+        names: set[str] = set()
+        for index, step in enumerate(request.steps):
+            if step.goal is not None:
+                with _in_step(index):
+                    part = select(robot, self._joints(step), self._tip(step), q, root)
+                    names |= {joint.name for joint in part.joints}
+        if not names:
+            raise MalformedRequest("no step has a `goal`: nothing moves", path="$.steps")
+        ordered = [joint.name for joint in robot.joints if joint.name in names]
+        group = limited(select(robot, ordered, request.tip, q, root), request)
+        for joint in group.joints:
+            if joint.kind in BALLS:
+                raise InvalidGroup(
+                    f"`steps` are served for revolute, continuous, prismatic and planar joints; {joint.name!r} is"
+                    f" {joint.kind.value}",
+                    joint=joint.name,
+                    path="$.steps",
+                )
+        return group
+
+    def _joints(self, step: PlanStep) -> str | list[str] | None:
+        return self._request.group if step.group is None else step.group
+
+    def _tip(self, step: PlanStep) -> str:
+        return step.tip or self._request.tip or self.start.robot.tip
+
+    def _asked(self, index: int, at: Standing) -> PlanRequest:
+        """A step as a plan request of its own."""
+        step, request, robot = self._request.steps[index], self._request, at.robot
+        with _in_step(index):
+            part = select(robot, self._joints(step), self._tip(step), at.q, at.root)
+        moving = {joint.name for joint in part.joints}
+        permitted = [(one.name, other) for one in at.objects for other in self._touched(index, one, at)]
+        return msgspec.structs.replace(
+            request,
+            goal=_goal(step, at, self._tip(step)),
+            steps=[],
+            group=step.group or request.group,
+            tip=self._tip(step),
+            start=configuration_to_wire(robot.joints, at.q),
+            guide_planes=step.guide_planes,
+            attached_objects=[one.attached for one in at.objects],
+            allowed_collisions=[*request.allowed_collisions, *permitted],
+            limits={name: limits for name, limits in request.limits.items() if name in moving},
+            objective=step.objective or request.objective,
+            max_velocity_scaling_factor=step.max_velocity_scaling_factor or request.max_velocity_scaling_factor,
+            max_acceleration_scaling_factor=step.max_acceleration_scaling_factor
+            or request.max_acceleration_scaling_factor,
+        )
+
+    def _touched(self, index: int, one: Held, at: Standing) -> frozenset[str]:
+        """Obstacles that a held object may touch while a step is planned: what it still stands on or is put down on.
+
+        The certificate of the whole knows better when it may.
+        """
+        if not one.touch_objects:
+            return frozenset()
+        until = next((k for k in range(index, len(self)) if self.detached(k) == one.name), None)
+        if until is not None and not any(self._carries(k, one, at) for k in range(index + 1, until + 1)):
+            return frozenset(one.touch_objects)
+        return one.near
+
+    def _carries(self, index: int, one: Held, at: Standing) -> bool:
+        """Whether a step moves the link that holds an object."""
+        step = self._request.steps[index]
+        if step.goal is None:
+            return False
+        model = at.robot.model
+        frame = model.frames[at.robot.frame_id(one.attached.link)]
+        carriers = {model.names[joint] for joint in model.supports[frame.parentJoint] if joint}
+        part = select(at.robot, self._joints(step), self._tip(step), at.q, at.root)
+        moving = {joint.name for joint in part.joints}
+        moving |= {joint.name for joint in at.robot.joints if joint.mimic is not None and joint.mimic.driver in moving}
+        return bool(carriers & moving)
+
+    def _planned(self, asked: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:
+        """Plans the step that a request asks for."""
+
+        def planned(problem: Problem) -> Plan:
+            if (refusal := refused_ahead(asked, problem, self._preparing)) is not None:
+                return refusal
+            if way is not None:
+                return straight_plan(problem, way)
+            derived, derivation = with_derived_planes(problem, asked)
+            return derivation.told_in(plan(derived, Planner(asked.planner), ATTEMPTS[asked.minimizer](problem.group)))
+
+        return planned
+
+    def _tried(self) -> None:
+        """Every step as it would be if no goal moved the robot: what is ill-posed is refused before any is planned.
+
+        As far as there is time; where it is up, the first step that is planned says so.
+        """
+        at = self.start
+        for index in range(len(self)):
+            if self._budget.spent():
+                return
+            self.motion(index, at)
+            at = self.after(index, at, at.q)
+
+
+def _require_served(request: PlanRequest, scene: Scene) -> None:
+    """Refuse what is part of the wire but not served in sequences, by name."""
+    if scene.moves:
+        moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
+        raise MalformedRequest(
+            f"among obstacles that move ({moving}) `steps` are not served: give a `goal`", unserved="steps"
+        )
+    if request.leave_start_contact:
+        raise MalformedRequest(
+            "with `steps`, `leave_start_contact` is not served: leave it out", unserved="leave_start_contact"
+        )
+    if in_motion(request):
+        raise MalformedRequest(
+            "with `steps`, `start_velocities`, `start_accelerations` and `end_velocities` are not served: every step"
+            " begins and ends at rest",
+            unserved="start_velocities",
+            path="$.start_velocities",
+        )
+    if request.guide_planes:
+        raise MalformedRequest(
+            "with `steps`, `guide_planes` are those of a step: give them there", path="$.guide_planes"
+        )
+
+
+def _goal(step: PlanStep, at: Standing, tip: str) -> requests.Goal:
+    """The goal of a step, a relative one as the pose that it means."""
+    goal = step.goal
+    assert goal is not None, "the step moves"
+    if not isinstance(goal, RelativeGoal):
+        return goal
+    here, by = at.frame(tip), se3(goal.position, goal.quaternion_xyzw)
+    there = (
+        here * by if goal.frame == "tip" else pin.SE3(by.rotation @ here.rotation, here.translation + by.translation)
+    )
+    x, y, z, a, b, c, d = pin.SE3ToXYZQUAT(there).tolist()
+    return requests.PoseGoal((x, y, z), (a, b, c, d))
+
+
+def _way(step: PlanStep, asked: PlanRequest, problem: Problem) -> StraightWay:
+    """The straight way from where the tip is."""
+    assert isinstance(asked.goal, requests.PoseGoal), "a straight way leads to a pose"
+    group = problem.group
+    begin = problem.kinematics.frame_placement(group.expand_from_chart(problem.z_start), group.tip_id)
+    end = se3(asked.goal.position, asked.goal.quaternion_xyzw)
+    return StraightWay(group.tip, begin, end, step.line_tolerance, step.turn_tolerance)
+
+
+@contextmanager
+def _in_step(index: int) -> Iterator[None]:
+    """Name the step in what is refused."""
+    try:
+        yield
+    except GuidefieldError as error:
+        here = f"$.steps[{index}]"
+        if error.details.get("path", "").startswith("$.steps"):
+            raise
+        details: dict[str, Any] = {**error.details, "path": here, "step": index}
+        raise type(error)(f"`steps[{index}]`: {error.message}", **details) from None

@@ -1,0 +1,1 @@
+"""The smallest distance between bodies at a configuration and along a motion, exact to a tolerance."""

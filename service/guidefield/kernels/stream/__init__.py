@@ -1,0 +1,1 @@
+"""Streams: the judge of a commit (`judge`, `separation`, `curves`), which calls nothing else, and what plans for it."""

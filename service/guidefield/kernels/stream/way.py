@@ -1,0 +1,293 @@
+"""Ways of a stream: a tree from each end among boxes that are grown, then short cuts; beside the cycle.
+
+What rests, and the robot itself, is judged by the lanes' samples; what moves by balls and boxes at the same samples.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import boolean, int64
+
+from guidefield.kernels.collide.motion_validation import path_free_until
+from guidefield.kernels.jit.signatures import (
+    INDICES,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
+from guidefield.kernels.stream.room import ROOM_ROBOT, RoomRobot, blocked
+
+CONNECTING = 64
+"""A tree grows towards the other by so many edges at once at most."""
+
+
+@compiled(boolean(ROOM_ROBOT, INDICES, SCALAR, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR))
+def straight_free(
+    robot: RoomRobot,
+    words: Integers,
+    clearance: float,
+    boxes: Floats,
+    grown: Floats,
+    z0: Floats,
+    z1: Floats,
+    spacing: float,
+) -> bool:
+    """Whether the straight way between two points is free, by samples; the first point itself isn't looked at.
+
+    Args:
+        robot: The robot, for what moves.
+        words: The robot among what rests, a packed `LaneWorld`.
+        clearance: What to keep from what rests [m].
+        boxes: What moves, shape (k, 16) [m, world].
+        grown: What to keep from each, shape (k,) [m].
+        z0: Coordinates of one end, shape (nv,).
+        z1: Of the other, shape (nv,).
+        spacing: Of the samples, along the way [rad or m].
+    """
+    nv, square = z0.shape[0], 0.0
+    rows = np.empty((2, nv), np.float32)
+    for j in range(nv):
+        square += (z1[j] - z0[j]) ** 2
+        rows[0, j], rows[1, j] = z0[j], z1[j]
+    count = max(1, math.ceil(math.sqrt(square) / spacing))
+    z, least = np.empty(nv), np.empty(boxes.shape[0])
+    # the ends of halves first: what is in the way is found sooner
+    stride = 1
+    while stride < count:
+        stride *= 2
+    at = stride
+    while stride >= 1:
+        at = stride
+        while at < count + stride:
+            if (at // stride) % 2 == 1 or at >= count:
+                share = min(1.0, at / count)
+                for j in range(nv):
+                    z[j] = z0[j] + share * (z1[j] - z0[j])
+                if blocked(robot, boxes, grown, z, least):
+                    return False
+            at += stride
+        stride //= 2
+    return bool(path_free_until(words, clearance, rows, 1.0 / spacing) == 1)
+
+
+@inlined
+def _closest(nodes: Floats, count: int, z: Floats) -> int:
+    """Which of some nodes, rows of shape (n, nv), is closest to z, shape (nv,)."""
+    best, least = 0, np.inf
+    for i in range(count):
+        square = 0.0
+        for j in range(z.shape[0]):
+            square += (nodes[i, j] - z[j]) ** 2
+        if square < least:
+            best, least = i, square
+    return best
+
+
+@inlined
+def _grown(
+    robot: RoomRobot,
+    words: Integers,
+    clearance: float,
+    boxes: Floats,
+    grown: Floats,
+    spacing: float,
+    nodes: Floats,
+    parents: Integers,
+    size: int,
+    towards: Floats,
+    longest: float,
+    steps: int,
+) -> tuple[int, bool]:
+    """Grow a tree from its closest point towards another one, an edge after the other.
+
+    Args:
+        robot: As in `straight_free`.
+        words: As there.
+        clearance: As there [m].
+        boxes: As there, shape (k, 16).
+        grown: As there, shape (k,).
+        spacing: As there.
+        nodes: The tree's points, shape (n, nv).
+        parents: Shape (n,).
+        size: How many there are.
+        towards: Where to, shape (nv,).
+        longest: An edge is at most so long [rad or m].
+        steps: How many edges there may be.
+
+    Returns:
+        How many points there are then, and whether the last one is where it was to grow to.
+    """
+    nv = towards.shape[0]
+    at = _closest(nodes, size, towards)
+    for _ in range(steps):
+        square = 0.0
+        for j in range(nv):
+            square += (towards[j] - nodes[at, j]) ** 2
+        length = math.sqrt(square)
+        share = min(1.0, longest / length) if length > 0.0 else 1.0
+        if size == nodes.shape[0]:
+            return size, False
+        for j in range(nv):
+            nodes[size, j] = nodes[at, j] + share * (towards[j] - nodes[at, j])
+        if not straight_free(robot, words, clearance, boxes, grown, nodes[at], nodes[size], spacing):
+            return size, False
+        parents[size] = at
+        at, size = size, size + 1
+        if share == 1.0:
+            return size, True
+    return size, False
+
+
+@inlined
+def _joined(nodes: Floats, parents: Integers, first: int, second: int, path: Floats) -> int:
+    """The way through both trees, where a point of the one is where one of the other is; how many points it has.
+
+    Args:
+        nodes: Points of both, shape (2, n, nv).
+        parents: Shape (2, n).
+        first: The point of the first tree.
+        second: That of the second.
+        path: Out: the way, shape (m, nv).
+
+    Returns:
+        0 where there is no room for it.
+    """
+    count, node = 0, first
+    while node >= 0:
+        count, node = count + 1, parents[0, node]
+    if count > path.shape[0]:
+        return 0
+    node = first
+    for k in range(count - 1, -1, -1):
+        path[k] = nodes[0, node]
+        node = parents[0, node]
+    node = parents[1, second]
+    while node >= 0:
+        if count == path.shape[0]:
+            return 0
+        path[count] = nodes[1, node]
+        count, node = count + 1, parents[1, node]
+    return count
+
+
+@compiled(
+    int64(
+        ROOM_ROBOT, INDICES, SCALAR, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, MATRIX, MATRIX_OUT
+    )
+)  # fmt: skip
+def way_between(
+    robot: RoomRobot,
+    words: Integers,
+    clearance: float,
+    boxes: Floats,
+    grown: Floats,
+    z0: Floats,
+    z1: Floats,
+    spacing: float,
+    longest: float,
+    samples: Floats,
+    path: Floats,
+) -> int:
+    """A way between two points by two trees that grow towards each other (Kuffner and LaValle).
+
+    Args:
+        robot: As in `straight_free`.
+        words: As there.
+        clearance: As there [m].
+        boxes: As there, shape (k, 16).
+        grown: As there, shape (k,).
+        z0: Coordinates of one end, shape (nv,).
+        z1: Of the other, shape (nv,).
+        spacing: Of the samples along a way [rad or m].
+        longest: An edge of the trees is at most so long [rad or m].
+        samples: The points that they grow to, shape (n, nv).
+        path: Out: the way from z0 to z1, shape (m, nv).
+
+    Returns:
+        How many points the way has; 0: none was found.
+    """
+    nv = z0.shape[0]
+    path[0], path[1] = z0, z1
+    if straight_free(robot, words, clearance, boxes, grown, z0, z1, spacing):
+        return 2
+    room = 10 * samples.shape[0] + 1
+    nodes, parents = np.empty((2, room, nv)), np.empty((2, room), np.int64)
+    sizes = np.ones(2, np.int64)
+    nodes[0, 0], nodes[1, 0] = z0, z1
+    parents[:, 0] = -1
+    for turn in range(samples.shape[0]):
+        a, b = turn % 2, 1 - turn % 2
+        before = sizes[a]
+        sizes[a], _ = _grown(
+            robot, words, clearance, boxes, grown, spacing, nodes[a], parents[a], before, samples[turn], longest, 1
+        )
+        if sizes[a] == before:
+            continue
+        towards = nodes[a, before]
+        sizes[b], met = _grown(
+            robot, words, clearance, boxes, grown, spacing, nodes[b], parents[b], sizes[b], towards, longest, CONNECTING
+        )
+        if met:
+            return _joined(nodes, parents, sizes[0] - 1, sizes[1] - 1, path)
+    return 0
+
+
+@compiled(int64(ROOM_ROBOT, INDICES, SCALAR, MATRIX, VECTOR, SCALAR, MATRIX, int64, MATRIX_OUT))
+def cut_short(
+    robot: RoomRobot,
+    words: Integers,
+    clearance: float,
+    boxes: Floats,
+    grown: Floats,
+    spacing: float,
+    drawn: Floats,
+    count: int,
+    path: Floats,
+) -> int:
+    """A way with straight pieces between places on it where they are free, in place; how many points it has then.
+
+    Args:
+        robot: As in `straight_free`.
+        words: As there.
+        clearance: As there [m].
+        boxes: As there, shape (k, 16).
+        grown: As there, shape (k,).
+        spacing: As there.
+        drawn: Two places each to be tried, as numbers from 0 to 1, shape (n, 4).
+        count: How many points the way has.
+        path: The way, shape (m, nv).
+    """
+    nv = path.shape[1]
+    p, q = np.empty(nv), np.empty(nv)
+    for turn in range(drawn.shape[0]):
+        if count < 3:
+            break
+        i, k = min(int(drawn[turn, 0] * (count - 1)), count - 2), min(int(drawn[turn, 1] * (count - 1)), count - 2)
+        s, t = drawn[turn, 2], drawn[turn, 3]
+        if i > k:
+            i, k = k, i
+        if i == k or count + 2 > path.shape[0]:
+            continue
+        for j in range(nv):
+            p[j] = path[i, j] + s * (path[i + 1, j] - path[i, j])
+            q[j] = path[k, j] + t * (path[k + 1, j] - path[k, j])
+        if not straight_free(robot, words, clearance, boxes, grown, p, q, spacing):
+            continue
+        # rows i + 1 .. k give way to p and q
+        shift = 2 - (k - i)
+        if shift > 0:
+            for row in range(count - 1, k, -1):
+                path[row + shift] = path[row]
+        else:
+            for row in range(k + 1, count):
+                path[row + shift] = path[row]
+        path[i + 1], path[i + 2] = p, q
+        count += shift
+    return count

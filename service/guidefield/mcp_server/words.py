@@ -1,0 +1,168 @@
+"""Replies in words: what was found, how near it comes to what, and what to do where the answer is no."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from guidefield.errors import GuidefieldError, Status
+from guidefield.mcp_server.advice import advised
+from guidefield.messages.certificate_in_words import certified
+from guidefield.messages.replies import (
+    CertifyReply,
+    ClearanceFigures,
+    ClearanceReply,
+    InverseKinematicsReply,
+    LimitUse,
+    Outcome,
+    PlanReply,
+    RobotReply,
+    RobotsReply,
+    SelfClearance,
+)
+from guidefield.messages.scene import Scene
+
+MOST_TOLD = 20
+"""Of a batch so many are told in words; the figures of all stand beside them."""
+
+
+def plan_told(reply: PlanReply) -> str:
+    """A plan: outcome, motion, clearance, certificate, and where the whole trajectory is."""
+    told = [_outcome(reply.status)]
+    if reply.metrics is not None:
+        told.append(
+            f"The motion takes {reply.metrics.duration:.2f} s over {len(reply.path)} waypoints; the tip moves"
+            f" {reply.metrics.tip_path_length:.3f} m."
+        )
+    told += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {certified(reply)}."]
+    if reply.trajectory is not None:
+        told.append(f"`trajectory` with run_id {reply.run_id!r} gives its times, positions and velocities.")
+    return _joined(told, reply.warnings)
+
+
+def certify_told(reply: CertifyReply) -> str:
+    """A verdict: free or where it is refused, clearance, and the limits that are used most."""
+    told = [_outcome(reply.status)]
+    certificate = reply.certificate
+    if not certificate.collision_free:
+        told.append(f"It is certified until {_place(certificate.free_until.row, certificate.free_until.time)}.")
+    if certificate.place is not None:
+        pair = "" if certificate.pair is None else f" for {' and '.join(certificate.pair)}"
+        where = _place(certificate.place.row, certificate.place.time)
+        told.append(f"It is refused{pair}: {certificate.reason}, at {where}.")
+    told += _clearances(reply.clearance, reply.self_clearance)
+    for name in reply.limits.__struct_fields__:
+        use: LimitUse = getattr(reply.limits, name)
+        if use.share is not None and use.joint is not None:
+            beyond = ", which is beyond it" if use.share > 1.0 else ""
+            told.append(f"{use.joint} uses {100.0 * use.share:.1f} % of its {name} limit{beyond}.")
+    return _joined(told, reply.warnings)
+
+
+def clearance_told(reply: ClearanceReply) -> str:
+    """Distances, a line for each configuration."""
+    rows = zip(reply.minimum, reply.pair, reply.self_minimum, strict=True)
+    lines = [
+        f"Configuration {index}: {_distance(least, pair)}{_own(own)}." for index, (least, pair, own) in enumerate(rows)
+    ]
+    return _joined(_first(lines), reply.warnings, "\n")
+
+
+def inverse_kinematics_told(reply: InverseKinematicsReply) -> str:
+    """How many configurations reach each pose, and why none or not more do."""
+    rows = enumerate(zip(reply.configurations, reply.reasons, strict=True))
+    lines = [
+        f"Pose {index}: {len(found) or 'no'} configuration{'' if len(found) == 1 else 's'}"
+        f"{'; ' + reason if reason else ''}."
+        for index, (found, reason) in rows
+    ]
+    if not all(reply.configurations):
+        lines.append(advised(Status.NO_IK_SOLUTION))
+    return _joined(_first(lines), reply.warnings, "\n")
+
+
+def robots_told(reply: RobotsReply) -> str:
+    """The robots, each with its joints that can be planned for."""
+    good = [f"{one.name} ({one.dof})" for one in reply.robots if one.problem is None]
+    bad = [f"{one.name}: {one.problem}" for one in reply.robots if one.problem is not None]
+    told = [f"{len(good)} robots, each with how many numbers its motion has: {', '.join(good)}."]
+    return _joined([*told, *(f"Can't be used: {one}." for one in bad)], [], "\n")
+
+
+def robot_told(reply: RobotReply) -> str:
+    """A robot: its tip, groups, and joints with their limits."""
+    groups = [f"{name}: {', '.join(joints)}" for name, joints in reply.groups.items()]
+    lines = [
+        f"{reply.name}: goals are about the frame {reply.tip}.",
+        f"Groups: {'; '.join(groups) or 'none'}.",
+    ]
+    for joint in reply.joints:
+        if joint.mimics is not None:
+            lines.append(f"{joint.name} follows {joint.mimics}.")
+            continue
+        ranges = ", ".join(
+            f"{_limit(low, '-')} to {_limit(high, '+')}" for low, high in zip(joint.lower, joint.upper, strict=True)
+        )
+        lines.append(f"{joint.name} is {joint.kind}, from {ranges}; at rest it is at {reply.rest.get(joint.name)}.")
+    return _joined(lines, reply.warnings, "\n")
+
+
+def scene_told(scene: Scene) -> str:
+    """A scene: its obstacles and guide planes by name."""
+    obstacles = [f"{one.name} ({one.__struct_config__.tag})" for one in scene.obstacles]
+    planes = [plane.name for plane in scene.guide_planes]
+    return (
+        f"{scene.name}: obstacles {', '.join(_first(obstacles)) or 'none'}; guide planes {', '.join(planes) or 'none'}."
+    )
+
+
+def error_told(error: GuidefieldError) -> str:
+    """An error: its name, what is wrong, and what to do."""
+    after = error.details.get("retry_after")
+    again = f" Ask again in {after:g} s." if isinstance(after, int | float) else ""
+    return f"{error.code.name}: {error.message}. {advised(error.code)}{again}".strip()
+
+
+def _outcome(status: Outcome) -> str:
+    return f"{status.name}: {status.message}. {advised(status.code)}".strip()
+
+
+def _clearances(clearance: ClearanceFigures | None, own: SelfClearance | None) -> list[str]:
+    told = []
+    if clearance is not None and clearance.minimum is not None:
+        when = "" if clearance.time is None else f", at {clearance.time:.2f} s"
+        told.append(f"To obstacles: {_distance(clearance.minimum, clearance.pair)}{when}.")
+    if own is not None and own.minimum is not None:
+        told.append(f"To itself: {_distance(own.minimum, own.pair)}.")
+    return told
+
+
+def _distance(least: float | None, pair: Iterable[str] | None) -> str:
+    if least is None:
+        return "there is no obstacle"
+    between = "" if pair is None else f" between {' and '.join(pair)}"
+    if least > 0.0:
+        return f"{1e3 * least:.1f} mm{between}"
+    return f"contact{between}" + (f", {-1e3 * least:.1f} mm deep" if least < 0.0 else "")
+
+
+def _own(least: float | None) -> str:
+    if least is None:
+        return ""
+    return f"; the robot keeps {1e3 * least:.1f} mm from itself" if least > 0.0 else "; the robot touches itself"
+
+
+def _place(row: float, time: float | None) -> str:
+    return f"row {row:.4g}" if time is None else f"{time:.3f} s (row {row:.4g})"
+
+
+def _limit(value: float | None, sign: str) -> str:
+    return f"{sign}infinity" if value is None else f"{value:.4g}"
+
+
+def _first(lines: list[str]) -> list[str]:
+    more = len(lines) - MOST_TOLD
+    return lines if more <= 0 else [*lines[:MOST_TOLD], f"and {more} more"]
+
+
+def _joined(told: list[str], warnings: list[str], by: str = " ") -> str:
+    return by.join([*told, *(f"Warning: {warning}." for warning in warnings)])

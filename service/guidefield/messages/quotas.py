@@ -1,0 +1,66 @@
+"""How much each user may have of the service: a file that an operator writes."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import msgspec
+
+from guidefield.errors import MalformedRequest
+from guidefield.messages.identities import PLAIN, checked_user
+from guidefield.messages.values import Message, Positive
+
+
+class Quota(Message):
+    """What one user may have; null: no more than all users together.
+
+    Attributes:
+        waiting: How many requests may wait.
+        per_second: How many queries a second are answered; as many may come at once.
+        processor_per_minute: Seconds of a processor in a minute, in the long run [s].
+        bytes: What kept runs may take, and what stored robots and scenes may take together [bytes].
+    """
+
+    waiting: Annotated[int, msgspec.Meta(ge=1)] | None = None
+    per_second: Positive | None = 1_000.0
+    processor_per_minute: Positive | None = None
+    bytes: Annotated[int, msgspec.Meta(ge=1)] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("per_second", "processor_per_minute"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"`{name}` must be a finite number, got {value}")
+
+
+OF_USERS = Quota(bytes=4 * 2**30)
+
+
+class Quotas(Message):
+    """The quotas of all users.
+
+    Attributes:
+        plain: Of whoever asks on keys without a user.
+        default: Of users that aren't named.
+        users: Of those that are.
+    """
+
+    plain: Quota = Quota()
+    default: Quota = OF_USERS
+    users: dict[str, Quota] = {}
+    schema: int = 1
+
+    def __post_init__(self) -> None:
+        for user in self.users:
+            try:
+                checked_user(user)
+            except MalformedRequest as error:
+                raise ValueError(error.message) from None
+
+    def of(self, user: str) -> Quota:
+        """What a user may have."""
+        return self.plain if user == PLAIN else self.users.get(user, self.default)
+
+
+DEFAULT_QUOTAS = Quotas()

@@ -1,0 +1,244 @@
+"""Motions that begin, or end, in motion: from where the robot can come to rest, to where it can get up to speed.
+
+What joins the two is planned from rest to rest, so there is always a motion: stop, go, and get up to speed. The
+optimiser makes one of it that doesn't stop. Where a joint can't come to rest before its limit or an obstacle, the plan
+is refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from guidefield.collision.certify.verdict import Reason
+from guidefield.errors import Status
+from guidefield.planner.fallback_connection import connect_to_goal
+from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion, soonest_along
+from guidefield.planner.motion.limit_load import TOLERANCE
+from guidefield.planner.motion.stopping import backwards, jerks_of, stopping
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+
+STOPS = "no motion within limits was found that doesn't stop: this one comes to rest after its start, or before its end"
+"""Warning about a motion that begins or ends in motion, and is at rest on the way."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingEnds(ReadOnly):
+    """How a motion comes to rest at first, and gets up to speed in the end.
+
+    Attributes:
+        stop: From the start's velocities to rest.
+        goals: Chart points (m, nv) of the goals that can be reached so.
+        runs: For each of them, from rest to the goal with its velocities.
+    """
+
+    stop: Trajectory
+    goals: ChartPoints
+    runs: tuple[Trajectory, ...]
+
+    @property
+    def inner_goals(self) -> ChartPoints:
+        """Where the robot is at rest before each goal, shape (m, nv)."""
+        return np.array([run.positions[0] for run in self.runs])
+
+    def around(self, middle: Trajectory) -> Trajectory:
+        """A motion from rest to rest between the two, with them before and after it."""
+        end = middle.positions[-1]
+        away = [np.abs((end - run.positions[0] + np.pi) % (2.0 * np.pi) - np.pi).max() for run in self.runs]
+        run = self.runs[int(np.argmin(away))]
+        turned = run.positions + (end - run.positions[0])  # whole turns may have been added
+        return joined([self.stop, middle, Trajectory(run.times, turned, run.velocities)])
+
+
+def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
+    """How a problem's ends are left and reached in motion.
+
+    Args:
+        problem: Robot, world, limits, velocities and accelerations at the ends.
+        goals: Chart points (m, nv) of the goals, free.
+        stages: Where time is counted.
+
+    Raises:
+        StageFailed: START_STATE_INVALID or GOAL_STATE_INVALID, with the joint that can't keep its limits, or can't stop
+            in time, and why.
+    """
+    with stages.entered("ends", "out of the start's velocities, into the goal's") as stage:
+        _require_within(problem, _START, problem.start_rates, problem.start_acceleration)
+        _require_within(problem, _GOAL, problem.end_rates, None)
+        stop = _stopped(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
+        reached: list[tuple[ChartPoint, Trajectory]] = []
+        failures: list[StageFailed] = []
+        for goal in goals:
+            try:
+                run = backwards(_stopped(problem, _GOAL, goal, -problem.end_rates, None))
+                reached.append((goal, run))
+            except StageFailed as failed:
+                failures.append(failed)
+        if not reached:
+            raise failures[0]
+        stage.outcome = f"at rest after {stop.duration:.3f} s"
+    return MovingEnds(stop, np.array([goal for goal, _ in reached]), tuple(run for _, run in reached))
+
+
+def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Finished:
+    """Connect what the ends leave over, optimise and certify the whole.
+
+    Args:
+        problem: Robot, world, limits, budget.
+        ends: How its ends are left and reached.
+        stages: Where time is counted.
+    """
+    resting = dataclasses.replace(
+        problem,
+        q_start=problem.group.from_chart(ends.stop.positions[-1]),
+        start_velocity=None,
+        start_acceleration=None,
+        end_velocity=None,
+    )
+    finished = None
+    for prove in (False, True):
+        with stages.entered("connect", "from where it can stop to where it gets up to speed") as stage:
+            found = connect_to_goal(resting, PathSoFar.at_start(resting), ends.inner_goals, stage, prove=prove)
+        if found.failure is not None:
+            return found_motion(problem, found, stages)
+        finished = _finished(problem, resting, ends, found, stages)
+        if finished.verdict.free or problem.budget.spent():
+            break
+    assert finished is not None, "it was connected"
+    return finished
+
+
+def joined(parts: Sequence[Trajectory]) -> Trajectory:
+    """Motions one after the other, each of which begins where the last one ends, with its velocities."""
+    moving = [part for part in parts if part.duration > 0.0] or [parts[0]]
+    times, begin = [moving[0].times[:1]], 0.0
+    for part in moving:
+        times.append(begin + part.times[1:])
+        begin += part.duration
+    positions = [moving[0].positions, *(part.positions[1:] for part in moving[1:])]
+    velocities = [moving[0].velocities, *(part.velocities[1:] for part in moving[1:])]
+    return Trajectory(
+        np.concatenate(times),
+        cast(ChartPoints, np.concatenate(positions)),
+        cast(ChartRates, np.concatenate(velocities)),
+    )
+
+
+def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:
+    """One motion that doesn't stop; else the one that was found, with the ends about it."""
+    if problem.optimization_iterations != 0:
+        first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
+        optimized = optimized_motion(problem, first, iter(others), stages)
+        if optimized is not None and (optimized.verdict.free or problem.budget.spent()):
+            return optimized
+    middle = found_motion(resting, found, stages)
+    if middle.trajectory is None:
+        return middle
+    trajectory = ends.around(middle.trajectory)
+    with stages.entered("certify", "with how it stops, and gets up to speed") as stage:
+        verdict = judged(problem, trajectory.bezier())
+        problem.counters.collision_checks += verdict.evaluations
+        stage.outcome = verdict.reason.value
+    stops = problem.optimization_iterations != 0
+    warnings = (*middle.warnings, STOPS) if stops else middle.warnings
+    return Finished(verdict, trajectory.positions, {}, trajectory, warnings=warnings)
+
+
+def _soonest(resting: Problem, ends: MovingEnds, path: ChartPoints) -> Trajectory:
+    """The fastest motion along a path from rest to rest, with the ends about it."""
+    if length_of(path) == 0.0:
+        still = cast(ChartRates, np.zeros((1, path.shape[1])))
+        return ends.around(Trajectory(np.zeros(1), path[:1], still))
+    return ends.around(soonest_along(resting, path))
+
+
+@dataclass(frozen=True)
+class _EndWords:
+    """How an end is told of."""
+
+    status: Status
+    stage: str
+    field: str
+    verb: str
+
+
+_START = _EndWords(Status.START_STATE_INVALID, "start", "start_velocities", "stop")
+_GOAL = _EndWords(Status.GOAL_STATE_INVALID, "goal", "end_velocities", "get up to speed")
+
+
+def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, acceleration: ChartRate | None) -> None:
+    """Refuse what is beyond the limits of a joint, or will be whatever it does."""
+    group = problem.group
+    names = group.velocity_names
+    for j, name in enumerate(names):
+        v, top = float(velocity[j]), float(group.velocity_limits[j])
+        if abs(v) > top * (1.0 + TOLERANCE):
+            raise _refused(end, name, f"`{end.field}` has joint {name} at {v:.6g}, its limit is {top:.6g}", limit=top)
+        if acceleration is None:
+            continue
+        a, most = float(acceleration[j]), float(group.acceleration_limits[j])
+        if abs(a) > most * (1.0 + TOLERANCE):
+            told = f"`start_accelerations` has joint {name} at {a:.6g}, its limit is {most:.6g}"
+            raise _refused(end, name, told, limit=most)
+        jerk = np.inf if problem.jerk_limits is None else float(problem.jerk_limits[j])
+        reached = abs(v) + a * a / (2.0 * jerk)
+        if v * a > 0.0 and (reached > top * (1.0 + TOLERANCE) or (jerk == np.inf and abs(v) >= top)):
+            told = (
+                f"joint {name} can't keep its velocity limit of {top:.6g}: with the acceleration at the start it"
+                f" reaches {reached:.6g} at least"
+            )
+            raise _refused(end, name, told, limit=top, reached=reached)
+
+
+def _stopped(
+    problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
+) -> Trajectory:
+    """The motion to rest; at a goal that of time running backwards.
+
+    Raises:
+        StageFailed: if a joint's limit, or an obstacle, is nearer than that.
+    """
+    group = problem.group
+    still = cast(ChartRate, np.zeros(group.nv))
+    rise = still if acceleration is None else acceleration
+    room = group.velocity_limits - np.abs(velocity)
+    rises = np.where(velocity * rise > 0.0, rise**2 / (2.0 * np.maximum(room, 1e-300)), 0.0)
+    jerks = jerks_of(group.acceleration_limits, problem.jerk_limits, rises)
+    motion = stopping(z, velocity, rise, group.acceleration_limits, jerks)
+    if motion.duration == 0.0:
+        return motion
+    verdict = judged(problem, motion.bezier())
+    problem.counters.collision_checks += verdict.evaluations
+    if verdict.free:
+        return motion
+    if verdict.reason is Reason.BEYOND_LIMITS and verdict.beyond is not None:
+        fault = verdict.beyond
+        j = group.velocity_names.index(fault.joint)
+        limit = fault.upper if fault.value > fault.upper else fault.lower
+        told = (
+            f"joint {fault.joint} can't {end.verb} in time: at {abs(float(velocity[j])):.6g} it takes"
+            f" {abs(float(motion.positions[-1, j] - z[j])):.6g}, and its limit of {limit:.6g} is"
+            f" {abs(limit - float(z[j])):.6g} away"
+        )
+        raise _refused(end, fault.joint, told, limit=limit, pair=None)
+    slowest = int(np.argmax(np.abs(velocity) / group.acceleration_limits))
+    name, pair = group.velocity_names[slowest], " and ".join(verdict.pair) if verdict.pair else "bodies"
+    told = (
+        f"the robot can't {end.verb} in time: {verdict.reason.value} between {pair} within the"
+        f" {motion.duration:.3f} s that it takes, most of all joint {name}"
+    )
+    raise _refused(end, name, told, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
+
+
+def _refused(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:
+    return StageFailed(end.status, message, stage=end.stage, joint=joint, **details)

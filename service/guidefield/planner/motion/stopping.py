@@ -1,0 +1,112 @@
+"""How joints come to rest: each as soon as its limits of acceleration and jerk allow, in pieces of constant jerk.
+
+A velocity v with an acceleration a ends at v + a |a| / (2 J) where the acceleration is taken to 0 with the jerk J. What
+is left is taken away by an acceleration that rises with J to a peak p, at most A, stays there, and falls with J: seen
+in its direction p² = (a² - 2 J v) / 2 where the peak is below A.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+import numpy as np
+
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+
+RAMP = 0.02
+"""Where there is no limit of jerk, accelerations rise to their limit in this time [s]."""
+
+APART = 1e-9
+"""Times that are closer than this are one [s]."""
+
+
+ROUNDING = 1e-5
+"""Share of a jerk limit that is left for rounding: in short pieces jerks are known that badly."""
+
+
+def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
+    """The jerks with which joints stop, shape (nv,), all finite [rad/s³ or m/s³].
+
+    Args:
+        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
+        jerk_limits: Shape (nv,), positive, infinite where there is none; None: there are none.
+        rises: The jerk, shape (nv,), that it takes at least to stay within the limit of velocity; 0 where it is kept.
+    """
+    own = np.maximum(acceleration_limits / RAMP, 1.01 * rises)
+    if jerk_limits is None:
+        return own
+    kept = np.where(rises > 0.0, jerk_limits, (1.0 - ROUNDING) * jerk_limits)
+    return np.where(np.isfinite(jerk_limits), kept, own)
+
+
+def stopping(
+    position: ChartPoint,
+    velocity: ChartRate,
+    acceleration: ChartRate,
+    acceleration_limits: ChartRate,
+    jerks: ChartRate,
+) -> Trajectory:
+    """The motion to rest, without acceleration, each joint by itself.
+
+    Args:
+        position: Shape (nv,) [rad or m].
+        velocity: Shape (nv,) [rad/s or m/s].
+        acceleration: Shape (nv,), within its limits [rad/s² or m/s²].
+        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
+        jerks: With which accelerations change, shape (nv,), positive and finite [rad/s³ or m/s³].
+
+    Returns:
+        Its knots are where any joint's jerk changes, so that it is exact; a single knot if it is at rest.
+    """
+    phases = [_phases(*map(float, one)) for one in zip(velocity, acceleration, acceleration_limits, jerks, strict=True)]
+    bounds = np.array([np.cumsum([span for span, _ in one]) for one in phases])
+    times = np.unique(np.concatenate([[0.0], bounds.ravel()]))
+    times = times[np.concatenate([[True], np.diff(times) > APART])]
+    begins = zip(position, velocity, acceleration, phases, strict=True)
+    states = [_states(times, float(x), float(v), float(a), spans) for x, v, a, spans in begins]
+    positions = cast(ChartPoints, np.column_stack([x for x, _ in states]))
+    velocities = cast(ChartRates, np.column_stack([v for _, v in states]))
+    positions[0], velocities[0] = position, velocity
+    velocities[-1] = 0.0
+    return Trajectory(times, positions, velocities)
+
+
+def backwards(motion: Trajectory) -> Trajectory:
+    """The motion from its end to its start."""
+    times = motion.times[-1] - motion.times[::-1]
+    return Trajectory(times, motion.positions[::-1].copy(), -motion.velocities[::-1] + 0.0)
+
+
+def _phases(velocity: float, acceleration: float, limit: float, jerk: float) -> tuple[tuple[float, float], ...]:
+    """Three spans with their jerks, one after the other."""
+    rest = velocity + acceleration * abs(acceleration) / (2.0 * jerk)
+    sign = -math.copysign(1.0, rest)
+    v, a = sign * velocity, sign * acceleration
+    peak = math.sqrt(max(0.5 * a * a - jerk * v, max(a, 0.0) ** 2))
+    hold = 0.0
+    if peak > limit:
+        peak = limit
+        hold = max((-v - (2.0 * peak * peak - a * a) / (2.0 * jerk)) / peak, 0.0)
+    return (max((peak - a) / jerk, 0.0), sign * jerk), (hold, 0.0), (peak / jerk, -sign * jerk)
+
+
+def _states(
+    times: np.ndarray, x: float, v: float, a: float, phases: tuple[tuple[float, float], ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of a joint at times, (n,) each."""
+    positions, velocities = np.empty_like(times), np.empty_like(times)
+    begin, done = 0.0, times < 0.0
+    for span, jerk in (*phases, (math.inf, 0.0)):
+        here = ~done & (times <= begin + span)
+        t = times[here] - begin
+        positions[here] = x + t * (v + t * (0.5 * a + t * jerk / 6.0))
+        velocities[here] = v + t * (a + 0.5 * t * jerk)
+        done |= here
+        if span < math.inf:
+            x += span * (v + span * (0.5 * a + span * jerk / 6.0))
+            v += span * (a + 0.5 * span * jerk)
+            a += span * jerk
+            begin += span
+    return positions, velocities

@@ -1,0 +1,1 @@
+"""Motions made fast, far from obstacles and within limits, shape and time together."""

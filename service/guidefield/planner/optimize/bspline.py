@@ -1,0 +1,114 @@
+"""A motion as a uniform cubic B-spline in time: control points, and the length of its pieces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+
+ENDS = 3
+"""Control points that an end takes: its position, velocity and acceleration."""
+
+
+@dataclass(frozen=True, eq=False)
+class End(ReadOnly):
+    """The state at an end of a motion.
+
+    Attributes:
+        position: Shape (nv,) [rad or m].
+        velocity: Shape (nv,) [rad/s or m/s].
+        acceleration: Shape (nv,) [rad/s² or m/s²].
+    """
+
+    position: ChartPoint
+    velocity: ChartRate
+    acceleration: ChartRate
+
+    @classmethod
+    def at_rest(cls, position: ChartPoint) -> End:
+        """At rest at a chart point (nv,), and without acceleration."""
+        still = cast(ChartRate, np.zeros_like(position))
+        return cls(position, still, still)
+
+    def points(self, step: float) -> ChartPoints:
+        """The three control points about it, for pieces of a length [s]: shape (3, nv).
+
+        Where the basis is (1, 4, 1) / 6 its derivatives are (-1, 0, 1) / (2 h) and (1, -2, 1) / h².
+        """
+        middle = self.position - step**2 / 6.0 * self.acceleration
+        across, bend = step * self.velocity, 0.5 * step**2 * self.acceleration
+        return cast(ChartPoints, np.array([middle + bend - across, middle, middle + bend + across]))
+
+    def slopes(self, step: float) -> np.ndarray:
+        """Derivatives of these by the logarithm of the length, shape (3, nv)."""
+        middle = -(step**2) / 3.0 * self.acceleration
+        across, bend = step * self.velocity, step**2 * self.acceleration
+        return np.array([middle + bend - across, middle, middle + bend + across])
+
+
+@dataclass(frozen=True, eq=False)
+class BSpline(ReadOnly):
+    """A uniform cubic B-spline in time, from one end to the other.
+
+    Attributes:
+        points: Control points, shape (m + 3, nv), m pieces [rad or m].
+        step: Length of a piece [s].
+        start, end: Its ends, which the first three and the last three control points are about.
+    """
+
+    points: ChartPoints
+    step: float
+    start: End
+    end: End
+
+    @classmethod
+    def between(cls, start: End, end: End, inner: ChartPoints, step: float) -> BSpline:
+        """With inner control points, shape (m - 3, nv), and pieces of a length [s]."""
+        return cls(np.concatenate([start.points(step), inner, end.points(step)]), step, start, end)
+
+    @property
+    def pieces(self) -> int:
+        """How many there are."""
+        return len(self.points) - 3
+
+    @property
+    def inner(self) -> ChartPoints:
+        """The control points between the ends', shape (m - 3, nv)."""
+        return self.points[ENDS:-ENDS]
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """Derivatives of the ends' control points by the logarithm of the step, shape (6, nv)."""
+        return np.concatenate([self.start.slopes(self.step), self.end.slopes(self.step)])
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return self.pieces * self.step
+
+    def moved(self, inner: ChartPoints, stretch: float) -> BSpline:
+        """With the inner control points moved, (m - 3, nv) [rad or m], and the logarithm of the step changed."""
+        points = cast(ChartPoints, self.inner + inner)
+        return BSpline.between(self.start, self.end, points, self.step * math.exp(stretch))
+
+    def subdivided(self) -> BSpline:
+        """The same curve with twice the pieces (Lane and Riesenfeld's rule for cubics)."""
+        P = self.points
+        finer = np.empty((2 * len(P) - 3, P.shape[1]))
+        finer[::2] = 0.5 * (P[:-1] + P[1:])
+        finer[1::2] = 0.125 * (P[:-2] + 6.0 * P[1:-1] + P[2:])
+        return BSpline.between(self.start, self.end, cast(ChartPoints, finer[ENDS:-ENDS]), 0.5 * self.step)
+
+    def knots(self) -> tuple[np.ndarray, ChartPoints, ChartRates]:
+        """Times (m + 1,), positions and velocities (m + 1, nv) where pieces meet: the same curve as Hermite's."""
+        P = self.points
+        positions = (P[:-2] + 4.0 * P[1:-1] + P[2:]) / 6.0
+        velocities = cast(ChartRates, (P[2:] - P[:-2]) / (2.0 * self.step))
+        positions[0], positions[-1] = self.start.position, self.end.position
+        velocities[0], velocities[-1] = self.start.velocity, self.end.velocity
+        return self.step * np.arange(self.pieces + 1), positions, velocities

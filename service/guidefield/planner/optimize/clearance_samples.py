@@ -1,0 +1,76 @@
+"""Where along a motion the distance to obstacles is taken, and how it counts there."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from guidefield.kernels.optimize.motion_objective import MotionSamples
+from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.optimize.settings import OptimizationSettings
+from guidefield.read_only import read_only
+
+
+def clearance_samples(
+    spline: BSpline, kept: tuple[float, float], clearance: float, weight: float, settings: OptimizationSettings
+) -> MotionSamples:
+    """Samples evenly in time, each of which counts by the joint distance that it stands for.
+
+    Args:
+        spline: The motion.
+        kept: What its start and its end keep from obstacles [m].
+        clearance: What is asked for [m].
+        weight: Sum of the weights.
+        settings: Of the optimisation.
+    """
+    places, pieces, basis, shares = _places(spline.pieces, settings.samples)
+    bounds = _at(spline, *places)
+    lengths = np.linalg.norm(np.diff(bounds, axis=0), axis=1)
+    total = max(float(lengths.sum()), 1e-300)
+    until = np.cumsum(lengths) - 0.5 * lengths
+    from_end = np.minimum(until, total - until)
+    near = np.minimum(from_end / settings.ramp, 1.0)
+    least = np.where(until < 0.5 * total, *(_floor(one, settings) for one in kept))
+    rise = np.minimum(from_end / settings.floor_ramp, 1.0) ** 2
+    samples = MotionSamples(
+        pieces=pieces,
+        basis=basis,
+        weights=weight / total * lengths * (1.0 + settings.end_weight * (1.0 - near)),
+        ranges=settings.range * (settings.least_range + (1.0 - settings.least_range) * near),
+        floors=least + (np.maximum(settings.floor + clearance, least) - least) * rise,
+        shares=shares,
+    )
+    read_only(*samples)
+    return samples
+
+
+def _floor(kept: float, settings: OptimizationSettings) -> float:
+    """Below which distance points cost more at an end that keeps so much [m]."""
+    return float(np.clip(settings.floor_share * kept, settings.least_floor, settings.floor))
+
+
+@functools.lru_cache(maxsize=256)
+def _places(pieces: int, samples: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds between samples, as piece and basis; piece and basis of the samples between them; their shares of self."""
+    bounds = np.arange(pieces * samples + 1) / samples
+    middles = 0.5 * (bounds[:-1] + bounds[1:])
+    of_bounds = np.minimum(bounds.astype(np.int64), pieces - 1)
+    of_samples = middles.astype(np.int64)
+    shares = np.where(np.arange(pieces * samples) % 2 == 0, 2.0, 0.0)
+    made = (of_bounds, _basis(bounds - of_bounds)), of_samples, _basis(middles - of_samples), shares
+    read_only(*made[0], *made[1:])
+    return made
+
+
+def _basis(t: np.ndarray) -> np.ndarray:
+    """The uniform cubic B-spline's basis at fractions t (k,) of a piece: shape (k, 4)."""
+    s = 1.0 - t
+    return np.column_stack([s**3, 3.0 * t**3 - 6.0 * t**2 + 4.0, 3.0 * s**3 - 6.0 * s**2 + 4.0, t**3]) / 6.0
+
+
+def _at(spline: BSpline, pieces: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Places (k, nv) on the curve."""
+    about = pieces[:, None] + np.arange(4)
+    places: np.ndarray = np.einsum("ka,kaj->kj", basis, spline.points[about])
+    return places

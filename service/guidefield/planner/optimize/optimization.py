@@ -1,0 +1,201 @@
+"""Optimise a motion: as fast as its limits allow, far from obstacles, shape and time together.
+
+The motion is a uniform cubic B-spline in time. Its control points P and the logarithm u of the length of its pieces
+minimise
+
+    exp(u - u0) + λ · mean over samples of the clearance barrier + μ · logarithmic barrier of its limits
+
+by Newton's method on a banded system with a border for u, while μ falls (an interior point method: Boyd and
+Vandenberghe, Convex Optimization, 2004, chapter 11); every motion on the way is within its limits. Then the pieces are
+subdivided, which leaves the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same
+motion whatever the load, unless time runs out.
+
+What comes out is a proposal: between the samples nobody has looked. The certificate judges.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.errors import Status
+from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
+from guidefield.planner.motion.limit_load import at_limits
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.optimize.interior_point import Descent, Question, State
+from guidefield.planner.optimize.settings import OptimizationSettings
+from guidefield.planner.optimize.start import ends_of, first_motion, longest_step, motion_limits, moving_motion
+from guidefield.planner.optimize.within import brought_within
+from guidefield.planner.relax.sampled_robot import sampled_robot
+from guidefield.planner.relax.settings import BARRIER
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.trace import Note, PathRelaxed
+from guidefield.read_only import ReadOnly
+from guidefield.scene.distance_tables import distance_tables
+
+
+class Outcome(enum.Enum):
+    """How an optimisation ended."""
+
+    OPTIMISED = "optimised"
+    OUT_OF_ITERATIONS = "out of iterations"
+    OUT_OF_TIME = "out of time"
+    STOPPED = "stopped"
+    NOT_WITHIN = "no motion within limits was found that begins and ends in motion"
+
+
+_ENDINGS = {Status.TIMED_OUT: Outcome.OUT_OF_TIME, Status.PREEMPTED: Outcome.STOPPED}
+
+
+@dataclass(frozen=True, eq=False)
+class Optimized(ReadOnly):
+    """An optimised motion.
+
+    Attributes:
+        trajectory: Within every limit of velocity, acceleration, jerk and position.
+        steps: How many were taken.
+        before: Duration of the motion with which it began [s].
+        outcome: How it ended.
+    """
+
+    trajectory: Trajectory
+    steps: int
+    before: float
+    outcome: Outcome
+
+
+def optimize(
+    problem: Problem, motion: Trajectory, settings: OptimizationSettings, others: Iterable[Trajectory] = ()
+) -> Optimized:
+    """Optimise a motion that goes along a path that was found, within the problem's budget and its number of steps.
+
+    Its ends stay bit for bit. One that begins or ends in motion may prove to have no spline within limits: it stays as
+    it is, and the outcome says so.
+
+    Args:
+        problem: Robot, world, limits, budget and most steps.
+        motion: With the problem's velocities at its ends, not a single point, within position limits.
+        settings: Weights and bounds.
+        others: Others from the same start, made when they are asked for. They are optimised coarsely, one after the
+            other, while the best is far from the least time; the best goes on.
+    """
+    descending = _Descending(problem, settings)
+    best = descending.coarse(motion)
+    rest = iter(others)
+    while descending.outcome is None and not (best and _is_soon(problem, best.spline, settings)):
+        other = next(rest, None)
+        if other is None:
+            break
+        best = min(filter(None, (best, descending.coarse(other))), key=lambda one: one.cost, default=None)
+    if best is None:
+        problem.counters.iterations += descending.steps
+        return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_WITHIN)
+    spline = descending.fine(best)
+    problem.counters.iterations += descending.steps
+    limits = best.question.limits
+    if problem.in_motion:  # its time can't be scaled, and need not be: every step was within limits
+        trajectory = Trajectory(*spline.knots())
+    else:
+        trajectory = at_limits(*spline.knots(), limits.velocity, limits.acceleration, limits.jerk)
+    steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
+    problem.tell(Note(f"optimised in {steps} steps: {motion.duration:.3f} s became {trajectory.duration:.3f} s"))
+    return Optimized(trajectory, steps, motion.duration, outcome)
+
+
+@dataclass(frozen=True, eq=False)
+class _Coarse(ReadOnly):
+    """A motion that is optimised as far as its pieces allow.
+
+    Attributes:
+        question: What is asked.
+        spline: The motion.
+        cost: Its objective, as a time [s].
+    """
+
+    question: Question
+    spline: BSpline
+    cost: float
+
+
+class _Descending:
+    """An optimisation under way: how many steps were taken, and what ended it, if anything did."""
+
+    def __init__(self, problem: Problem, settings: OptimizationSettings) -> None:
+        self._problem, self._settings = problem, settings
+        self._limits, self._tables = motion_limits(problem), distance_tables(problem.scene)
+        self.steps = 0
+        self.outcome: Outcome | None = None
+
+    def coarse(self, motion: Trajectory) -> _Coarse | None:
+        """A motion after all coarse weights of the limits' barrier; None where it can't be brought within limits."""
+        problem, tables, ends = self._problem, self._tables, motion.positions[[0, -1]]
+        robot = sampled_robot(problem, tables, ends)
+        kept = [obstacle_distance(robot, tables, z.copy(), BARRIER.farthest_floor) for z in ends]
+        moving, longest = ends_of(problem, motion), np.inf
+        if problem.in_motion:
+            first = moving_motion(motion, moving, self._limits, self._settings)
+            longest = longest_step(moving, self._limits)
+        else:
+            first = first_motion(motion, self._limits, self._settings)
+        question = Question(
+            robot,
+            tables,
+            self._limits,
+            (kept[0], kept[1]),
+            problem.min_clearance,
+            first.duration,
+            self._settings,
+            longest,
+        )
+        within = brought_within(question, first) if problem.in_motion else first
+        if within is None:
+            return None
+        first = within
+        state = self._descended(question, first, self._settings.coarse)
+        return _Coarse(question, state.spline, question.duration * state.value)
+
+    def fine(self, found: _Coarse) -> BSpline:
+        """The motion with its pieces subdivided, after all fine weights."""
+        if self.outcome is not None:
+            return found.spline
+        return self._descended(found.question, found.spline.subdivided(), self._settings.fine).spline
+
+    def _descended(self, question: Question, spline: BSpline, weights: Sequence[float]) -> State:
+        """The motion after some weights of the limits' barrier."""
+        for limit_weight in weights:
+            descent = Descent.of(question, spline, limit_weight)
+            state = descent.at(spline)
+            for _ in range(self._settings.steps):
+                self.outcome = self._ended()
+                if self.outcome is not None:
+                    return state
+                stepped = descent.stepped(state)
+                if stepped is None:
+                    break
+                state, self.steps = stepped, self.steps + 1
+                self._problem.tell(PathRelaxed(state.spline.knots()[1], state.value))
+            spline = state.spline
+        return state
+
+    def _ended(self) -> Outcome | None:
+        """Why no further step is taken; None where one may be."""
+        if (spent := self._problem.budget.spent()) is not None:
+            return _ENDINGS[spent]
+        most = self._problem.optimization_iterations
+        return Outcome.OUT_OF_ITERATIONS if most is not None and self.steps >= most else None
+
+
+def _is_soon(problem: Problem, spline: BSpline, settings: OptimizationSettings) -> bool:
+    """Whether a motion takes hardly more than the least time."""
+    return spline.duration <= settings.enough * least_time(problem, spline)
+
+
+def least_time(problem: Problem, spline: BSpline) -> float:
+    """What each joint alone would need at least between a motion's ends, by its limits of rates, the longest [s]."""
+    way = np.abs(spline.end.position - spline.start.position)
+    top, rise = problem.group.velocity_limits, problem.group.acceleration_limits
+    return float(np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max())

@@ -1,0 +1,113 @@
+"""The numbers of the optimisation of motions, each with what chose it; `tools/bench motion` measures them.
+
+"Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
+nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
+now.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from guidefield.planner.task.problem import Objective
+
+
+@dataclass(frozen=True)
+class OptimizationSettings:
+    """Of an optimisation.
+
+    Attributes:
+        weight: Of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 %
+            faster and keep 2 mm less on the way, with 0.2 1 % slower and 2 mm more.
+        range: Of the barrier [m]. Found for the relaxation of paths; with 120 mm motions get 10 % slower.
+        least_range: Share of the range at an end: what is that close by cannot be left.
+        ramp: Joint distance from an end at which the range is the full one [rad or m]. Unrecorded.
+        end_weight: Weight on top of the full one at an end, against the tighter range.
+        floor: What is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m].
+            With 2 mm instead two of 70 motions came nearer than 20 mm.
+        least_floor: The same at least, at ends [m]: the margin of all motions.
+        floor_share: At an end it is this share of what the end keeps.
+        floor_ramp: Joint distance from an end at which the floor is the full one [rad or m]. Unrecorded.
+        samples: At which the clearance is looked at, on a piece.
+        piece: Length of a piece before the last subdivision [rad or m]. Unrecorded.
+        least_pieces, most_pieces: At least and at most so many. With 24 instead of 64, and no second try, four of 21
+            motions of a Fetch were refused.
+        coarse: Weights of the limits' barrier, one after the other, until pieces are subdivided. One step for each of
+            ten, or three weights, made motions 3 to 4 % slower.
+        fine: The same after that.
+        steps: Of Newton's method at each weight, at most: easy motions settle after three or four; a Fetch's, or one
+            that keeps 80 mm, takes twenty at the first weights. With 3 at most a Fetch's are 10 % slower.
+        room: Pieces of the first motion are longer by this factor than its limits allow. Unrecorded.
+        inside: Share of a coordinate's range that the first motion keeps from its ends. Unrecorded.
+        shorter: A step that is not within limits, or brings nothing, is tried again this much shorter. Problems: with
+            0.5 motions of a Baxter are 3 % slower.
+        tries: At most so often. Unrecorded.
+        settled: A step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 %
+            faster and take a quarter more steps.
+        longest: Most that a coordinate of a control point moves in one step [rad or m], and the logarithm of the
+            step. Unrecorded.
+        enough: Of several first motions the next one is optimised coarsely only while the best takes more than this
+            times what a straight motion takes.
+        most_moving_pieces: At most so many where the motion begins or ends in motion. Unrecorded.
+        stop_pieces: So many at least for coming to rest there. Unrecorded.
+        loosenings: How often limits are tightened until such a motion is within. Unrecorded.
+        loosened: Limits are this times what the motion takes of them. Unrecorded.
+        inward: Weight of the limits' barrier then. Unrecorded.
+        inward_steps: Steps each time. Unrecorded.
+        strictly: Share of the limits within which such a motion may begin. Unrecorded.
+        damping: Added to the Hessian's diagonal, as a share of it, against rounding.
+    """
+
+    weight: float = 0.1
+    range: float = 0.08
+    least_range: float = 0.5
+    ramp: float = 0.5
+    end_weight: float = 0.0
+    floor: float = 0.045
+    least_floor: float = 0.002
+    floor_share: float = 1.1
+    floor_ramp: float = 0.3
+    samples: int = 2
+    piece: float = 0.18
+    least_pieces: int = 16
+    most_pieces: int = 64
+    coarse: tuple[float, ...] = (1e-2, 3e-3, 1e-3, 3e-4)
+    fine: tuple[float, ...] = (1e-4, 1e-5)
+    steps: int = 20
+    room: float = 1.02
+    inside: float = 1e-3
+    shorter: float = 0.8
+    tries: int = 24
+    settled: float = 1e-3
+    longest: float = 0.5
+    enough: float = 1.08
+    most_moving_pieces: int = 192
+    stop_pieces: int = 4
+    loosenings: int = 8
+    loosened: float = 1.1
+    inward: float = 0.1
+    inward_steps: int = 3
+    strictly: float = 0.995
+    damping: float = 1e-9
+
+
+BALANCED = OptimizationSettings()
+
+OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
+    {
+        Objective.BALANCED: BALANCED,
+        Objective.TIME: dataclasses.replace(BALANCED, weight=0.05, fine=(1e-4, 3e-5, 1e-5)),
+        Objective.CLEARANCE: dataclasses.replace(BALANCED, weight=0.3, end_weight=30.0),
+    }
+)
+"""By what a motion is optimised for. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with
+configurations as goals: with less weight at the ends motions come up to 6 mm nearer than their ends, with more on the
+whole way they take up to five times as long for 2 mm."""
+
+
+def closer(settings: OptimizationSettings) -> OptimizationSettings:
+    """For a motion that the certificate refused: more weight on the clearance, and more samples. Unrecorded."""
+    return dataclasses.replace(settings, weight=4.0 * settings.weight, samples=2 * settings.samples)

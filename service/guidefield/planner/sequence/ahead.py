@@ -1,0 +1,223 @@
+"""Which configurations at the end of a step leave the later steps possible.
+
+Ends are looked at, not the ways between them: each later step has to have a configuration that is free there, and a
+straight way has to be one that the robot can follow, from some configuration that the steps before it leave.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from guidefield.collision.blocking_pairs import blocking_pairs
+from guidefield.collision.contact import contacts_at
+from guidefield.errors import Status
+from guidefield.planner.ends import goal_points
+from guidefield.planner.sequence.course import Course, S, StepMotion
+from guidefield.planner.sequence.embedding import whole_configuration
+from guidefield.planner.sequence.straight_motion import followed, stuck_ending
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
+from guidefield.planner.task.stages import StageFailed
+from guidefield.robot.ik.inverse_kinematics import solve
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+
+@dataclass(frozen=True)
+class AheadSettings:
+    """Numbers of looking ahead.
+
+    Attributes:
+        enough: So many configurations with a future are enough for a step, those nearest to its start.
+        branches: So many configurations of a later step are tried.
+        looks: So many later steps are looked at for one step: what isn't refuted by then counts as possible.
+        draws: How often other configurations are drawn where none that was found has a future.
+    """
+
+    enough: int = 2
+    branches: int = 3
+    looks: int = 30
+    draws: int = 3
+
+
+AHEAD = AheadSettings()
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why a step can't be done, from all that was tried.
+
+    Attributes:
+        index: The step.
+        ending: Why.
+    """
+
+    index: int
+    ending: Ending
+
+
+@dataclass
+class _Search:
+    """How much was looked at, and what was refused farthest ahead."""
+
+    looks: int = 0
+    refused: Refused | None = None
+
+    def refuse(self, index: int, ending: Ending) -> None:
+        """Keep what is farther ahead than anything before."""
+        if self.refused is None or index > self.refused.index:
+            self.refused = Refused(index, ending)
+
+
+def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Problem | Refused:
+    """The problem of a step whose goals are only those that leave the later steps possible.
+
+    Args:
+        course: The steps.
+        index: The step.
+        at: Where everything is when it begins.
+        motion: What it asks for.
+
+    Returns:
+        The problem as it is where there is nothing to choose; else with a `ConfigurationGoal`. Or what can't be done.
+    """
+    problem = motion.problem
+    last = not any(course.moves(later) for later in range(index + 1, len(course)))
+    if last or motion.way is not None or not _is_choice(problem):
+        return problem
+    search = _Search()
+    for draw in range(AHEAD.draws):
+        try:
+            goals = goal_points(dataclasses.replace(problem, seed=problem.seed + draw))
+        except StageFailed as failed:
+            return Refused(index, failed.ending)
+        assert goals is not None, "a plane is no choice"
+        kept = _kept(course, index, at, problem, goals, search)
+        if kept:
+            chosen = ConfigurationGoal(tuple(problem.group.from_chart(z) for z in kept))
+            return dataclasses.replace(problem, goal=chosen)
+        if not isinstance(problem.goal, TipGoal) or problem.budget.spent():
+            break
+    assert search.refused is not None, "something was refused"
+    return search.refused
+
+
+def _is_choice(problem: Problem) -> bool:
+    """Whether several configurations may be the goal, and are known before the way there is."""
+    if problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
+        return False
+    return isinstance(problem.goal, TipGoal) or len(problem.goal.configurations) > 1
+
+
+def _kept(
+    course: Course[S], index: int, at: S, problem: Problem, goals: ChartPoints, search: _Search
+) -> list[ChartPoint]:
+    """Those of some goals that leave the later steps possible, the nearest first."""
+    kept: list[ChartPoint] = []
+    for z in _nearest_first(problem, goals):
+        after = course.after(index, at, whole_configuration(problem.group, problem.group.from_chart(z)))
+        search.looks = 0
+        if _possible(course, index + 1, after, search):
+            kept.append(z)
+        if len(kept) == AHEAD.enough:
+            break
+    return kept
+
+
+def _nearest_first(problem: Problem, zs: ChartPoints) -> list[ChartPoint]:
+    """Chart points (m, nv) in the order of their distance from the start."""
+    away = [problem.group.unwrapped(z, problem.z_start) - problem.z_start for z in zs]
+    order = np.argsort(np.linalg.norm(np.array(away) / problem.group.units, axis=1), kind="stable")
+    return [cast(ChartPoint, zs[index]) for index in order]
+
+
+def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
+    """Whether nothing speaks against the steps from one on, as far as is looked."""
+    if index == len(course):
+        return True
+    motion = course.motion(index, at)
+    if motion is None:
+        return _possible(course, index + 1, course.after(index, at, at.q), search)
+    search.looks += 1
+    if search.looks > AHEAD.looks or motion.problem.budget.spent():
+        return True
+    ends = _ends(motion, index, search)
+    if ends is None:
+        return True
+    group = motion.problem.group
+    return any(
+        _possible(course, index + 1, course.after(index, at, whole_configuration(group, group.from_chart(z))), search)
+        for z in ends
+    )
+
+
+def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] | None:
+    """Where a step may end; None where that can't be told before it is planned."""
+    problem = motion.problem
+    if motion.way is None and (problem.guide_planes or isinstance(problem.goal, LastPlaneGoal)):
+        return None
+    found: list[ChartPoint] | Ending
+    if motion.way is not None:
+        found = _straight_end(problem, motion.way)
+    elif isinstance(problem.goal, TipGoal):
+        found = _reached(problem, problem.goal.target)
+    else:
+        assert isinstance(problem.goal, ConfigurationGoal), "no plane is the goal"
+        found = _free_of(problem, problem.goal)
+    if isinstance(found, Ending):
+        search.refuse(index, found)
+        return []
+    return found
+
+
+def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
+    """Where a straight way leads, if the robot can follow it and touches nothing at its places."""
+    path, stuck = followed(problem, way)
+    if stuck is not None:
+        return stuck_ending(way, stuck)
+    touching = next((z for z in path if _touches(problem, z)), None)
+    if touching is None:
+        return [cast(ChartPoint, path[-1])]
+    pair = contacts_at(problem.world, problem.group.expand_from_chart(touching))[0].pair
+    message = f"on the straight way {pair[0]} and {pair[1]} touch"
+    return Ending(Status.INVALID_MOTION_PLAN, message, {"stage": "goal", "pair": list(pair)})
+
+
+def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
+    """A few free configurations at a pose, found with less trouble than where the step itself is planned."""
+    found = solve(
+        problem.group,
+        target,
+        starts=(problem.z_start,),
+        count=AHEAD.branches,
+        rng=np.random.default_rng([problem.seed, 1]),
+        accept=lambda zs: np.array([not _touches(problem, z) for z in zs], bool),
+        stopped=lambda: problem.budget.spent() is not None,
+    )
+    if found.solutions:
+        return list(found.solutions)
+    expanded = [problem.group.expand_from_chart(z) for z in found.rejected]
+    met = blocking_pairs(problem.world, expanded, problem.min_clearance)
+    message = f"no configuration reaches the goal pose: {found.reason}{f': {met.told()}' if met.counts else ''}"
+    return Ending(Status.NO_IK_SOLUTION, message, {"stage": "goal", **found.details, **met.details()})
+
+
+def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:
+    """Those of a goal's configurations that touch nothing, the nearest first."""
+    zs = _nearest_first(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
+    free = [z for z in zs if not _touches(problem, z)]
+    if free:
+        return free[: AHEAD.branches]
+    pair = contacts_at(problem.world, problem.group.expand_from_chart(zs[0]))[0].pair
+    message = f"the goal is in collision: {pair[0]} and {pair[1]}"
+    return Ending(Status.GOAL_IN_COLLISION, message, {"stage": "goal", "pair": list(pair)})
+
+
+def _touches(problem: Problem, z: ChartPoint) -> bool:
+    """Whether anything touches at a chart point (nv,)."""
+    return problem.world.in_collision(problem.group.expand_from_chart(z))

@@ -1,0 +1,89 @@
+"""What a sequence asks for, step by step: who plans it knows motions and configurations, not what is picked up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from guidefield.planner.plan import Plan
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import RobotConfiguration
+
+Touch = tuple[str, str]
+"""Names of a held object and of an obstacle that it may touch where it is picked up and put down."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepMotion:
+    """The motion that a step asks for.
+
+    Attributes:
+        problem: In the joints of the step, from where the one before ended.
+        plan: Plans a problem as the step asks for it: this one, or the same with fewer goals.
+        way: The straight way of the tip, if it is to go straight.
+    """
+
+    problem: Problem
+    plan: Callable[[Problem], Plan]
+    way: StraightWay | None = None
+
+
+class Situation(Protocol):
+    """Where everything is when a step begins."""
+
+    @property
+    def q(self) -> RobotConfiguration:
+        """Configuration of the whole robot, shape (nq,)."""
+        ...
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the objects that are held."""
+        ...
+
+    @property
+    def touches(self) -> tuple[Touch, ...]:
+        """What held objects may touch where they are picked up and put down."""
+        ...
+
+
+S = TypeVar("S", bound=Situation)
+
+
+class Course(Protocol[S]):
+    """The steps of a sequence."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+        ...
+
+    def moves(self, index: int) -> bool:
+        """Whether anything moves in a step."""
+        ...
+
+    def motion(self, index: int, at: S) -> StepMotion | None:
+        """What a step asks for, begun in a situation; None where nothing moves."""
+        ...
+
+    def after(self, index: int, at: S, q: RobotConfiguration) -> S:
+        """The situation after a step that began in one and led to a configuration of the whole robot, shape (nq,)."""
+        ...
+
+    def conditions(self, index: int, at: S) -> Conditions:
+        """What the motion of all joints is judged by during a step that begins in a situation."""
+        ...
+
+    def pause(self, index: int) -> float:
+        """For how long the robot waits after a step's motion [s]."""
+        ...
+
+    def attached(self, index: int) -> str | None:
+        """Name of what is picked up at a step's end."""
+        ...
+
+    def detached(self, index: int) -> str | None:
+        """Name of what is put down at a step's end."""
+        ...

@@ -1,0 +1,297 @@
+"""The sequence: every step planned from where the one before ended, put together, and certified as it will be executed.
+
+It fails as a whole. What a step ends at is chosen so that the later steps stay possible (`ahead`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, cast
+
+import numpy as np
+
+from guidefield.collision.certify.verdict import Verdict
+from guidefield.errors import Status
+from guidefield.planner.finish import LAST_JUDGEMENT
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.plan import Plan
+from guidefield.planner.sequence.ahead import Refused, with_future
+from guidefield.planner.sequence.composed import Composition, with_knots_at
+from guidefield.planner.sequence.course import Course, S, StepMotion
+from guidefield.planner.sequence.embedding import Embedding, whole_configuration
+from guidefield.planner.sequence.permissions import Allowed, allowed, holdings
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
+from guidefield.planner.sequence.told import Translated
+from guidefield.planner.task.conditions import Budget, Conditions
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.refusal import refusal
+from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.trace import Note, Observer, StageLeft
+from guidefield.read_only import ReadOnly
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
+
+SNAPPED = 1e-6
+"""A time that is no further from a knot stands for the knot [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leg(ReadOnly, Generic[S]):
+    """What came of one step.
+
+    Attributes:
+        index: The step.
+        at: Where everything was when it began.
+        span: When it begins and ends, its pause included [s].
+        conditions: What the motion of all joints is judged by meanwhile, where nothing may touch.
+        path: What the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves.
+        way: The straight way of the tip, if it goes straight.
+        problem: What was planned; None where nothing moves.
+    """
+
+    index: int
+    at: S
+    span: tuple[float, float]
+    conditions: Conditions
+    path: ChartPoints
+    way: StraightWay | None = None
+    problem: Problem | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SequencePlan(ReadOnly, Generic[S]):
+    """What came of planning a sequence.
+
+    Attributes:
+        status: How it ended.
+        message: One sentence that a person can act on.
+        details: The values that it speaks about; `step` is the index of the step that failed.
+        legs: Of the steps that were planned, in order.
+        path: Chart points of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went.
+        verdicts: The certificate's judgements of the stretches; of a sequence that failed, of `path` alone.
+        failed_at: Where everything was when the step began that failed; None where none did.
+        trajectory: What the robot would execute; None where a step failed before it was certified.
+        stretches: Its parts, each with what it is judged by.
+        permissions: What held objects may touch when.
+        stages: What was done, in order.
+        seconds: Time by stage.
+        warnings: What was odd but harmless.
+    """
+
+    status: Status
+    message: str
+    details: dict[str, Any]
+    legs: tuple[Leg[S], ...]
+    path: ChartPoints
+    verdicts: tuple[Verdict, ...]
+    failed_at: S | None = None
+    trajectory: Trajectory | None = None
+    stretches: tuple[Stretch, ...] = ()
+    permissions: tuple[Allowed, ...] = ()
+    stages: tuple[StageLeft, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> bool:
+        """Whether all that was judged is certified."""
+        return all(verdict.free for verdict in self.verdicts)
+
+
+def plan_sequence(
+    course: Course[S], start: S, whole: PlanningGroup, budget: Budget, observer: Observer
+) -> SequencePlan[S]:
+    """Plan a sequence.
+
+    Args:
+        course: The steps.
+        start: Where everything is at first.
+        whole: All joints that any step moves, at the start.
+        budget: How long planning may go on.
+        observer: Who watches; hears of all joints.
+    """
+    return _Planning(course, start, whole, budget, observer).done()
+
+
+class _Planning(Generic[S]):
+    """A sequence that is being planned."""
+
+    def __init__(self, course: Course[S], start: S, whole: PlanningGroup, budget: Budget, observer: Observer) -> None:
+        self._course, self._at, self._whole = course, start, whole
+        self._budget, self._observer = budget, observer
+        self._composition = Composition(whole.chart(whole.q_origin))
+        self._legs: list[Leg[S]] = []
+        self._stages: list[StageLeft] = []
+        self._seconds: dict[str, float] = {}
+        self._warnings: list[str] = []
+
+    def done(self) -> SequencePlan[S]:
+        """Plan all steps and judge what came of them."""
+        for index in range(len(self._course)):
+            self._observer.observe(Note(f"step {index} begins"))
+            failed = self._step(index)
+            if failed is not None:
+                return failed
+        return self._certified()
+
+    def _step(self, index: int) -> SequencePlan[S] | None:
+        """Plan a step; the end of it all where it fails."""
+        course, at, begin = self._course, self._at, self._composition.end
+        if index and (spent := self._budget.spent()) is not None:
+            why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
+            return self._refused(Refused(index, Ending(spent, f"{why} before it was planned", {"stage": "ends"})), at)
+        conditions, motion = course.conditions(index, at), course.motion(index, at)
+        base = self._composition.z
+        path, q = base[None], at.q
+        if motion is not None:
+            group = motion.problem.group
+            embedding = Embedding.of(group, motion.problem.z_start, self._whole, base)
+            made = self._planned(index, motion, embedding)
+            if isinstance(made, Refused):
+                return self._refused(made, at)
+            self._add(made.stages, made.seconds, made.warnings, index)
+            path = embedding.points(made.path)
+            if made.status is not Status.SUCCESS or made.trajectory is None:
+                return self._failed(index, Ending(made.status, made.message, made.details), at, path, made.verdict)
+            self._composition.move(made.trajectory, embedding)
+            q = whole_configuration(group, group.from_chart(made.trajectory.positions[-1]))
+        self._composition.wait(course.pause(index))
+        span = (begin, self._composition.end)
+        way, problem = (None, None) if motion is None else (motion.way, motion.problem)
+        self._legs.append(Leg(index, at, span, conditions, path, way, problem))
+        self._at = course.after(index, at, q)
+        return None
+
+    def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | Refused:
+        """The plan of a step's motion, to an end that leaves the later steps possible."""
+        watched = Translated(self._observer, motion.problem.group, self._whole, embedding)
+        began = time.perf_counter()
+        problem = with_future(self._course, index, self._at, motion)
+        self._seconds["ends"] = self._seconds.get("ends", 0.0) + time.perf_counter() - began
+        if isinstance(problem, Refused):
+            return problem
+        return motion.plan(dataclasses.replace(problem, observer=watched))
+
+    def _certified(self) -> SequencePlan[S]:
+        """The sequence with its trajectory judged stretch by stretch."""
+        trajectory, stretches, permissions = self._parts()
+        verdicts: list[Verdict] = []
+        ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
+        stages = Stages(stretches[0])
+        with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
+            for stretch in stretches:
+                until = time.monotonic() + LAST_JUDGEMENT
+
+                def stopped(until: float = until) -> object:
+                    return time.monotonic() >= until and self._budget.spent()
+
+                verdicts.append(certify_stretch(stretch, stopped))
+                if not verdicts[-1].free:
+                    ended = _in_step(stretch.index, refusal(stretch, verdicts[-1]))
+                    break
+            stage.outcome = verdicts[-1].reason.value
+        self._add(tuple(stages.left), stages.seconds, (), None)
+        return SequencePlan(
+            ended.status,
+            ended.message,
+            ended.details,
+            legs=tuple(self._legs),
+            path=np.concatenate([leg.path for leg in self._legs]),
+            verdicts=tuple(verdicts),
+            trajectory=trajectory,
+            stretches=tuple(stretches[: len(verdicts)]) if ended.status is not Status.SUCCESS else tuple(stretches),
+            permissions=tuple(permissions),
+            **self._told(),
+        )
+
+    def _parts(self) -> tuple[Trajectory, list[Stretch], list[Allowed]]:
+        """The trajectory with knots wherever what is judged changes, its stretches, and what may touch when."""
+        trajectory, legs = self._composition.trajectory(), self._legs
+        permissions = []
+        for holding in holdings(
+            [leg.at.touches for leg in legs],
+            [self._course.detached(leg.index) for leg in legs],
+            [leg.span for leg in legs],
+            [leg.conditions for leg in legs],
+        ):
+            permissions += allowed(holding, trajectory, legs[0].conditions.min_clearance)
+        permissions = [
+            dataclasses.replace(
+                one, begin=_snapped(one.begin, trajectory.times), end=_snapped(one.end, trajectory.times)
+            )
+            for one in permissions
+        ]
+        trajectory = with_knots_at(trajectory, [time for one in permissions for time in (one.begin, one.end)])
+        stretches = [
+            stretch
+            for leg in legs
+            for stretch in stretches_of(leg.index, leg.conditions, trajectory, leg.span, permissions, leg.way)
+        ]
+        return trajectory, stretches, permissions
+
+    def _refused(self, refused: Refused, at: S) -> SequencePlan[S]:
+        """The end where a step has no end that it could be done by."""
+        base = self._composition.z
+        conditions = self._course.conditions(len(self._legs), at)
+        verdict = certify_stretch(_standing(conditions, len(self._legs), base))
+        ending, step = refused.ending, len(self._legs)
+        if refused.index > step:
+            message = f"{ending.message}, from any end of `steps[{step}]` that was tried"
+            ending = Ending(ending.status, message, {**ending.details, "chosen_by": step})
+        return self._failed(refused.index, ending, at, base[None], verdict)
+
+    def _failed(self, index: int, ending: Ending, at: S, path: ChartPoints, verdict: Verdict) -> SequencePlan[S]:
+        """The end where a step was not planned: its path, as far as it went."""
+        told = _in_step(index, ending)
+        return SequencePlan(
+            told.status,
+            told.message,
+            told.details,
+            legs=tuple(self._legs),
+            path=path,
+            verdicts=(verdict,),
+            failed_at=at,
+            **self._told(),
+        )
+
+    def _add(
+        self, stages: Sequence[StageLeft], seconds: dict[str, float], warnings: Sequence[str], index: int | None
+    ) -> None:
+        """Count what was done for a step, or for all."""
+        where = "" if index is None else f"step {index}: "
+        self._stages += [dataclasses.replace(one, outcome=f"{where}{one.outcome}", plane=None) for one in stages]
+        for name, spent in seconds.items():
+            self._seconds[name] = self._seconds.get(name, 0.0) + spent
+        self._warnings += [f"{where}{warning}" for warning in warnings]
+
+    def _told(self) -> dict[str, Any]:
+        """What is told of every sequence."""
+        return {
+            "stages": tuple(self._stages),
+            "seconds": self._seconds,
+            "warnings": tuple(dict.fromkeys(self._warnings)),
+        }
+
+
+def _in_step(index: int, ending: Ending) -> Ending:
+    """How a step ended, as the end of the sequence."""
+    details = {**ending.details, "step": index, "path": f"$.steps[{index}]"}
+    return Ending(ending.status, f"`steps[{index}]`: {ending.message}", details)
+
+
+def _snapped(time: float, knots: np.ndarray) -> float:
+    """The knot that a time is next to, or the time [s]."""
+    nearest = float(knots[np.argmin(np.abs(knots - time))])
+    return nearest if abs(nearest - time) <= SNAPPED else time
+
+
+def _standing(conditions: Conditions, index: int, z: ChartPoint) -> Stretch:
+    """Nothing but a configuration (nv,), to be judged."""
+    still = Trajectory(np.zeros(1), z[None], cast(ChartRates, np.zeros((1, len(z)))))
+    (stretch,) = stretches_of(index, conditions, still, (0.0, 0.0), (), None)
+    return stretch

@@ -1,0 +1,147 @@
+"""The certificate that a frame keeps to its straight way all along a motion, between samples too.
+
+A Bezier curve lies in the box of its control points. Let ``m`` be the box's middle and ``e_j`` its half width in joint
+``j``, ``E`` the sum of ``e_j`` over the joints that turn, and ``c_j`` how far the frame's origin is from axis ``j`` at
+``m``, plus the motion bound ``D`` of the origin; 1 for a joint that slides. For ``m + d`` in the box:
+
+- The origin is within ``E sum_j c_j e_j`` of ``p(m) + J d``: the second derivative by joints ``i`` and ``j`` is no
+  longer than the origin's distance from the axis of the one nearer to it, which changes by at most ``D`` in the box.
+- The frame is turned away by at most ``E^2 / 4`` from ``exp(J_w d) R(m)``: an axis turns by at most what the joints
+  before it turn, and two rotations differ by at most the integral of how their rates differ.
+
+Both first terms are linear in ``d``, so the control points bound them: what goes along the way, and turns as the way
+does, costs nothing. Where the sum can't exceed a tolerance the curve keeps it; else it is halved.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.certify.curve_segments import halved
+from guidefield.collision.certify.settings import CERTIFICATE
+from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+
+
+class Deviation(NamedTuple):
+    """How far a frame may be off its way.
+
+    Attributes:
+        aside: From the line [m].
+        beyond: Beyond an end of it [m].
+        turned: From the orientation of the way there [rad].
+    """
+
+    aside: float
+    beyond: float
+    turned: float
+
+    def within(self, way: StraightWay) -> bool:
+        """Whether that is within the tolerances."""
+        return max(self.aside, self.beyond) <= way.line_tolerance and self.turned <= way.turn_tolerance
+
+
+def certify_straight(
+    way: StraightWay,
+    group: PlanningGroup,
+    turns: np.ndarray,
+    pieces: ChartCurves,
+    stopped: Callable[[], object] = lambda: None,
+) -> Verdict:
+    """Judge whether a frame keeps to its straight way along a motion.
+
+    Args:
+        way: The way.
+        group: The joints that move, of one coordinate each.
+        turns: Whether a joint turns rather than slides, shape (nv of the model,).
+        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
+        stopped: Asked now and then; anything true ends the judgement.
+    """
+    frame = _Frame(way, group, turns)
+    waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
+    evaluations = 0
+    while waiting:
+        index, start, end, control = waiting.popleft()
+        if evaluations % 64 == 0 and stopped():
+            return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
+        evaluations += 1
+        if frame.bound(control).within(way):
+            continue
+        narrow = np.ptp(control, axis=0).max() <= CERTIFICATE.constraint_floor
+        if narrow or not frame.off(control[0]).within(way):
+            return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
+        one, other = halved(control[None])
+        half = 0.5 * (start + end)
+        waiting.appendleft((index, half, end, other))
+        waiting.appendleft((index, start, half, one))
+    return Verdict(Reason.FREE, evaluations)
+
+
+class _Frame:
+    """A frame that is to keep to its way; owns scratch data (one per thread)."""
+
+    def __init__(self, way: StraightWay, group: PlanningGroup, turns: np.ndarray) -> None:
+        frame = frame_index(group.model, way.frame)
+        assert frame is not None, "the way's frame is the robot's"
+        self._way, self._group, self._turns, self._frame = way, group, turns, frame
+        self._data = group.model.createData()
+        self._widths = np.abs(group.expand_velocity)
+
+    def placed(self, z: ChartPoint) -> tuple[Any, np.ndarray]:
+        """Where the frame is at a chart point (nv,), a pinocchio.SE3, and its Jacobian (6, nv of the model) there."""
+        model, q = self._group.model, self._group.expand_from_chart(z)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobian = pin.computeFrameJacobian(model, self._data, q, self._frame, axes).reshape(6, -1)
+        return pin.updateFramePlacement(model, self._data, self._frame).copy(), jacobian
+
+    def off(self, z: ChartPoint) -> Deviation:
+        """How far the frame is off its way at a chart point (nv,)."""
+        return self._off(self.placed(z)[0])
+
+    def _off(self, placement: Any) -> Deviation:
+        way = self._way
+        share = 0.0 if way.is_point else way.share(placement)
+        beyond = max(-share, share - 1.0, 0.0) * way.length
+        return Deviation(float(np.linalg.norm(way.aside(placement))), beyond, way.turned(placement))
+
+    def bound(self, control: ChartPoints) -> Deviation:
+        """How far the frame can be off its way on a Bezier curve, control points (k, nv)."""
+        way = self._way
+        low, high = control.min(axis=0), control.max(axis=0)
+        middle, e = 0.5 * (low + high), self._widths @ (0.5 * (high - low))
+        placement, jacobian = self.placed(middle)
+        shifts, rotations = np.split((control - middle) @ (jacobian @ self._group.expand_velocity).T, 2, axis=1)
+        place_rest, turn_rest = self._rests(jacobian, e)
+        off = self._off(placement)
+        along = shifts @ way.direction
+        aside = np.linalg.norm(shifts - along[:, None] * way.direction, axis=1).max()
+        share = 0.0 if way.is_point else way.share(placement)
+        ahead = share * way.length + along
+        beyond = max(-ahead.min(), ahead.max() - way.length, 0.0)
+        if way.is_point:
+            axis = way.turn / way.angle if way.angle > 0.0 else np.zeros(3)
+            even, even_rest = (rotations @ axis)[:, None] * axis, 0.0
+        else:
+            even, even_rest = along[:, None] / way.length * way.turn, place_rest * way.angle / way.length
+        uneven = np.linalg.norm(rotations - even, axis=1).max()
+        return Deviation(
+            off.aside + float(aside) + place_rest,
+            float(beyond) + (0.0 if way.is_point else place_rest),
+            off.turned + float(uneven) + turn_rest + even_rest,
+        )
+
+    def _rests(self, jacobian: np.ndarray, e: np.ndarray) -> tuple[float, float]:
+        """How far place [m] and orientation [rad] can be from their linear terms within half widths e (nv,)."""
+        from_axes = np.linalg.norm(jacobian[:3], axis=0)
+        sweep = np.where(self._turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
+        distances = np.where(self._turns, from_axes + float(sweep @ from_axes), (from_axes > 0.0).astype(float))
+        turning = float(e[self._turns & (np.linalg.norm(jacobian[3:], axis=0) > 0.0)].sum())
+        return turning * float(distances @ e), 0.25 * turning**2

@@ -1,0 +1,112 @@
+"""The certificate of a sequence: each stretch of its trajectory judged in the world that holds then.
+
+A stretch is a step, or a part of one, on which the same objects are held and the same pairs may touch. In each, all
+joints of the sequence count as moving, those that wait, too: their links are judged against what was put down.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.verdict import Verdict
+from guidefield.collision.world import World
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.sequence.composed import part
+from guidefield.planner.sequence.permissions import Allowed
+from guidefield.planner.sequence.straight_certificate import certify_straight
+from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.start_enclosure import enclosed_start
+from guidefield.planner.task.conditions import Conditions
+from guidefield.robot.model.spaces import Configuration
+
+if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
+    from guidefield.potential import RobotField
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stretch(Conditions):
+    """A part of a sequence's trajectory, and what it is judged by.
+
+    Attributes:
+        index: The step that it is of.
+        motion: The part, at the sequence's own times.
+        way: The straight way that the tip keeps to, if the step has one.
+    """
+
+    index: int
+    motion: Trajectory
+    way: StraightWay | None = None
+
+    @cached_property
+    def robot_field(self) -> RobotField:
+        """The scene's field on the robot, for a recording."""
+        from guidefield.potential import Precision, RobotField
+
+        return RobotField(self.group, self.scene, Precision.SINGLE)
+
+    def potential(self, time: float, q: Configuration) -> float:  # noqa: ARG002 - obstacles rest
+        """Potential of the robot at a configuration (nq,): U [m]."""
+        return self.robot_field.potential(q)
+
+
+def stretches_of(
+    index: int,
+    conditions: Conditions,
+    trajectory: Trajectory,
+    span: tuple[float, float],
+    permissions: Sequence[Allowed],
+    way: StraightWay | None,
+) -> list[Stretch]:
+    """The stretches of a step.
+
+    Args:
+        index: The step.
+        conditions: What it is judged by, where nothing may touch.
+        trajectory: The sequence's, with a knot wherever a permission begins or ends.
+        span: When the step begins and ends [s].
+        permissions: What may touch when.
+        way: The straight way that the tip keeps to.
+    """
+    begin, end = span
+    cuts = {time for one in permissions for time in (one.begin, one.end) if begin < time < end}
+    fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
+    stretches = []
+    for first, last in pairwise([begin, *sorted(cuts), end]):
+        touches = [one.touch for one in permissions if one.covers(first, last)]
+        if touches:
+            pairs = (*conditions.allowed_collisions, *touches)
+            fields["allowed_collisions"] = pairs
+            fields["world"] = World.build(conditions.group, conditions.scene, pairs)
+        else:
+            fields["allowed_collisions"], fields["world"] = conditions.allowed_collisions, conditions.world
+        motion = part(trajectory, first, last)
+        stretches.append(Stretch(**fields, index=index, motion=motion, way=way))
+    return stretches
+
+
+def certify_stretch(stretch: Stretch, stopped: Callable[[], object] = lambda: None) -> Verdict:
+    """Judge a stretch: free, and keeping what the step has to keep.
+
+    Args:
+        stretch: The part of the trajectory.
+        stopped: Asked now and then; anything true ends the judgement.
+    """
+    pieces = stretch.motion.bezier()
+    verdict = enclosed_start(stretch, pieces[0, 0]) or certify(
+        stretch.world, pieces, stretch.min_clearance, stopped=stopped
+    )
+    evaluations, turns = verdict.evaluations, stretch.world.bodies.turns
+    if verdict.free and stretch.path_constraints:
+        verdict = certify_constraints(stretch.constrained_frames, turns, pieces, stopped)
+        evaluations += verdict.evaluations
+    if verdict.free and stretch.way is not None:
+        verdict = certify_straight(stretch.way, stretch.group, turns, pieces, stopped)
+        evaluations += verdict.evaluations
+    return dataclasses.replace(verdict, evaluations=evaluations)

@@ -1,0 +1,51 @@
+"""The path constraints of a motion as the kernels want them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.kept import kept_with
+from guidefield.kernels.kinematics.tip_chain import TipChain
+from guidefield.kernels.tree.path_constraints import CONE, NEAR, VECTORS, KeptFrames
+from guidefield.read_only import read_only
+from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, Near, PathConstraint
+from guidefield.robot.group.tip_chain import chain_to
+
+
+@kept_with
+def kept_frames(frames: ConstrainedFrames) -> KeptFrames:
+    """The constraints, each with the chain of joints that moves its frame."""
+    assert frames.group.is_euclidean, "path constraints are for joints of one coordinate"
+    chains = [chain_to(frames.group, frame) for frame in frames.indices]
+    group = frames.group
+    made = KeptFrames(
+        kinds=np.array([CONE if isinstance(one, Cone) else NEAR for one in frames.constraints], np.int64),
+        vectors=np.array([_vectors(one) for one in frames.constraints]),
+        limits=frames.limits.copy(),
+        begins=np.cumsum([0, *(len(one.kinds) for one in chains)]),
+        firsts=np.array([one.first for one in chains]),
+        chain=TipChain(
+            kinds=np.concatenate([one.kinds for one in chains]),
+            drivers=np.concatenate([one.drivers for one in chains]),
+            scales=np.concatenate([one.scales for one in chains]),
+            placements=np.concatenate([one.placements for one in chains]),
+            first=np.zeros(12),
+            lower=group.lower,
+            upper=group.upper,
+        ),
+    )
+    read_only(*made[:5], *made.chain)
+    return made
+
+
+def _vectors(constraint: PathConstraint) -> np.ndarray:
+    """The columns of vectors of a constraint, shape (VECTORS,)."""
+    row = np.zeros(VECTORS)
+    match constraint:
+        case Cone(axis=axis, target=target):
+            row[:6] = *axis, *target
+        case Near(point=point, across=across):
+            row[: 3 + across.size] = *point, *across.ravel()
+        case _:
+            raise TypeError(f"{type(constraint).__name__} is no path constraint")
+    return row

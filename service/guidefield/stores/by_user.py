@@ -1,0 +1,121 @@
+"""The stores of all users: each has runs, scenes and robots of its own, in a folder of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from guidefield.errors import NotAllowed, QuotaExceeded
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.stores.robots import RobotStore
+from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunStore
+from guidefield.stores.scenes import SceneStore
+from guidefield.stores.shared import Kind, Shared
+
+MOST_USERS = 1_000
+"""How many users may have something stored."""
+MOST_OPEN = 100
+"""Of how many users the stores are kept open."""
+
+
+@dataclass(frozen=True)
+class Stores:
+    """What one user has."""
+
+    runs: RunStore
+    scenes: SceneStore
+    robots: RobotStore
+    shared: Shared
+
+
+class StoresByUser:
+    """The stores of all users in a data folder: those of `PLAIN` in it, all others' below ``users``.
+
+    Several processes may share the folder, and any thread may ask.
+
+    Args:
+        data: The folder.
+        retention: How many runs of each user are kept.
+        quotas: How much room each has.
+    """
+
+    def __init__(self, data: Path, retention: Retention = DEFAULT_RETENTION, quotas: Quotas = DEFAULT_QUOTAS) -> None:
+        self._data, self._retention, self._quotas = data, retention, quotas
+        self._open: OrderedDict[str, Stores] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def of(self, user: str) -> Stores:
+        """The stores of a user, made if they aren't there.
+
+        Raises:
+            QuotaExceeded: if too many users have stores already.
+        """
+        with self._lock:
+            stores = self._open.pop(user, None) or self._opened(user)
+            self._open[user] = stores
+            while len(self._open) > MOST_OPEN:
+                self._open.popitem(last=False)
+            return stores
+
+    def users(self) -> list[str]:
+        """Who has stores, in alphabetical order; `PLAIN` is not among them."""
+        users = self._data / "users"
+        return sorted(folder.name for folder in users.iterdir()) if users.is_dir() else []
+
+    def may_read(self, asking: str, owner: str, kind: Kind, name: str) -> bool:
+        """Whether somebody may read what is another's: operators may, on the plain keys, and others what is shared."""
+        return asking in (owner, PLAIN) or Shared(self._folder(owner) / "shared").has(kind, name)
+
+    def require_right(self, asking: str, owner: str, kind: Kind, name: str, *, read_only: bool) -> None:
+        """Refuse what somebody may not do with what is another's.
+
+        Raises:
+            NotAllowed: if it may not; whether there is such a thing is not told.
+        """
+        right = self.may_read(asking, owner, kind, name) if read_only else asking in (owner, PLAIN)
+        if not right:
+            what = "doesn't share it" if read_only else "alone may change it"
+            told = f"{kind.removesuffix('s')} {name[:64]!r} belongs to user {owner!r}, who {what}"
+            raise NotAllowed(told, user=owner, kind=kind, name=name[:64])
+
+    def require_room(self, user: str, size: int) -> None:
+        """Refuse a robot or scene for which a user has no room.
+
+        Args:
+            user: Who stores it.
+            size: What it takes [bytes].
+
+        Raises:
+            QuotaExceeded: if it has none.
+        """
+        most = self._quotas.of(user).bytes
+        if most is None:
+            return
+        folders = (self._folder(user) / kind for kind in ("scenes", "robots"))
+        taken = sum(file.stat().st_size for folder in folders for file in folder.rglob("*") if file.is_file())
+        if taken + size > most:
+            raise QuotaExceeded(
+                f"this user's scenes and robots take {taken} bytes and may take {most}; delete some",
+                bytes=most,
+                taken=taken,
+            )
+
+    def _opened(self, user: str) -> Stores:
+        folder = self._folder(user)
+        if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:
+            raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
+        most = self._quotas.of(user).bytes
+        kept = self._retention
+        retention = kept if most is None else replace(kept, bytes=min(most, kept.bytes))
+        return Stores(
+            RunStore(folder / "runs", retention),
+            SceneStore(folder / "scenes"),
+            RobotStore(folder / "robots"),
+            Shared(folder / "shared"),
+        )
+
+    def _folder(self, user: str) -> Path:
+        return self._data if user == PLAIN else self._data / "users" / user

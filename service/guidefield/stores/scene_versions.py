@@ -1,0 +1,260 @@
+"""One stored scene and its last versions on disk: a whole one, and behind it what changed since.
+
+`<name>.json` holds a version of the scene, `<name>.changes` a line for each version that came later: what changed, or
+the scene stored anew. A change costs a line, however large the scene is; now and then both files are written again.
+Whoever changes holds a lock; whoever reads needs none, for every line and file says which version it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from guidefield.errors import SceneInvalid
+from guidefield.messages import codec
+from guidefield.messages.scene import Scene
+from guidefield.messages.scene_changes import VERSIONS_KEPT, SceneDiff, changed
+from guidefield.stores.files import decoded, read_if_any
+from guidefield.whole_file import write_whole
+
+MOST_LINES = 4 * VERSIONS_KEPT
+"""So many changes stand behind a whole scene before the files are written again."""
+READ_AGAIN = 5
+"""How often the files are read again that somebody else writes meanwhile."""
+
+
+class _Whole(msgspec.Struct):
+    """What the file of a scene holds."""
+
+    scene: Scene
+    version: int = 1
+
+
+class _Line(msgspec.Struct):
+    """What a line of the file of changes holds: one of both."""
+
+    version: int
+    diff: SceneDiff | None = None
+    scene: Scene | None = None
+
+
+@dataclass
+class _Known:
+    """What was read of a scene.
+
+    Attributes:
+        file: Which file it was, and when it was written.
+        first: The version in that file.
+        changes: Which file of changes; 0: there was none.
+        end: How far that was read [bytes].
+        versions: The last ones, the newest at the end.
+    """
+
+    file: tuple[int, int]
+    first: int
+    changes: int
+    end: int
+    versions: OrderedDict[int, Scene]
+
+    @property
+    def newest(self) -> tuple[int, Scene]:
+        """Number and scene."""
+        version = next(reversed(self.versions))
+        return version, self.versions[version]
+
+    def add(self, version: int, scene: Scene) -> None:
+        """Note a version, and forget the oldest."""
+        self.versions[version] = scene
+        while len(self.versions) > VERSIONS_KEPT:
+            self.versions.popitem(last=False)
+
+
+class SceneVersions:
+    """A stored scene by its files; what was read is kept, and only what came since is read again.
+
+    Args:
+        folder: Where its files are.
+        name: Its name, which can be a file's.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._name = name
+        self._file = folder / f"{name}.json"
+        self._changes = folder / f"{name}.changes"
+        self._known: _Known | None = None
+
+    def read(self, version: int | None = None) -> tuple[int, Scene] | None:
+        """A version, or the newest, with its number; None if nothing is stored.
+
+        Raises:
+            SceneInvalid: if the files are damaged, or there is no such version any more, or yet; lists those there are.
+        """
+        known = self._read()
+        if known is None or version is None:
+            return None if known is None else known.newest
+        if version not in known.versions:
+            there = list(known.versions)
+            raise SceneInvalid(
+                f"scene {self._name!r} has no version {version}; the last {len(there)} are kept, "
+                f"{there[0]} to {there[-1]}",
+                scene=self._name,
+                available=there,
+            )
+        return version, known.versions[version]
+
+    def change(self, diff: SceneDiff) -> tuple[int, Scene] | None:
+        """Change the newest version; under the lock. The new one, with its number; None if nothing is stored.
+
+        Raises:
+            SceneInvalid: if the change does not fit, or another version was meant.
+        """
+        known = self._read()
+        if known is None:
+            return None
+        before, scene = known.newest
+        if diff.version not in (None, before):
+            raise SceneInvalid(
+                f"scene {self._name!r} has version {before}, and version {diff.version} was to be changed; nothing "
+                "was: read the scene again",
+                scene=self._name,
+                version=before,
+            )
+        after = changed(scene, diff)
+        self._append(known, _Line(before + 1, diff=diff), after)
+        return before + 1, after
+
+    def store(self, scene: Scene) -> int:
+        """Store a scene anew, in place of a damaged one too; under the lock. The number of its version."""
+        try:
+            known = self._read()
+        except SceneInvalid:
+            self.delete()
+            known = None
+        if known is None:
+            write_whole(self._file, codec.encode(_Whole(scene)))
+            return 1
+        version = known.newest[0] + 1
+        self._append(known, _Line(version, scene=scene), scene)
+        return version
+
+    def delete(self) -> bool:
+        """Forget it; under the lock. Whether there was anything."""
+        there = self._file.exists()
+        self._changes.unlink(missing_ok=True)
+        self._file.unlink(missing_ok=True)
+        self._known = None
+        return there
+
+    def _append(self, known: _Known, line: _Line, scene: Scene) -> None:
+        """Write a version behind those that there are."""
+        with self._changes.open("ab") as file:
+            file.truncate(known.end)  # what was cut short was never answered
+            try:
+                file.write(codec.encode(line) + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+            except OSError:
+                os.truncate(self._changes, known.end)  # what is refused is no version for anybody
+                raise
+            known.changes, known.end = os.fstat(file.fileno()).st_ino, file.tell()
+        known.add(line.version, scene)
+        most = MOST_LINES if line.scene is None else VERSIONS_KEPT
+        if line.version - known.first >= most:
+            with contextlib.suppress(OSError):  # the change is made; the next one tries again
+                self._write_again(known)
+
+    def _write_again(self, known: _Known) -> None:
+        """Write the oldest version that is kept as the file of the scene, and behind it what changed since."""
+        oldest = next(iter(known.versions))
+        lines = [line for line in _lines(self._changes.read_bytes())[0] or [] if line.version > oldest]
+        write_whole(self._file, codec.encode(_Whole(known.versions[oldest], oldest)))
+        write_whole(self._changes, b"".join(codec.encode(line) + b"\n" for line in lines))
+        self._known = None
+
+    def _read(self) -> _Known | None:
+        """What the files hold; None if nothing is stored.
+
+        Raises:
+            SceneInvalid: if they are damaged.
+        """
+        for _ in range(READ_AGAIN):
+            try:
+                if self._is_known() or self._read_on():
+                    return self._known
+            except FileNotFoundError:
+                self._known = None
+                return None
+        raise SceneInvalid(f"scene {self._name!r} can't be read: its file is damaged; store it again", scene=self._name)
+
+    def _is_known(self) -> bool:
+        """Whether nothing came since it was read."""
+        known = self._known
+        return known is not None and (*known.file, known.changes, known.end) == (
+            *_written(self._file),
+            *_extent(self._changes),
+        )
+
+    def _read_on(self) -> bool:
+        """Read what came since, or all; whether the files fit together, which they don't while they are written."""
+        file, (changes, _) = _written(self._file), _extent(self._changes)
+        if self._known is None or (self._known.file, self._known.changes) != (file, changes):
+            self._known = self._whole(file, changes)
+        known = self._known
+        if known is None:
+            return False
+        text = (read_if_any(self._changes) or b"")[known.end :]
+        lines, read = _lines(text)
+        if lines is None:
+            self._known = None
+            return False
+        version, scene = known.newest
+        for line in lines:
+            if line.version <= version:
+                continue
+            if line.version != version + 1 or (line.diff is None) == (line.scene is None):
+                self._known = None
+                return False
+            scene = changed(scene, line.diff) if line.scene is None and line.diff is not None else line.scene or scene
+            version = line.version
+            known.add(version, scene)
+        known.end += read
+        return True
+
+    def _whole(self, file: tuple[int, int], changes: int) -> _Known | None:
+        """What the file of the scene holds, without what changed since; None if it is damaged."""
+        data = self._file.read_bytes()
+        whole = decoded(data, _Whole)
+        if whole is None:
+            scene = decoded(data, Scene)  # as 0.1 stored it
+            if scene is None:
+                return None
+            whole = _Whole(scene)
+        return _Known(file, whole.version, changes, 0, OrderedDict({whole.version: whole.scene}))
+
+
+def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
+    """The changes in whole lines, None if one is damaged, and how long they are together [bytes]."""
+    end = text.rfind(b"\n") + 1
+    lines = [decoded(line, _Line) for line in text[:end].splitlines()]
+    whole = [line for line in lines if line is not None]
+    return (whole if len(whole) == len(lines) else None), end
+
+
+def _written(file: Path) -> tuple[int, int]:
+    """Which file it is, and when it was written [ns]."""
+    stat = file.stat()
+    return stat.st_ino, stat.st_mtime_ns
+
+
+def _extent(file: Path) -> tuple[int, int]:
+    """Which file it is, and how long [bytes]; both 0 if it isn't there."""
+    try:
+        stat = file.stat()
+    except FileNotFoundError:
+        return 0, 0
+    return stat.st_ino, stat.st_size

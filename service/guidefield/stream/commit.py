@@ -1,0 +1,134 @@
+"""Commits: a piece of constant jerk and the hardest braking after it, as one motion to a stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from guidefield.kernels.stream.profiles import MOST_PHASES, piece_and_braking
+from guidefield.messages.streams import PieceTrajectory
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint
+
+SAME_TIME = 1e-9
+"""Knots that are closer are one [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Commit(ReadOnly):
+    """A motion that ends in a stop.
+
+    Attributes:
+        number: Its piece's; 0 of the one that stands at the start.
+        begins: When it begins, by the client's clock [s].
+        brakes: When its braking begins [s].
+        stops: When the robot stands [s].
+        start: Value, velocity and acceleration at its beginning, shape (nv, 3).
+        phases: Of each coordinate, shape (nv, k, 5), times from `begins`, as `profiles` has them.
+        counts: How many each has, shape (nv,).
+        ends: Where the robot stands in the end, shape (nv,).
+        follows: Number of the piece that it follows.
+        goal: Number of the goal that it is about.
+        at_goal: Whether it ends there.
+    """
+
+    number: int
+    begins: float
+    brakes: float
+    stops: float
+    start: np.ndarray
+    phases: np.ndarray
+    counts: np.ndarray
+    ends: ChartPoint
+    follows: int = 0
+    goal: int = 0
+    at_goal: bool = False
+
+    @classmethod
+    def standing(cls, z: ChartPoint, time: float, number: int = 0, goal: int = 0) -> Commit:
+        """Standing at coordinates z, shape (nv,), since a time [s]."""
+        phases = np.zeros((len(z), MOST_PHASES, 5))
+        phases[:, 0, 1] = z
+        start = np.column_stack([z, np.zeros((len(z), 2))])
+        return cls(number, time, time, time, start, phases, np.ones(len(z), np.int64), z.copy(), number, goal)
+
+    def state(self, time: float) -> np.ndarray:
+        """Value, velocity, acceleration and jerk at a time [s], shape (nv, 4)."""
+        state: np.ndarray = self._states(np.array([max(0.0, time - self.begins)]))[0]
+        return state
+
+    def _states(self, since: np.ndarray) -> np.ndarray:
+        """The same at times from the beginning (t,), shape (t, nv, 4)."""
+        rows = np.arange(self.phases.shape[1])
+        begun = (self.phases[:, :, 0] <= since[:, None, None]) & (rows < self.counts[:, None])
+        chosen = self.phases[np.arange(len(self.counts)), begun.sum(axis=2) - 1]
+        begin, q, v, a, j = np.moveaxis(chosen, 2, 0)
+        s = since[:, None] - begin
+        values = q + s * (v + s * (0.5 * a + s * j / 6.0))
+        return np.stack([values, v + s * (a + 0.5 * s * j), a + s * j, j], axis=2)
+
+    def trajectory(self) -> PieceTrajectory:
+        """The motion by knots between which every jerk is constant."""
+        held = np.arange(self.phases.shape[1]) < self.counts[:, None]
+        begins = np.unique(np.concatenate([self.phases[:, :, 0][held], [0.0, self.stops - self.begins]]))
+        begins = begins[np.concatenate([[True], np.diff(begins) > SAME_TIME])]
+        states = self._states(begins)
+        return PieceTrajectory(
+            times=(self.begins + begins).tolist(),
+            positions=states[:, :, 0].tolist(),
+            velocities=states[:, :, 1].tolist(),
+            accelerations=states[:, :, 2].tolist(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class JointBounds(ReadOnly):
+    """What every commit keeps.
+
+    Attributes:
+        lower: Least values, shape (nv,) [rad or m].
+        upper: Largest values, shape (nv,).
+        rates: Velocity, acceleration and jerk of each coordinate, shape (nv, 3).
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    rates: np.ndarray
+
+    @property
+    def judged(self) -> np.ndarray:
+        """As the judge takes them, shape (nv, 5)."""
+        return np.column_stack([self.lower, self.upper, self.rates])
+
+
+def towards(
+    state: np.ndarray,
+    velocities: np.ndarray,
+    goals: np.ndarray,
+    bounds: JointBounds,
+    begins: float,
+    piece: float,
+    within: float,
+) -> Commit:
+    """The commit of a piece towards velocities; it has no number yet.
+
+    Args:
+        state: Value, velocity and acceleration at its beginning, shape (nv, 3).
+        velocities: Shape (nv,).
+        goals: Where coordinates aren't led beyond, shape (nv,); infinite: anywhere.
+        bounds: Limits.
+        begins: When it begins [s].
+        piece: How long the piece lasts [s].
+        within: What of the limits is left, as a share.
+    """
+    count = len(velocities)
+    phases, counts, ends = np.zeros((count, MOST_PHASES, 5)), np.zeros(count, np.int64), np.zeros(count)
+    state = np.ascontiguousarray(state[:, :3])
+    room = np.minimum(within, 0.1 * (bounds.upper - bounds.lower))
+    stops = piece_and_braking(
+        state, velocities, goals, bounds.lower + room, bounds.upper - room, piece, bounds.rates * (1.0 - within),
+        phases, counts, ends,
+    )  # fmt: skip
+    return Commit(-1, begins, begins + piece, begins + max(stops, piece), state, phases, counts, cast(ChartPoint, ends))

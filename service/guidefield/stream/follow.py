@@ -1,0 +1,96 @@
+"""Following a way: where to aim so that the robot, which could stand at one place at the soonest, stays near it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+
+@dataclass(frozen=True, eq=False)
+class Aim(ReadOnly):
+    """Where to aim.
+
+    Attributes:
+        direction: From where the robot could stand, shape (nv,).
+        place: How far along the way that is, in time at full speed [s].
+        last: The way's end, if it is aimed at: it is not to be passed, shape (nv,); else None.
+        left: What is left of the way, in time at full speed [s].
+    """
+
+    direction: np.ndarray
+    place: float
+    last: ChartPoint | None
+    left: float
+
+
+class Way:
+    """A way, measured by the time that the slowest coordinate takes at full speed.
+
+    Args:
+        points: Shape (m, nv), m > 1.
+        speeds: Velocity limits, shape (nv,).
+
+    Attributes:
+        points: As given.
+        begins: How far along each is [s], shape (m,).
+    """
+
+    def __init__(self, points: ChartPoints, speeds: np.ndarray) -> None:
+        self.points, self._speeds = points, speeds
+        lengths = np.abs(np.diff(points, axis=0) / speeds).max(axis=1)
+        self.begins = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def goal(self) -> ChartPoint:
+        """Where it ends, shape (nv,)."""
+        end: ChartPoint = self.points[-1]
+        return end
+
+    @property
+    def length(self) -> float:
+        """How long it is [s]."""
+        return float(self.begins[-1])
+
+    def at(self, place: float) -> ChartPoint:
+        """The point (nv,) at a place [s]."""
+        index = int(np.clip(np.searchsorted(self.begins, place, side="right") - 1, 0, len(self.points) - 2))
+        span = self.begins[index + 1] - self.begins[index]
+        share = min(1.0, (place - self.begins[index]) / span) if span > 0.0 else 1.0
+        point: ChartPoint = self.points[index] + share * (self.points[index + 1] - self.points[index])
+        return point
+
+    def aim(self, stand: ChartPoint, since: float, ahead: float) -> Aim:
+        """Where to aim.
+
+        Args:
+            stand: Where the robot could stand at the soonest, shape (nv,).
+            since: The place [s] from which on the nearest one is looked for.
+            ahead: How far ahead of that to aim [s].
+        """
+        place = self._nearest(stand, since, since + 2.0 * ahead)
+        beyond = place + ahead
+        last = beyond >= self.length
+        target = self.goal if last else self.at(beyond)
+        return Aim(target - stand, place, self.goal if last else None, self.length - place)
+
+    def rest(self, place: float, until: float) -> ChartPoints:
+        """The points of the way from one place to another [s], shape (k, nv)."""
+        inner = self.points[(self.begins > place) & (self.begins < until)]
+        return np.concatenate([self.at(place)[None], inner, self.at(min(until, self.length))[None]])
+
+    def _nearest(self, z: ChartPoint, since: float, until: float) -> float:
+        """The place [s] of a stretch of the way that is nearest to a point (nv,)."""
+        first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
+        last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))
+        a = self.points[first:last] / self._speeds
+        d = self.points[first + 1 : last + 1] / self._speeds - a
+        squares = np.maximum((d * d).sum(axis=1), 1e-300)
+        share = np.clip((d * (z / self._speeds - a)).sum(axis=1) / squares, 0.0, 1.0)
+        away = ((a + share[:, None] * d - z / self._speeds) ** 2).sum(axis=1)
+        spans = self.begins[first + 1 : last + 1] - self.begins[first:last]
+        places = self.begins[first:last] + share * spans
+        return max(since, float(places[np.argmin(away)]))

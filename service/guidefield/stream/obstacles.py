@@ -1,0 +1,267 @@
+"""What a stream knows of obstacles: shapes that are made once, and where they were seen, rewritten in place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
+from guidefield.geometry.placements import se3
+from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
+from guidefield.messages import scene as messages
+from guidefield.messages.streams import Deviation, Observation, StreamObstacle
+from guidefield.scene import obstacle as obstacles
+from guidefield.scene.motion import POSED, posed
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene
+from guidefield.stream.shapes import JudgedShape, shape_of, shapes_of
+from guidefield.stream.views import read_only_views
+
+HALF_SPACE_TURNS = "a half-space that turns sweeps everything: `largest_angular_speed` must be 0"
+
+
+@dataclass
+class Known:
+    """An obstacle of a stream.
+
+    Attributes:
+        declared: What it was declared as.
+        shape: Its shape.
+        seen: Its last observation; None: not yet, or gone.
+        boxes: Boxes that stand for it, where it was seen, shape (b, 16) [m].
+    """
+
+    declared: StreamObstacle
+    shape: JudgedShape
+    seen: Observation | None = None
+    boxes: np.ndarray | None = None
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.declared.obstacle.name
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What is assumed of how obstacles move.
+
+    Attributes:
+        deviation: How far velocities may be from those observed; None: largest speeds hold, whatever was observed.
+        min_clearance: What is kept beyond that [m].
+        clock_error: How far times of observations may be off [s].
+    """
+
+    deviation: Deviation | None
+    min_clearance: float
+    clock_error: float
+
+
+@dataclass(eq=False)
+class Obstacles:
+    """All obstacles of a stream, those of its scene first.
+
+    Attributes:
+        scene: What rests.
+        assumption: How the others move.
+        pairs: Which bodies meet an obstacle of a name, given that name: indices of bodies.
+        known: The others, by name.
+    """
+
+    scene: Scene
+    assumption: Assumption
+    pairs: Callable[[str], np.ndarray]
+    known: dict[str, Known] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._resting = [shape_of(one) for one in self.scene.obstacles]
+        self._resting_poses = [_row(_frame(one)) for one in self.scene.obstacles]
+        self._remade = True
+        self._met_changed = True
+
+    def declare(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> None:
+        """Take a shape, in place of the one of the same name.
+
+        Args:
+            declared: The shape.
+            path: Where it stands in the message.
+            links: Names that it must not have.
+
+        Raises:
+            SceneInvalid: if it can't be used, or the name is taken.
+        """
+        message = declared.obstacle
+        if message.name in self.scene.names or message.name in set(links):
+            what = "an obstacle of the scene" if message.name in self.scene.names else "a link"
+            raise SceneInvalid(
+                f"`{path}.obstacle.name`: {message.name!r} is the name of {what}: give it another",
+                obstacle=message.name,
+                path=f"{path}.obstacle.name",
+            )
+        try:
+            built = obstacles.build(_in_its_frame(message), 0)
+        except SceneInvalid as error:
+            raise SceneInvalid(f"`{path}.obstacle`: {error.message}", **{**error.details, "path": path}) from None
+        shape = shape_of(built)
+        if shape.plane is not None and declared.largest_angular_speed > 0.0:
+            raise SceneInvalid(f"`{path}`: {HALF_SPACE_TURNS}", obstacle=message.name, path=path)
+        before = self.known.get(message.name)
+        one = self.known[message.name] = Known(declared, shape, None if before is None else before.seen)
+        one.boxes = None if one.seen is None else _turned(shape.boxes, one.seen)
+        self._remade = True
+
+    def observe(self, seen: Observation, path: str, now: float) -> bool:
+        """Take an observation; whether the obstacle wasn't there before.
+
+        Args:
+            seen: The observation; left aside where it is older than what is known.
+            path: Where it stands in the message.
+            now: The client's time [s].
+
+        Raises:
+            UnknownObject: if no such obstacle is declared.
+            MalformedRequest: if it is of the future.
+        """
+        one = self.known.get(seen.name)
+        if one is None:
+            raise UnknownObject(
+                f"`{path}.name`: no obstacle {seen.name!r} is declared; declared are {', '.join(self.known) or 'none'}",
+                object=seen.name,
+                available=list(self.known),
+                path=f"{path}.name",
+            )
+        if seen.time > now:
+            raise MalformedRequest(
+                f"`{path}.time` must not be after the update's `time` ({now} s), got {seen.time} s", path=f"{path}.time"
+            )
+        if one.seen is not None and seen.time < one.seen.time:
+            return False
+        fresh = one.seen is None
+        one.seen, one.boxes = seen, _turned(one.shape.boxes, seen)
+        self._met_changed |= fresh
+        return fresh
+
+    def lose(self, name: str, path: str) -> None:
+        """Take it that an obstacle is gone.
+
+        Raises:
+            UnknownObject: if no such obstacle is declared.
+        """
+        one = self.known.get(name)
+        if one is None:
+            raise UnknownObject(f"`{path}`: no obstacle {name!r} is declared", object=name, path=path)
+        self._met_changed |= one.seen is not None
+        one.seen = None
+
+    @property
+    def oldest(self) -> float:
+        """Time of the oldest observation that counts [s]; infinite without any."""
+        return min((one.seen.time for one in self.known.values() if one.seen is not None), default=np.inf)
+
+    @property
+    def names(self) -> list[str]:
+        """Names in the judge's order."""
+        return [*(one.name for one in self.scene.obstacles), *self.known]
+
+    def judged(self, reserve: float) -> tuple[JudgedShapes, JudgedPlaces, JudgedPlaces]:
+        """Shapes, places, and places with what obstacles cover in a time [s] in reserve; the same arrays each time."""
+        if self._remade:
+            self._remake()
+        if self._met_changed:
+            self._meet()
+        self._rewrite(reserve)
+        return self._shapes, self._places, self._reserved
+
+    def _remake(self) -> None:
+        shapes = [*self._resting, *(one.shape for one in self.known.values())]
+        count = max(1, len(shapes))
+        self._shapes = shapes_of(shapes)
+        self._poses, self._velocities = np.zeros((count, 12)), np.zeros((count, 3))
+        self._rates, self._margins, self._kept, self._times = (np.zeros(count) for _ in range(4))
+        resting = len(self._resting)
+        self._poses[:resting] = np.array(self._resting_poses).reshape(-1, 12)
+        self._margins[:resting] = self._kept[:resting] = self.assumption.min_clearance
+        self._remade, self._met_changed = False, True
+
+    def _meet(self) -> None:
+        there = [True] * len(self._resting) + [one.seen is not None for one in self.known.values()]
+        rows = [
+            np.column_stack([bodies, np.full(len(bodies), index)])
+            for index, (name, present) in enumerate(zip(self.names, there, strict=True))
+            if present and len(bodies := self.pairs(name))
+        ]
+        met = np.concatenate([np.empty((0, 2), np.int64), *rows]).astype(np.int64)
+        arrays = (self._poses, self._velocities, self._rates)
+        self._places = read_only_views(JudgedPlaces(*arrays, self._margins, self._times, met))
+        self._reserved = read_only_views(JudgedPlaces(*arrays, self._kept, self._times, met))
+        self._met_changed = False
+
+    def _rewrite(self, reserve: float) -> None:
+        """Write where obstacles were seen into the places' arrays."""
+        assumed = self.assumption
+        for index, one in enumerate(self.known.values(), len(self._resting)):
+            seen = one.seen
+            if seen is None:
+                continue
+            self._poses[index] = _row(se3(seen.placement.position, seen.placement.quaternion_xyzw))
+            if assumed.deviation is None:
+                speed, turning, velocity = one.declared.largest_speed, one.declared.largest_angular_speed, (0.0,) * 3
+            else:
+                velocity = seen.velocity
+                speed = assumed.deviation.speed
+                turning = assumed.deviation.angular_speed + float(np.linalg.norm(seen.angular_velocity))
+            rate = speed + (turning * one.shape.reach if turning > 0.0 else 0.0)
+            self._velocities[index], self._rates[index], self._times[index] = velocity, rate, seen.time
+            fast = rate + float(np.linalg.norm(velocity))
+            margin = one.declared.uncertainty + assumed.min_clearance + fast * assumed.clock_error
+            self._margins[index], self._kept[index] = margin, margin + rate * reserve
+
+    def boxes(self, times: Iterable[float]) -> np.ndarray:
+        """Rounded boxes that stand for what was seen, where it is predicted at some times [s], shape (k, 16)."""
+        seen = [one for one in self.known.values() if one.seen is not None and one.boxes is not None]
+        if not seen:
+            return np.empty((0, 16))
+        placed = np.concatenate([one.boxes for one in seen if one.boxes is not None])
+        counts = [len(one.shape.boxes) for one in seen]
+        velocities = np.repeat([one.seen.velocity for one in seen if one.seen is not None], counts, axis=0)
+        since = np.repeat([one.seen.time for one in seen if one.seen is not None], counts)
+        rows = []
+        for time in times:
+            moved = placed.copy()
+            moved[:, [3, 7, 11]] += (time - since)[:, None] * velocities
+            rows.append(moved)
+        return np.concatenate(rows)
+
+
+def _in_its_frame(message: messages.Obstacle) -> messages.Obstacle:
+    """The message of an obstacle in its own frame: at the origin, where it has a placement of its own."""
+    if type(message) in POSED:
+        placed = posed(message, pin.SE3.Identity())
+        assert placed is not None, "its kind can be posed"
+        return placed
+    return message
+
+
+def _frame(one: Obstacle) -> pin.SE3:
+    """Where the frame of an obstacle of the scene is, as `shape_of` has it."""
+    message = one.message
+    if one.cloud is not None or isinstance(message, messages.HalfSpace | messages.Polygon):
+        return pin.SE3.Identity()
+    return one.placement
+
+
+def _row(placement: pin.SE3) -> np.ndarray:
+    return np.column_stack([placement.rotation, placement.translation]).ravel()
+
+
+def _turned(boxes: np.ndarray, seen: Observation) -> np.ndarray:
+    """Boxes (k, 16) of an obstacle's frame in the world, where it was seen."""
+    placement = se3(seen.placement.position, seen.placement.quaternion_xyzw)
+    placed = boxes.copy()
+    frames = placement.rotation @ boxes[:, :12].reshape(-1, 3, 4)
+    frames[:, :, 3] += placement.translation
+    placed[:, :12] = frames.reshape(-1, 12)
+    return placed

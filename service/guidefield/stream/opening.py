@@ -1,0 +1,113 @@
+"""What a request to open a stream asks for, as values: the robot among what rests, its limits and tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.errors import InvalidConfiguration, MalformedRequest
+from guidefield.geometry.placements import se3
+from guidefield.handlers.asked_group import jerk_limits, limited, start_of
+from guidefield.handlers.attached import holding
+from guidefield.messages.streams import Deviation, StreamOpen
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model.configuration import limit_faults
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import ChartPoint
+from guidefield.scene.scene import Scene
+from guidefield.stream.commit import JointBounds
+from guidefield.stream.obstacles import Assumption
+from guidefield.stream.robot_tables import JointRows, joint_rows
+from guidefield.stream.settings import RISE
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A stream's robot and what it keeps.
+
+    Attributes:
+        request: What was asked.
+        group: The robot's planned joints.
+        joints: Their rows.
+        world: The robot among what rests.
+        bounds: Limits.
+        start: Where it stands, shape (nv,).
+        assumption: How obstacles move.
+        warnings: What was odd but harmless.
+    """
+
+    request: StreamOpen
+    group: PlanningGroup
+    joints: JointRows
+    world: World
+    bounds: JointBounds
+    start: ChartPoint
+    assumption: Assumption
+    warnings: tuple[str, ...]
+
+    def bodies_met(self, name: str) -> np.ndarray:
+        """The bodies that must not touch an obstacle of a name, shape (k,)."""
+        pairs, names = self.world.pairs, self.world.body_names
+        allowed = [frozenset(pair) for pair in self.request.allowed_collisions]
+        return np.array(
+            [body for body in pairs.moving.tolist() if frozenset((names[body], name)) not in allowed], np.int64
+        )
+
+
+def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
+    """The values of a request.
+
+    Args:
+        request: What is asked.
+        robot: The robot that it names.
+        scene: The scene that it names.
+
+    Raises:
+        GuidefieldError: if it is ill-posed, or asks for what isn't served; by name.
+    """
+    if scene.moves:
+        name = next(one.name for one in scene.obstacles if one.motion is not None)
+        raise MalformedRequest(
+            f"`scene`: obstacle {name!r} has a `trajectory`, which a stream isn't served with: declare it in"
+            " `obstacles` and send observations",
+            unserved="scene.trajectory",
+            path="$.scene",
+        )
+    robot = holding(robot, request.attached_objects, scene)
+    q_whole, warnings = start_of(request.start, robot)
+    root = request.robot_placement
+    group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
+    group = limited(group, request)
+    joints = joint_rows(group)
+    q_start = group.part_of(q_whole)
+    for fault in limit_faults(group.joints, q_start):
+        raise InvalidConfiguration(
+            f"`start`: {fault.joint} is at {fault.value:.6g}, its limits are {fault.lower:.6g} and {fault.upper:.6g}",
+            joint=fault.joint,
+            value=fault.value,
+            path=f"$.start.{fault.joint}",
+        )
+    names = {one.obstacle.name for one in request.obstacles}
+    allowed = [pair for pair in request.allowed_collisions if names.isdisjoint(pair)]
+    jerks = jerk_limits(group, request)
+    own = group.acceleration_limits / RISE
+    jerks = own if jerks is None else np.where(np.isfinite(jerks), jerks, own)
+    bounds = JointBounds(
+        group.lower.copy(),
+        group.upper.copy(),
+        np.column_stack([group.velocity_limits, group.acceleration_limits, jerks]),
+    )
+    deviation = request.assume if isinstance(request.assume, Deviation) else None
+    return Opened(
+        request=request,
+        group=group,
+        joints=joints,
+        world=World.build(group, scene, allowed),
+        bounds=bounds,
+        start=group.chart(q_start),
+        assumption=Assumption(deviation, request.min_clearance, request.clock_error),
+        warnings=(*robot.warnings, *scene.warnings, *warnings),
+    )

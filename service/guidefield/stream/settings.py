@@ -1,0 +1,71 @@
+"""The numbers of streams, each with what chose it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+WITHIN = 1e-7
+"""What pieces leave of each limit, so that no rounding leads beyond it; a share of the limit."""
+
+RISE = 0.05
+"""In so long the acceleration's limit is reached where no jerk limit is given [s]."""
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """How pieces are chosen.
+
+    Attributes:
+        speeds: Shares of the velocity limits at which the way is followed, tried one after the other: those of the
+            prototype.
+        reserve: Pieces along the way keep what obstacles cover in so long beyond what is proven [s], so that what is
+            left is enough to flee: the prototype's.
+        evaluations: A commit that isn't judged after so many configurations isn't sent: the median takes about 15.
+        ahead: The way is aimed at so far ahead of where the robot could stand, in time at full speed [s].
+        looked_at: So much of the way is looked at in each cycle, in time at full speed [s].
+        predicted: For which times after now obstacles are predicted where the way is looked at [s]: the prototype's.
+        planned: The same where a new one is planned [s].
+        grown: By how much obstacles are grown where the way is looked at [m], less where an end is closer: the
+            prototype's.
+        planned_grown: The same where a new one is planned [m].
+        resting: What ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven.
+        spacing: Of samples along ways [rad or m].
+        longest: An edge of the trees, for each root of the number of coordinates [rad or m].
+        samples: So many points are drawn for a tree at most.
+        cuts: So many short cuts are tried.
+        refused: After so many updates without a piece another way is planned.
+        near: Obstacles that are predicted as close as this are fled from [m].
+        foreseen: So far ahead [s].
+        slow: A share of the velocity limits that is no larger is slow: where nothing faster along the way is proven,
+            and what is foreseen comes closer than `threat` to where the robot would stand, fleeing is tried first.
+        threat: That [m]. With both, one of two Pandas that were run into at rest no longer was.
+        flights: Directions tried for that: down the pressure, and random ones; as many as a cycle has time for.
+        flight_speeds: Shares of the velocity limits.
+        goals: Configurations that are looked for where the goal is a pose.
+    """
+
+    speeds: tuple[float, ...] = (1.0, 0.6, 0.35, 0.15)
+    reserve: float = 0.06
+    evaluations: int = 600
+    ahead: float = 0.25
+    looked_at: float = 1.5
+    predicted: tuple[float, ...] = (0.0, 0.25)
+    planned: tuple[float, ...] = (0.0, 0.25, 0.5)
+    grown: float = 0.04
+    planned_grown: float = 0.10
+    resting: float = 0.004
+    spacing: float = 0.1
+    longest: float = 0.5
+    samples: int = 1000
+    cuts: int = 60
+    refused: int = 2
+    near: float = 0.12
+    foreseen: float = 0.4
+    slow: float = 0.35
+    threat: float = 0.04
+    flights: int = 6
+    flight_speeds: tuple[float, ...] = (1.0, 0.4)
+    goals: int = 8
+
+
+STREAM = StreamSettings()

@@ -1,0 +1,420 @@
+"""A stream in one process, driven by the caller's clock: what is seen goes in, certified pieces come out."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, cast
+
+import numpy as np
+
+from guidefield.errors import InvalidConfiguration, MalformedRequest
+from guidefield.messages import codec
+from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.robot.model.configuration import configuration_from_wire
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.spaces import ChartPoint
+from guidefield.scene.scene import Scene
+from guidefield.stream.certificate import Judge, Judgement, Told
+from guidefield.stream.commit import Commit, towards
+from guidefield.stream.flight import flights, pressure_at
+from guidefield.stream.follow import Way
+from guidefield.stream.goals import goals_of
+from guidefield.stream.obstacles import Obstacles
+from guidefield.stream.opening import opened
+from guidefield.stream.robot_tables import judged_robot
+from guidefield.stream.settings import STREAM, WITHIN
+from guidefield.stream.ways import INSIDE, Ordered, Planner, Room
+
+KEPT = 64
+"""So many commits are remembered: the one that is executed and the last ones."""
+
+AT = 1e-6
+"""Who stands as close to a goal is there [rad or m]."""
+
+SLACK = 1e-6
+"""Joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]."""
+
+
+class CertifiedStream:
+    """A stream of pieces, each of which ends in a proven stop. It reads no clock: the same updates get the same bits.
+
+    Args:
+        request: What is asked.
+        robot: The robot that it names.
+        scene: The scene that it names.
+
+    Raises:
+        GuidefieldError: if the request is ill-posed.
+    """
+
+    def __init__(self, request: StreamOpen, robot: RobotModel, scene: Scene) -> None:
+        self._opened = asked = opened(request, robot, scene)
+        self.request = request
+        self.group = asked.group
+        self.warnings = asked.warnings
+        clearance = max(STREAM.resting, request.min_clearance + STREAM.resting)
+        self._room = Room(asked.group, asked.joints, asked.world, clearance)
+        self._planner = Planner(Room(asked.group, asked.joints, asked.world, clearance), asked.group)
+        self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
+        for index, one in enumerate(request.obstacles):
+            self._obstacles.declare(one, f"$.obstacles[{index}]", asked.group.robot.links)
+        tolerances = np.full(asked.group.nv, request.tracking_tolerance)
+        robot_tables = judged_robot(asked.group, asked.joints, asked.world.pairs.own)
+        self._judge = Judge(robot_tables, asked.group.nv, asked.bounds, tolerances)
+        self._rng = np.random.default_rng(request.seed)
+        self._now = -np.inf
+        self._commits = {0: Commit.standing(asked.start, 0.0)}
+        self._last = 0
+        self._pieces: deque[Piece] = deque()
+        self._halted = False
+        self._goal_number = 0
+        self._goals: np.ndarray | None = None
+        self._way: Way | None = None
+        self._place = 0.0
+        self._ordered: Ordered | None = None
+        self._refused = 0
+        self._unfound = False
+        if request.goal is not None:
+            self.aim_for(request.goal)
+
+    def close(self) -> None:
+        """End the stream; what was sent last is executed to its end."""
+        self._planner.close()
+
+    def __enter__(self) -> CertifiedStream:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Piece]:
+        """The pieces that were sent since they were asked for last."""
+        while self._pieces:
+            yield self._pieces.popleft()
+
+    @property
+    def executing(self) -> Commit:
+        """The commit that was sent last, as values."""
+        return self._commits[self._last]
+
+    def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
+        """Change the goal; null: to stand. Going on after a stop is asked for in the same way.
+
+        Returns:
+            The goal's number, which its pieces have.
+
+        Raises:
+            GuidefieldError: if it is ill-posed, or can't be reached.
+        """
+        found = None
+        if goal is not None:
+            asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
+            found = goals_of(asked, self.group, self._room, self.executing.ends, self._rng)
+        self._goals, self._goal_number = found, self._goal_number + 1
+        self._way, self._ordered, self._refused, self._unfound, self._halted = None, None, 0, False, False
+        return self._goal_number
+
+    def stop(self) -> None:
+        """Have no piece follow the last one, until there is a goal again: the robot stops."""
+        self._halted = True
+
+    def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> Piece | StreamState:
+        """Tell what is seen, and get the next piece, or why there is none.
+
+        Args:
+            update: The message; or its fields by name.
+            fields: As in `StreamUpdate`.
+
+        Raises:
+            GuidefieldError: if the update is ill-posed. What was sent before holds.
+        """
+        if not isinstance(update, StreamUpdate):
+            update = cast(StreamUpdate, codec.convert({**(update or {}), **codec.plain_fields(fields)}, StreamUpdate))
+        if update.time <= self._now:
+            return self._state(update.time, "late")
+        measured = None if update.joints is None else self._measured(update)
+        fresh = self._seen(update)
+        if not np.isfinite(self._now):
+            self._commits[0] = Commit.standing(self._opened.start, update.time)
+        self._now = now = update.time
+        base = self._base(update)
+        off = 0.0
+        if measured is not None:
+            if now >= base.stops:
+                measured = self.group.unwrapped(measured, base.ends)
+            off = float(np.abs(measured - base.state(now)[:, 0]).max())
+        if off > self.request.tracking_tolerance + SLACK:
+            if measured is None or now < base.stops:
+                return self._state(now, "tracking", base=base)
+            base = self._stood_elsewhere(measured, base)
+        if now - self._obstacles.oldest > self.request.age_limit:
+            return self._state(now, "stale", base=base)
+        shapes, places, reserved = self._obstacles.judged(STREAM.reserve)
+        cycle = _Cycle(now, now + self.request.latency, base, shapes, places, reserved)
+        if fresh and now < base.stops:
+            told = self._judge.told(base, shapes, places, STREAM.evaluations, since=now)
+            if not told.free:
+                cycle.broken = told
+        return self._answered(cycle)
+
+    def judged(self, time: float) -> Told:
+        """Whether what is executed is still proven from a time on [s], by what was seen last."""
+        shapes, places, _ = self._obstacles.judged(STREAM.reserve)
+        return self._judge.told(self.executing, shapes, places, STREAM.evaluations, since=time)
+
+    def _seen(self, update: StreamUpdate) -> bool:
+        """Take what an update says of obstacles; whether one is new."""
+        for index, declared in enumerate(update.declare):
+            self._obstacles.declare(declared, f"$.declare[{index}]", self.group.robot.links)
+        for index, name in enumerate(update.gone):
+            self._obstacles.lose(name, f"$.gone[{index}]")
+        fresh = False
+        for index, seen in enumerate(update.obstacles):
+            fresh |= self._obstacles.observe(seen, f"$.obstacles[{index}]", update.time)
+        return fresh or bool(update.declare)
+
+    def _measured(self, update: StreamUpdate) -> ChartPoint:
+        """Where an update has the robot, shape (nv,)."""
+        assert update.joints is not None, "it has"
+        group = self.group
+        q = configuration_from_wire(group.robot, update.joints, base=group.q_reference)
+        planned = {joint.name for joint in group.joints}
+        given = set(update.joints) & planned
+        if given != planned:
+            raise InvalidConfiguration(
+                f"`$.joints` must have every joint that moves; missing are {', '.join(sorted(planned - given))}",
+                path="$.joints",
+            )
+        return group.unwrapped(group.chart(group.part_of(q)), self.executing.state(update.time)[:, 0])
+
+    def _base(self, update: StreamUpdate) -> Commit:
+        """The commit that the next piece follows.
+
+        Raises:
+            MalformedRequest: if the client executes a piece that nobody remembers.
+        """
+        last, number = self._commits[self._last], update.executing
+        if number is None or number == self._last:
+            return last
+        if number not in self._commits:
+            raise MalformedRequest(
+                f"`executing` must be the number of one of the last {KEPT} pieces, got {number}; the last is"
+                f" {self._last}",
+                path="$.executing",
+            )
+        return last if last.begins > update.time and last.follows == number else self._commits[number]
+
+    def _stood_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
+        """The robot stands, and not where its piece had it: it goes on from there, z of shape (nv,)."""
+        stood = Commit.standing(z, self._now, base.number, self._goal_number)
+        self._commits[base.number] = stood
+        self._last = base.number
+        self._way = None
+        return stood
+
+    def _answered(self, cycle: _Cycle) -> Piece | StreamState:
+        """The answer to an update."""
+        if self._halted:
+            return self._state(cycle.now, "stopped", base=cycle.base)
+        state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
+        still = self._towards(cycle, state, np.zeros(self.group.nv), None)
+        found = self._followed(cycle, state, still)
+        if found is None or cycle.threatened:
+            found = self._fled(cycle, state, still) or found
+        if found is not None:
+            self._refused = 0
+            return self._sent(cycle, *found)
+        self._refused += 1
+        if cycle.broken is not None:
+            return self._state(cycle.now, "appeared", cycle.broken, cycle.base)
+        return self._state(cycle.now, cycle.reason, cycle.told, cycle.base)
+
+    def _towards(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
+        """The commit of a piece in this cycle; see `towards`."""
+        goals = np.full(self.group.nv, np.inf) if last is None else last
+        return towards(state, velocities, goals, self._opened.bounds, cycle.begins, self.request.piece, WITHIN)
+
+    def _followed(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+        """A proven piece along the way to the goal, or None; then the cycle knows why."""
+        if self._goals is None:
+            cycle.reason = "standing"
+            return None
+        if cycle.base.at_goal and cycle.base.goal == self._goal_number:
+            cycle.reason = "at_goal"
+            return None
+        way = self._looked_for(cycle, still.ends)
+        aim = way.aim(still.ends, self._place, STREAM.ahead)
+        self._place = aim.place
+        speeds = self._opened.bounds.rates[:, 0]
+        largest = float((np.abs(aim.direction) / speeds).max())
+        for share in STREAM.speeds:
+            velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
+            commit = self._towards(cycle, state, velocities, aim.last)
+            if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
+                break
+            if self._proven(cycle, commit, reserved=True):
+                cycle.threatened = share <= STREAM.slow and self._is_threatened(cycle, commit)
+                return commit, "goal"
+        if cycle.told is None or self._unfound:
+            cycle.reason = "no_way"
+        return None
+
+    def _is_threatened(self, cycle: _Cycle, commit: Commit) -> bool:
+        """Whether what is foreseen comes close to where a commit ends."""
+        boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
+        return pressure_at(self._room.robot, boxes, commit.ends, STREAM.threat)[0] > 0.0
+
+    def _fled(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+        """A proven piece away from what is predicted to come close, or None."""
+        boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
+        if not len(boxes):
+            return None
+        before, gradient = pressure_at(self._room.robot, boxes, still.ends)
+        if before <= 0.0:
+            return None
+        speeds = self._opened.bounds.rates[:, 0]
+        tried: list[tuple[float, int, Commit]] = []
+        for velocities in flights(gradient, speeds, self._rng):
+            commit = self._towards(cycle, state, velocities, None)
+            after, _ = pressure_at(self._room.robot, boxes, commit.ends)
+            if after < before:
+                tried.append((after, len(tried), commit))
+        for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
+            if self._proven(cycle, commit, reserved=False):
+                return commit, "away"
+        return None
+
+    def _proven(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
+        """Whether a commit is proven; the cycle keeps the first refusal."""
+        places = cycle.reserved if reserved else cycle.places
+        told = self._judge.told(commit, cycle.shapes, places, STREAM.evaluations)
+        cycle.evaluations = told.evaluations
+        if told.free and not self._hides_nothing(cycle, commit):
+            told = Told(Judgement.UNDECIDED, told.evaluations, -1, commit.stops)
+        if not told.free and cycle.told is None:
+            cycle.told = told
+        return told.free
+
+    def _hides_nothing(self, cycle: _Cycle, commit: Commit) -> bool:
+        """Whether what isn't observed yet can't reach the robot before it stands."""
+        asked = self.request
+        if asked.appear_distance is None:
+            return True
+        gone = self._judge.travelled(cycle.base, cycle.now, cycle.begins, 4)
+        gone += self._judge.travelled(commit, commit.begins, commit.stops)
+        come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
+        return gone + come < asked.appear_distance
+
+    def _looked_for(self, cycle: _Cycle, stand: ChartPoint) -> Way:
+        """The way that is followed, after what was planned is taken over and what has to be is ordered."""
+        speeds = self._opened.bounds.rates[:, 0]
+        goal = self._chosen(cycle, stand)
+        if self._ordered is not None and cycle.now >= self._ordered.due:
+            points = self._ordered.found.result()
+            self._unfound = points is None
+            if points is not None and (self._ordered.goal == goal).all():
+                self._way, self._place = Way(points, speeds), 0.0
+            self._ordered = None
+        if self._way is None or not (self._way.goal == goal).all():
+            self._way, self._place = Way(np.array([stand, goal]), speeds), 0.0
+        if self._ordered is None and (self._refused >= STREAM.refused or not self._is_free(cycle, stand)):
+            boxes = self._obstacles.boxes([cycle.now + time for time in STREAM.planned])
+            due = cycle.now + self.request.planning_time
+            self._ordered = self._planner.order(due, stand, goal, boxes, self._rng)
+            self._refused = 0
+        return self._way
+
+    def _chosen(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
+        """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
+        assert self._goals is not None, "there is a goal"
+        boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted[-1]])
+        taken = np.array([(self._room.grown(boxes, 1.0, [z]) < -INSIDE).any() for z in self._goals], bool)
+        if taken.all():
+            cycle.reason = "goal_taken"
+            taken[:] = False
+        if self._way is not None:
+            same = np.flatnonzero((self._goals == self._way.goal).all(axis=1))
+            if len(same) and not taken[same[0]]:
+                chosen: ChartPoint = self._goals[same[0]]
+                return chosen
+        far = np.abs((self._goals - stand) / self._opened.bounds.rates[:, 0]).max(axis=1)
+        nearest: ChartPoint = self._goals[np.argmin(np.where(taken, np.inf, far))]
+        return nearest
+
+    def _is_free(self, cycle: _Cycle, stand: ChartPoint) -> bool:
+        """Whether what is looked at of the way is free of what is predicted."""
+        assert self._way is not None, "there is a way"
+        boxes = self._obstacles.boxes([cycle.now + time for time in STREAM.predicted])
+        points = self._way.rest(self._place, self._place + STREAM.looked_at)
+        grown = self._room.grown(boxes, STREAM.grown, [stand, self._way.goal])
+        return all(self._room.straight(boxes, grown, points[k], points[k + 1]) for k in range(len(points) - 1))
+
+    def _sent(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
+        number = max(self._commits) + 1
+        at_goal = self._way is not None and bool((np.abs(commit.ends - self._way.goal) <= AT).all())
+        sent = Commit(
+            number, commit.begins, commit.brakes, commit.stops, commit.start, commit.phases, commit.counts,
+            commit.ends, cycle.base.number, self._goal_number, at_goal and leads_to == "goal",
+        )  # fmt: skip
+        self._commits[number] = sent
+        self._last = number
+        while len(self._commits) > KEPT:  # what is executed is never forgotten
+            del self._commits[min(self._commits.keys() - {cycle.base.number})]
+        piece = Piece(
+            number=number,
+            update=cycle.now,
+            follows=sent.follows,
+            goal=sent.goal,
+            begins=sent.begins,
+            brakes=sent.brakes,
+            stops=sent.stops,
+            leads_to=leads_to,
+            reaches_goal=sent.at_goal,
+            position_names=self.group.position_names,
+            trajectory=sent.trajectory(),
+            evaluations=cycle.evaluations,
+        )
+        self._pieces.append(piece)
+        while len(self._pieces) > KEPT:
+            self._pieces.popleft()
+        return piece
+
+    def _state(self, time: float, reason: Reason, told: Told | None = None, base: Commit | None = None) -> StreamState:
+        commit = self.executing if base is None else base
+        where = None if told is None or told.pair < 0 else told
+        return StreamState(
+            update=time,
+            reason=reason,
+            pair=None if where is None else self._pair(where),
+            time=None if where is None else where.time,
+            executing=commit.number,
+            stops=commit.stops,
+        )
+
+    def _pair(self, told: Told) -> tuple[str, str] | None:
+        if told.judgement is Judgement.LIMITS:
+            return None
+        names, own = self._opened.world.body_names, self._opened.world.pairs.own
+        if told.pair < len(own):
+            first, second = own[told.pair]
+            return names[first], names[second]
+        _, places, _ = self._obstacles.judged(STREAM.reserve)
+        body, obstacle = places.met[told.pair - len(own)]
+        return names[body], self._obstacles.names[obstacle]
+
+
+class _Cycle:
+    """What an update is answered from, and what comes of it."""
+
+    def __init__(self, now: float, begins: float, base: Commit, shapes: Any, places: Any, reserved: Any) -> None:
+        self.now, self.begins, self.base = now, begins, base
+        self.shapes, self.places, self.reserved = shapes, places, reserved
+        self.reason: Reason = "too_close"
+        self.told: Told | None = None
+        self.broken: Told | None = None
+        self.threatened = False
+        self.evaluations = 0

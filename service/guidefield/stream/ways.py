@@ -1,0 +1,145 @@
+"""Ways to a goal: looked at in every cycle, and planned beside it."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.world import World
+from guidefield.kernels.stream.room import RoomRobot, nearest
+from guidefield.kernels.stream.way import cut_short, straight_free, way_between
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.stream.robot_tables import JointRows, room_robot
+from guidefield.stream.settings import STREAM
+
+FAR = 0.3
+"""Distances are measured up to this [m]."""
+
+INSIDE = 0.005
+"""By so much what is grown is less than an end is away from it [m]."""
+
+
+class Room:
+    """A robot among what rests and what moves, by samples; with memory of its own: not for two threads.
+
+    Args:
+        group: The robot's planned joints.
+        joints: Their rows.
+        world: The robot among what rests.
+        clearance: What to keep from what rests [m].
+    """
+
+    def __init__(self, group: PlanningGroup, joints: JointRows, world: World, clearance: float) -> None:
+        self.robot: RoomRobot = room_robot(group, joints)
+        self._lanes = BatchCollision.build(world)
+        self._clearance = clearance
+
+    def grown(self, boxes: np.ndarray, most: float, ends: list[ChartPoint]) -> np.ndarray:
+        """What to keep from boxes (k, 16), shape (k,) [m]: less than most where one of some ends is closer."""
+        kept = np.full(len(boxes), most)
+        for z in ends:
+            kept = np.minimum(kept, nearest(self.robot, boxes, z, FAR) - INSIDE)
+        return kept
+
+    def resting_free(self, zs: ChartPoints) -> np.ndarray:
+        """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
+        return ~self._lanes.touching(zs, self._clearance)
+
+    def straight(self, boxes: np.ndarray, grown: np.ndarray, z0: ChartPoint, z1: ChartPoint) -> bool:
+        """Whether the straight way between two points (nv,) is free of boxes (k, 16), grown by (k,) [m]."""
+        words = self._lanes.words
+        return bool(straight_free(self.robot, words, self._clearance, boxes, grown, z0, z1, STREAM.spacing))
+
+    def way(
+        self,
+        boxes: np.ndarray,
+        grown: np.ndarray,
+        z0: ChartPoint,
+        z1: ChartPoint,
+        samples: np.ndarray,
+        cuts: np.ndarray,
+    ) -> ChartPoints | None:
+        """A way from z0 to z1, each (nv,), shape (m, nv); None: none was found.
+
+        Args:
+            boxes: What moves, shape (k, 16) [m].
+            grown: What to keep from each, shape (k,) [m].
+            z0: Where it begins, shape (nv,).
+            z1: Where it ends, shape (nv,).
+            samples: Points that trees grow to, shape (n, nv).
+            cuts: Numbers for short cuts, shape (n, 4).
+        """
+        words, spacing = self._lanes.words, STREAM.spacing
+        path = np.empty((2 * len(samples) + len(cuts) + 4, len(z0)))
+        z0, z1 = np.ascontiguousarray(z0, float), np.ascontiguousarray(z1, float)
+        common = (self.robot, words, self._clearance, boxes, grown)
+        count = way_between(*common, z0, z1, spacing, STREAM.longest * np.sqrt(len(z0)), samples, path)
+        if count == 0:
+            return None
+        count = cut_short(*common, spacing, cuts, count, path)
+        return path[:count].copy()
+
+
+@dataclass(frozen=True)
+class Ordered:
+    """A way that is being planned.
+
+    Attributes:
+        due: When it is taken over, by the client's clock [s].
+        goal: Where it leads, shape (nv,).
+        found: The way.
+    """
+
+    due: float
+    goal: ChartPoint
+    found: Future[ChartPoints | None]
+
+
+class Planner:
+    """Plans ways beside the cycle, one at a time, in a thread of its own.
+
+    Args:
+        room: For that thread alone.
+        group: The robot's planned joints.
+    """
+
+    def __init__(self, room: Room, group: PlanningGroup) -> None:
+        self._room, self._group = room, group
+        self._thread = ThreadPoolExecutor(1, "guidefield-ways")
+
+    def order(self, due: float, z0: ChartPoint, z1: ChartPoint, boxes: np.ndarray, rng: np.random.Generator) -> Ordered:
+        """Have a way planned.
+
+        Args:
+            due: When it is to be taken over [s].
+            z0: Where it begins, shape (nv,).
+            z1: Where it ends, shape (nv,).
+            boxes: What moves, shape (k, 16) [m].
+            rng: For its samples.
+        """
+        samples = self._samples(z0, z1, rng)
+        cuts = rng.random((STREAM.cuts, 4))
+        return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, boxes, samples, cuts))
+
+    def close(self) -> None:
+        """End its thread."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def _planned(
+        self, z0: ChartPoint, z1: ChartPoint, boxes: np.ndarray, samples: np.ndarray, cuts: np.ndarray
+    ) -> ChartPoints | None:
+        grown = self._room.grown(boxes, STREAM.planned_grown, [z0, z1])
+        return self._room.way(boxes, grown, z0, z1, samples, cuts)
+
+    def _samples(self, z0: ChartPoint, z1: ChartPoint, rng: np.random.Generator) -> np.ndarray:
+        """Random points within the limits; of an endless angle about both ends."""
+        group = self._group
+        middle = 0.5 * (z0 + z1)
+        reach = 0.5 * np.abs(z1 - z0) + np.pi
+        low = np.where(np.isfinite(group.lower), group.lower, middle - reach)
+        high = np.where(np.isfinite(group.upper), group.upper, middle + reach)
+        return rng.uniform(low, high, (STREAM.samples, group.nv))

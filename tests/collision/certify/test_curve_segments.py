@@ -1,0 +1,53 @@
+"""Parts of a motion that are judged together: all of it, in order, none too wide, however far it leads."""
+
+from itertools import islice, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.curve_segments import curve_segments
+from guidefield.collision.certify.settings import CERTIFICATE
+from guidefield.collision.certify.verdict import Reason
+from guidefield.collision.minimum.curve import restricted
+from tests.collision.scenery import box, world_of
+from tests.robots import box_arm, grouped
+
+reaches = st.floats(-3.0, 1.0).map(lambda exponent: 10.0**exponent)
+
+
+@given(st.lists(reaches, min_size=1, max_size=12), st.integers(2, 4), st.integers(0, 2**32 - 1))
+def test_segments_are_the_whole_motion_in_order_and_none_is_wide(reach, points, seed):
+    rng = np.random.default_rng(seed)
+    pieces = np.array([size * rng.normal(size=(points, 3)) for size in reach])
+    piece, at = 0, 0.0
+    for segment in curve_segments(pieces):
+        assert (segment.piece, segment.start) == (piece, at)
+        several = len(segment.controls) > 1
+        whole = pieces[piece : piece + len(segment.controls)]
+        part = restricted(whole, np.array([segment.start] * len(whole)), np.array([segment.end] * len(whole)))
+        assert segment.controls == pytest.approx(part, rel=0.0, abs=1e-9 * max(reach))
+        assert (segment.low <= segment.controls).all()
+        assert (segment.controls <= segment.high).all()
+        assert (segment.high - segment.low).max() <= CERTIFICATE.widest
+        assert not several or (segment.start, segment.end) == (0.0, 1.0)
+        piece, at = (piece + len(segment.controls), 0.0) if segment.end == 1.0 else (piece, segment.end)
+    assert (piece, at) == (len(pieces), 0.0)
+
+
+def test_a_motion_that_leads_far_is_divided_as_far_as_it_is_asked_for():
+    far = np.array([[[0.0], [1e12]]] * 3)
+    first = list(islice(curve_segments(far), 100))
+    assert first[0].start == 0.0
+    assert all(one.end == other.start for one, other in pairwise(first))
+
+
+def test_a_judgement_of_a_motion_that_leads_far_is_ended_at_once():
+    arm = grouped(box_arm("continuous", 1))
+    world = world_of(arm, [box("far", [1.0, 1.0, 1.0], [50.0, 0.0, 0.0])])
+    there = np.array([[np.full(arm.nv, -10_000.0), np.full(arm.nv, 10_000.0)]] * 100_000)
+    asked = iter([None] * 3)
+    verdict = certify(world, there, stopped=lambda: next(asked, "time is up"))
+    assert verdict.reason is Reason.STOPPED
+    assert verdict.evaluations <= 3 * CERTIFICATE.batch

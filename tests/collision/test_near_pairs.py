@@ -1,0 +1,112 @@
+"""Obstacles found by their place are those that going through all of them finds; pairs are counted without a gap."""
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.collision.box_tree import CHILDREN, BoxTree
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.obstacle_boxes import boxes_along_axes
+from guidefield.collision.pairs import Pairs
+from guidefield.messages import scene as messages
+from guidefield.scene.scene import build
+from tests.collision.listed import touching
+from tests.collision.scenery import box, scattered, world_of
+from tests.collision.test_world import pair_distances
+from tests.robots import group, rest
+from tests.scene.solids import l_prism, mesh_message
+
+FLOOR = messages.HalfSpace(name="floor", normal=(0.1, 0.0, 1.0), offset=-0.4)
+
+
+def boxes(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of boxes of all sizes, some flat, some at the same place."""
+    low = np.round(rng.normal(size=(count, 3)), 1)
+    return low, low + np.maximum(0.0, np.round(rng.normal(scale=rng.choice([0.01, 0.3, 3.0]), size=(count, 3)), 2))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from([0, 1, CHILDREN, CHILDREN + 1, CHILDREN**2 + 1, 700]), st.integers(0, 12), st.integers(0, 10**6))
+def test_a_tree_finds_the_boxes_that_overlap(count, asked, seed):
+    rng = np.random.default_rng(seed)
+    (low, high), (first, last) = boxes(rng, count), boxes(rng, asked)
+    expected = ((low[None] <= last[:, None]) & (high[None] >= first[:, None])).all(axis=2)
+    found = BoxTree.of(low, high).overlapping(first, last)
+    assert list(zip(*(part.tolist() for part in found), strict=True)) == list(zip(*np.nonzero(expected), strict=True))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_along_the_worlds_axes_are_coals(seed):
+    rng = np.random.default_rng(seed)
+    turned = mesh_message(*l_prism(), position=(0.3, 0.1, 0.2), quaternion_xyzw=(0.5, 0.5, -0.5, 0.5))
+    cloud = messages.PointCloud(name="cloud", points=[(0.1, 0.2, 0.3), (0.4, 0.2, 0.1)], radius=0.05)
+    obstacles = build(messages.Scene(name="s", obstacles=[*scattered(rng, 40), turned, cloud])).obstacles
+    low, high = boxes_along_axes(list(obstacles))
+    for one, least, most in zip(obstacles, low, high, strict=True):
+        placed = coal.CollisionObject(one.shape, one.placement.rotation, one.placement.translation)
+        placed.computeAABB()
+        around = placed.getAABB()
+        assert (least <= np.array(around.min_) - one.rounding).all()
+        assert (most >= np.array(around.max_) + one.rounding).all()
+        if isinstance(one.message, messages.Sphere):
+            np.testing.assert_allclose(most - least, 2.0 * one.message.radius, atol=1e-8)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10**6))
+def test_an_index_is_the_place_in_the_list_that_is_never_made(seed):
+    rng = np.random.default_rng(seed)
+    links, obstacles = int(rng.integers(1, 6)), int(rng.integers(0, 7))
+    moving = np.flatnonzero(rng.random(links) < 0.7)
+    every = [(int(body), obstacle) for body in moving for obstacle in range(obstacles)]
+    left_out = np.flatnonzero(rng.random(len(every)) < rng.choice([0.0, 0.3]))
+    own = np.array([(0, 1)] * int(rng.integers(0, 3)), np.int64).reshape(-1, 2)
+    pairs = Pairs(own, links, moving, obstacles, left_out)
+    kept = [(body, links + obstacle) for k, (body, obstacle) in enumerate(every) if k not in left_out]
+    listed = [*map(tuple, own.tolist()), *kept]
+    assert len(pairs) == len(listed)
+    assert [tuple(row) for row in pairs.bodies(np.arange(len(listed))).tolist()] == listed
+    assert [pairs.of(k) for k in range(len(listed))] == listed
+    assert {tuple(row) for row in pairs.bodies_left_out().tolist()} == {every[k] for k in left_out}
+    rows, chosen = np.repeat(np.arange(len(moving)), obstacles), np.tile(np.arange(obstacles), len(moving))
+    are, indices = pairs.with_obstacles(rows, chosen)
+    assert np.flatnonzero(~are).tolist() == left_out.tolist()
+    assert indices.tolist() == list(range(len(own), len(listed)))
+    assert pairs.of_obstacles(np.arange(obstacles)).tolist() == indices.tolist()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_among_hundreds_of_obstacles_answers_are_those_of_all_pairs(seed):
+    rng = np.random.default_rng(seed)
+    crumbs = [
+        box(f"c{k}", rng.uniform(0.01, 0.03, 3), p) for k, p in enumerate(rng.uniform(-1.2, 1.2, (400, 3)).tolist())
+    ]
+    world = world_of(group("panda"), [*crumbs, FLOOR], [("panda_link3", "c7"), ("panda_hand", "floor")])
+    for _ in range(4):
+        q = world.group.expand(world.group.random(rng))
+        expected = touching(world, q)
+        assert [k for k in world.near(q) if world.touches(k)] == expected
+        assert world.in_collision(q) == bool(expected)
+        distances = pair_distances(world, q)
+        assert clearance_at(world, q).obstacle_distance == pytest.approx(
+            distances[world.pairs.n_self :].min(), abs=2e-6
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_far_obstacles_change_no_verdict(seed):
+    """The same motion among the near obstacles alone, and among them and hundreds that are far."""
+    rng = np.random.default_rng(seed)
+    arm, near = group("panda"), scattered(rng, 8)
+    directions = rng.normal(size=(500, 3))
+    places = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(2.5, 9.0, (500, 1))
+    far = [box(f"far{k}", (0.05, 0.05, 0.05), place) for k, place in enumerate(places.tolist())]
+    few, many = world_of(arm, near), world_of(arm, [*far[:250], *near, *far[250:]])
+    z = rest(arm)
+    for _ in range(6):
+        pieces = np.array([[z + rng.uniform(-0.3, 0.3, 7) for _ in range(4)]])
+        one, other = certify(few, pieces, 0.02), certify(many, pieces, 0.02)
+        assert (one.reason, one.pair, one.free_until) == (other.reason, other.pair, other.free_until)
+        assert one.evaluations == other.evaluations

@@ -1,0 +1,123 @@
+"""The files for systemd and for containers: their own tools find nothing wrong, and what they start is there."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from guidefield.cli import app
+from guidefield.cli.serving import ENDS_WITHIN, LEAVES_WITHIN
+from guidefield.endpoint.service import DEFAULT_GRACE
+
+HOUSE = Path(__file__).resolve().parents[2]
+UNIT = HOUSE / "tools" / "deploy" / "guidefield.service"
+CONTAINER = HOUSE / "tools" / "deploy" / "Containerfile"
+
+
+def _service() -> dict[str, list[str]]:
+    """The settings of the unit's section about the service; some may be given more than once."""
+    lines = UNIT.read_text().partition("[Service]\n")[2].partition("\n[")[0].splitlines()
+    told: dict[str, list[str]] = {}
+    for name, value in (line.split("=", 1) for line in lines if "=" in line and not line.startswith("#")):
+        told.setdefault(name, []).append(value)
+    return told
+
+
+def _options(words: list[str]) -> dict[str, Any]:
+    """What `guidefield serve` makes of some words."""
+    assert words[0] == "serve"
+    return get_command(app).commands["serve"].make_context("serve", words[1:]).params  # type: ignore[attr-defined]
+
+
+def test_the_unit_starts_a_service_with_options_that_there_are() -> None:
+    (start,) = _service()["ExecStart"]
+    program, *words = shlex.split(start)
+    assert program.endswith("/bin/guidefield")
+    options = _options(words)
+    assert options["data"] == Path("%S/guidefield")
+    assert options["metrics"] == 9464
+
+
+def test_the_unit_gives_the_service_its_time() -> None:
+    (seconds,) = _service()["TimeoutStopSec"]
+    assert DEFAULT_GRACE + LEAVES_WITHIN < int(seconds) <= ENDS_WITHIN
+
+
+def test_the_unit_lets_machine_code_be_made_and_kept() -> None:
+    told = _service()
+    assert "MemoryDenyWriteExecute" not in told
+    assert told["CacheDirectory"] == told["StateDirectory"] == ["guidefield"]
+    assert "XDG_CACHE_HOME=%C/guidefield" in told["Environment"]
+
+
+def test_systemd_finds_nothing_wrong(tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd isn't here")
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace("/opt/guidefield/bin/guidefield", sys.executable))
+    verified = subprocess.run(["systemd-analyze", "verify", unit], check=False, capture_output=True, text=True)
+    assert (verified.returncode, verified.stdout + verified.stderr) == (0, "")
+    wrong = tmp_path / "wrong.service"
+    wrong.write_text(unit.read_text().replace("Restart=on-failure", "Restart=sometimes"))
+    found = subprocess.run(["systemd-analyze", "verify", wrong], check=False, capture_output=True, text=True)
+    assert "sometimes" in found.stderr
+
+
+def test_the_container_file_has_nothing_that_its_linter_finds() -> None:
+    linter = shutil.which("hadolint", path=str(Path(sys.executable).parent)) or shutil.which("hadolint")
+    if linter is None:
+        pytest.skip("hadolint isn't installed: it is in the extra dev")
+    done = subprocess.run([linter, "--format", "json", CONTAINER], check=False, capture_output=True, text=True)
+    assert json.loads(done.stdout) == []
+    assert done.returncode == 0
+
+
+def _instructions() -> list[tuple[str, str]]:
+    text = re.sub(r"\\\n\s*", " ", CONTAINER.read_text())
+    lines = [line.split(" ", 1) for line in text.splitlines() if line and not line.startswith("#")]
+    return [(word, rest) for word, rest in lines]
+
+
+def test_the_container_copies_what_the_package_is_made_of() -> None:
+    """What setuptools needs: the project's file, what it names, and the folders of its packages."""
+    copied = {
+        name
+        for word, rest in _instructions()
+        if word == "COPY" and not rest.startswith("--")
+        for name in rest.split()[:-1]
+    }
+    import tomllib
+
+    project = tomllib.loads((HOUSE / "pyproject.toml").read_text())
+    folders = {folder.split("/")[0] for folder in project["tool"]["setuptools"]["package-dir"].values()}
+    assert copied == folders | {"pyproject.toml", project["project"]["readme"], *project["project"]["license-files"]}
+    assert all((HOUSE / name).exists() for name in copied)
+
+
+def test_the_container_starts_a_service_and_asks_for_its_health() -> None:
+    told = dict(_instructions())
+    (entry,) = json.loads(told["ENTRYPOINT"])
+    options = _options(json.loads(told["CMD"]))
+    assert entry == "guidefield"
+    assert str(options["data"]) in json.loads(told["VOLUME"])
+    assert options["listen"] == [f"tcp/0.0.0.0:{told['EXPOSE']}"]
+    check = json.loads(told["HEALTHCHECK"].partition("CMD ")[2])
+    assert f"http://127.0.0.1:{options['metrics']}/health" in check[-1]
+    compile(check[-1], "health", "exec")
+    assert told["USER"].isdecimal()
+
+
+def test_the_unit_is_an_ini_file_with_its_three_sections() -> None:
+    parsed = configparser.ConfigParser(strict=False, interpolation=None)
+    parsed.read_string(UNIT.read_text())
+    assert parsed.sections() == ["Unit", "Service", "Install"]

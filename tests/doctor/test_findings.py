@@ -1,0 +1,269 @@
+"""`guidefield doctor`: what it reads is what the system says otherwise, and each fault is told with what to do."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import given, strategies as st
+from typer.testing import CliRunner
+
+from guidefield.cli import app
+from guidefield.cli.loopback import free_port
+from guidefield.doctor import session as doctor_session
+from guidefield.doctor.clock import SLACK, UNSYNCHRONIZED, clock, clock_found
+from guidefield.doctor.control_group import memory_limit, processor_quota
+from guidefield.doctor.examination import examination
+from guidefield.doctor.finding import Finding, State
+from guidefield.doctor.graphics import graphics_found
+from guidefield.doctor.memory import SERVICE_TAKES, WORKER_TAKES, memory, memory_found
+from guidefield.doctor.processors import cores, cores_found, vectors
+from guidefield.doctor.session import session
+from guidefield.doctor.storage import disk, kernels, room_found
+from guidefield.endpoint.own_session import NoAnswer, seconds_to_answer, taken
+from guidefield.first_start import compiled_mark
+
+GIB = 2**30
+
+
+def test_every_look_finds_something_and_says_what_to_do(tmp_path: Path) -> None:
+    found = list(examination(tmp_path))
+    about = [finding.about for finding in found]
+    assert about == ["packages", "cores", "vectors", "memory", "disk", "kernels", "clock", "zenoh", "graphics"]
+    assert all((finding.state is State.FINE) == (finding.advice == "") for finding in found)
+    assert all(finding.found and "\n" not in finding.found + finding.advice for finding in found)
+
+
+def test_the_command_tells_the_same_to_persons_and_machines(tmp_path: Path) -> None:
+    person = CliRunner().invoke(app, ["doctor", "--data", str(tmp_path)])
+    machine = CliRunner().invoke(app, ["doctor", "--data", str(tmp_path), "--json"])
+    told = json.loads(machine.output)
+    lines = person.output.splitlines()
+    assert [line.split()[:2] for line in lines] == [[one["about"], one["state"]] for one in told]
+    assert machine.exit_code == person.exit_code == int(any(one["state"] == "wrong" for one in told))
+
+
+def test_what_is_wrong_is_an_exit_code(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = CliRunner().invoke(app, ["doctor", "--data", str(tmp_path / "file" / "data")])
+    assert done.exit_code == 1
+    assert "disk     wrong" in done.output
+
+
+def test_processors_are_those_of_the_system() -> None:
+    listed = subprocess.run(["nproc"], check=True, capture_output=True, text=True).stdout
+    assert cores().found.split()[0] == listed.strip()
+
+
+@pytest.mark.parametrize(
+    ("allowed", "quota", "state", "advice"),
+    [
+        (8, None, State.FINE, ""),
+        (2, 2.0, State.FINE, ""),
+        (8, 2.5, State.REMARK, "--workers 2"),
+        (8, 0.5, State.REMARK, "--workers 1"),
+        (1, None, State.REMARK, "second core"),
+    ],
+)
+def test_cores(allowed: int, quota: float | None, state: State, advice: str) -> None:
+    finding = cores_found(allowed, quota)
+    assert finding.state is state
+    assert advice in finding.advice
+
+
+@pytest.mark.parametrize(
+    ("flags", "state"),
+    [
+        ("flags\t\t: fpu sse2 avx avx2 fma avx512f", State.FINE),
+        ("flags\t\t: fpu sse2 avx avx2 fma", State.FINE),
+        ("flags\t\t: fpu sse2 avx avx2", State.REMARK),
+        ("flags\t\t: fpu sse2 avx", State.REMARK),
+        ("Features\t: fp asimd", State.FINE),
+        ("model name\t: avx2 in name only", State.REMARK),
+    ],
+)
+def test_vectors(flags: str, state: State, tmp_path: Path) -> None:
+    (tmp_path / "cpuinfo").write_text(f"processor\t: 0\n{flags}\n")
+    assert vectors(tmp_path / "cpuinfo").state is state
+
+
+@pytest.mark.parametrize(("machine", "found"), [("arm64", "asimd"), ("x86_64", "this system doesn't say which")])
+def test_vectors_where_no_file_tells_of_them(machine: str, found: str, tmp_path: Path) -> None:
+    assert vectors(tmp_path / "none", machine).found == found
+
+
+def test_the_vectors_are_those_that_the_compiler_knows() -> None:
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    widest = next((name for name, flag in (("avx512f", "avx512f"), ("avx2", "avx2")) if features.get(flag)), None)
+    if widest is not None:
+        assert vectors().found.split()[0] == widest
+
+
+def test_a_control_group_bounds_what_may_be_used(tmp_path: Path) -> None:
+    (tmp_path / "own").write_text("0::/pod/box\n")
+    group = tmp_path / "groups" / "pod" / "box"
+    group.mkdir(parents=True)
+    asked = tmp_path / "groups", tmp_path / "own"
+    assert processor_quota(*asked) is memory_limit(*asked) is None
+    (group / "cpu.max").write_text("max 100000\n")
+    (group / "memory.max").write_text("max\n")
+    assert processor_quota(*asked) is memory_limit(*asked) is None
+    (group / "cpu.max").write_text("250000 100000\n")
+    (group.parent / "cpu.max").write_text("150000 100000\n")
+    (group / "memory.max").write_text(f"{4 * GIB}\n")
+    assert processor_quota(*asked) == 1.5
+    assert memory_limit(*asked) == 4 * GIB
+
+
+def test_a_control_group_of_the_first_version_does_too(tmp_path: Path) -> None:
+    (tmp_path / "own").write_text("4:cpu,cpuacct:/box\n3:memory:/box\n")
+    for name, files in {
+        "cpu,cpuacct": {"cpu.cfs_quota_us": "50000", "cpu.cfs_period_us": "100000"},
+        "memory": {"memory.limit_in_bytes": str(GIB)},
+    }.items():
+        (tmp_path / name / "box").mkdir(parents=True)
+        for file, text in files.items():
+            (tmp_path / name / "box" / file).write_text(text)
+    assert processor_quota(tmp_path, tmp_path / "own") == 0.5
+    assert memory_limit(tmp_path, tmp_path / "own") == GIB
+
+
+def test_memory_is_that_of_the_system() -> None:
+    told = float(memory().found.split(" of ")[1].split()[0])
+    total = os.sysconf("SC_PHYS_PAGES") * resource.getpagesize() / GIB
+    limit = memory_limit()
+    assert told == pytest.approx(total if limit is None else min(total, limit / GIB), abs=0.06)
+
+
+@given(st.integers(0, 64 * GIB), st.integers(0, 64 * GIB), st.integers(1, 64))
+def test_the_workers_that_are_advised_fit(total: int, available: int, workers: int) -> None:
+    finding = memory_found(total, min(available, total), None, workers)
+    free = min(available, total)
+    if finding.state is State.WRONG:
+        assert free < SERVICE_TAKES + WORKER_TAKES
+    elif "--workers" in finding.advice:
+        advised = int(finding.advice.split("--workers ")[1].split(",")[0])
+        assert 1 <= advised < workers
+        assert SERVICE_TAKES + advised * WORKER_TAKES <= free < SERVICE_TAKES + (advised + 1) * WORKER_TAKES
+    elif "--memory" in finding.advice:
+        each = int(finding.advice.split("--memory ")[1].split(",")[0])
+        assert SERVICE_TAKES + workers * (each << 20) <= total
+        assert each << 20 >= WORKER_TAKES - (1 << 20)
+
+
+def test_room_is_that_of_the_system(tmp_path: Path) -> None:
+    told = float(disk(tmp_path / "not" / "there").found.split()[0])
+    assert told == pytest.approx(shutil.disk_usage(tmp_path).free / GIB, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("free", "state", "advice"),
+    [
+        (GIB - 1, State.WRONG, "make room"),
+        (8 * GIB, State.REMARK, "--keep-gib 4"),
+        (GIB, State.REMARK, "--keep-gib 1"),
+        (21 * GIB, State.FINE, ""),
+    ],
+)
+def test_room(free: int, state: State, advice: str) -> None:
+    finding = room_found(free, Path("data"))
+    assert finding.state is state
+    assert advice in finding.advice
+
+
+def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert kernels().state is State.REMARK
+    assert "compile_ahead" in kernels().advice
+    compiled_mark().parent.mkdir(parents=True)
+    compiled_mark().touch()
+    assert kernels().state is State.FINE
+    monkeypatch.setenv("GUIDEFIELD_PLAIN_NUMBA", "1")
+    assert kernels().state is State.REMARK
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    assert kernels().state is State.WRONG
+
+
+@pytest.mark.parametrize(
+    ("behind", "system", "state"),
+    [
+        (0.0, 0, State.FINE),
+        (0.0, -1, State.FINE),
+        (0.5 * SLACK, 0, State.FINE),
+        (0.0, UNSYNCHRONIZED, State.REMARK),
+        (2.0 * SLACK, 0, State.WRONG),
+    ],
+)
+def test_clocks(behind: float, system: int, state: State) -> None:
+    assert clock_found(2e9 - behind, 2e9, system).state is state
+
+
+def test_a_clock_is_told_in_universal_time() -> None:
+    assert clock_found(0.0, 0.0, 0).found == "1970-01-01 00:00:00+00:00"
+    assert clock().state is not State.WRONG
+
+
+SHOWN = {"DISPLAY": ":0"}
+
+
+@pytest.mark.parametrize(
+    ("environment", "loaders", "drivers", "devices", "says"),
+    [
+        ({}, ["vulkan", "GL"], ["radeon"], ["renderD128"], "no display"),
+        (SHOWN, [], [], [], "neither Vulkan nor OpenGL"),
+        (SHOWN, ["vulkan"], [], [], "Vulkan without a driver"),
+        (SHOWN, ["GL"], [], [], "drawn by the processor"),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, ["vulkan"], ["radeon"], ["renderD128"], "wayland-0, radeon, renderD128"),
+    ],
+)
+def test_graphics(
+    environment: dict[str, str], loaders: list[str], drivers: list[str], devices: list[str], says: str
+) -> None:
+    finding = graphics_found(environment, loaders, drivers, devices)
+    assert says in finding.found
+    assert (finding.state is State.FINE) == (says.endswith("renderD128"))
+
+
+def test_a_query_on_loopback_is_answered() -> None:
+    assert seconds_to_answer() > 0.0
+    assert session().state is not State.WRONG
+
+
+def test_a_machine_whose_sessions_get_no_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unanswered() -> float:
+        raise NoAnswer("the loopback is down")
+
+    monkeypatch.setattr(doctor_session, "seconds_to_answer", unanswered)
+    finding = session()
+    assert finding.state is State.WRONG
+    assert "the loopback is down" in finding.found
+
+
+def test_a_port_is_taken_where_somebody_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    import socket
+
+    with free_port() as port:
+        assert not taken(f"tcp/127.0.0.1:{port}")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        held = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        assert taken(held)
+        monkeypatch.setattr(doctor_session, "DEFAULT_LISTEN", held)
+        assert "is taken" in session().found
+
+
+def test_a_look_that_can_not_be_taken_is_a_finding(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def unreadable() -> Finding:
+        raise PermissionError("/proc/meminfo")
+
+    monkeypatch.setattr("guidefield.doctor.examination.memory", unreadable)
+    (found,) = (finding for finding in examination(tmp_path) if finding.about == "memory")
+    assert found.state is State.WRONG
+    assert "/proc/meminfo" in found.found

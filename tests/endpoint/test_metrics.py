@@ -1,0 +1,173 @@
+"""Metrics are what `info` tells, in a text that Prometheus' own parser reads; health answers from the first second."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from guidefield.cli.loopback import free_port
+from guidefield.endpoint.meter import Meter
+from guidefield.endpoint.metrics import metrics_server
+from guidefield.endpoint.service import CannotServe, ServiceSettings, serve
+from guidefield.handlers.info import Figures, brief_info
+from guidefield.messages.replies import Disk, Health, InfoReply, UserFigures
+from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that
+
+parser = pytest.importorskip("prometheus_client.parser", reason="pip install 'guidefield[metrics]'")
+
+
+def _answer(port: int, path: str) -> tuple[int, str, str]:
+    """Status, content type and text of an answer."""
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}{path}", timeout=ANSWERED_WITHIN) as answer:
+            return answer.status, answer.headers["Content-Type"], answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers["Content-Type"], error.read().decode()
+
+
+def _samples(port: int) -> dict[tuple[str, ...], float]:
+    """Values by name and labels, as Prometheus' parser reads them."""
+    status, _, text = _answer(port, "/metrics")
+    assert status == 200
+    return {
+        (sample.name, *(f"{key}={value}" for key, value in sorted(sample.labels.items()) if key != "instance_name")): (
+            sample.value
+        )
+        for family in parser.text_string_to_metric_families(text)
+        for sample in family.samples
+        if sample.labels["instance_name"] == 'cell "7"'
+    }
+
+
+def _busy() -> InfoReply:
+    meter = Meter()
+    for seconds in (0.0005, 0.003, 0.003, 100.0):
+        meter.time("plan", seconds)
+    return brief_info(
+        Figures(
+            counters={"asked": 5, "answered": 3, "refused": 1, "crashes": 2},
+            uptime=12.5,
+            workers=4,
+            busy=3,
+            queue=7,
+            memory=1 << 30,
+            latency=meter.latency(),
+            health=Health(state="ready"),
+            disk=Disk(free=5, total=9),
+            users={"ann": UserFigures(waiting=2, running=1, processor=0.5)},
+        )
+    )
+
+
+def test_metrics_are_what_info_tells() -> None:
+    with metrics_server(0, 'cell "7"', _busy) as port:
+        told = _samples(port)
+    assert told[("guidefield_uptime_seconds",)] == 12.5
+    assert (told[("guidefield_workers",)], told[("guidefield_workers_busy",)]) == (4, 3)
+    assert told[("guidefield_queue_requests",)] == 7
+    assert told[("guidefield_memory_bytes", "of=workers")] == 1 << 30
+    assert told[("guidefield_memory_bytes", "of=service")] > 1 << 20
+    assert (told[("guidefield_disk_free_bytes",)], told[("guidefield_disk_total_bytes",)]) == (5, 9)
+    assert told[("guidefield_queries_total", "outcome=asked")] == 5
+    assert told[("guidefield_events_total", "event=crashes")] == 2
+    assert [told[("guidefield_health", f"state={state}")] for state in ("starting", "ready", "ending")] == [0, 1, 0]
+    assert told[("guidefield_user_requests", "state=waiting", "user=ann")] == 2
+    assert told[("guidefield_user_requests", "state=running", "user=ann")] == 1
+    assert told[("guidefield_user_processor_seconds", "user=ann")] == 0.5
+    assert ("guidefield_info", f"version={_busy().version}") in told
+
+
+def test_the_histogram_is_cumulative() -> None:
+    with metrics_server(0, 'cell "7"', _busy) as port:
+        told = _samples(port)
+    bins = {key[2].removeprefix("le="): value for key, value in told.items() if key[0].endswith("_seconds_bucket")}
+    assert [bins[bound] for bound in ("0.001", "0.0025", "0.005", "60.0", "+Inf")] == [1, 1, 3, 3, 4]
+    assert told[("guidefield_answer_seconds_count", "kind=plan")] == 4
+    assert told[("guidefield_answer_seconds_sum", "kind=plan")] == pytest.approx(100.0065)
+
+
+@pytest.mark.parametrize(("state", "status"), [("starting", 503), ("ready", 200), ("ending", 503)])
+def test_health_has_a_status(state: Any, status: int) -> None:
+    reply = brief_info(Figures({}, 0.0, health=Health(state=state, doing="something")))
+    with metrics_server(0, "local", lambda: reply) as port:
+        answer = _answer(port, "/health")
+        assert answer[:2] == (status, "application/json")
+        assert json.loads(answer[2]) == {"state": state, "doing": "something"}
+        assert _answer(port, "/")[0] == 404
+
+
+def test_whoever_says_nothing_keeps_nobody_waiting() -> None:
+    with metrics_server(0, 'cell "7"', _busy) as port, socket.create_connection(("127.0.0.1", port)):
+        assert _answer(port, "/health")[0] == 200
+
+
+def test_a_service_tells_its_health_before_it_is_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stop, seen, opening, open_it = (threading.Event() for _ in range(4))
+
+    def compiled(told: Callable[[str], None], _stopped: Callable[[], bool]) -> None:
+        told("compiling kernels: 26 of 66")
+        seen.wait(ANSWERED_WITHIN)
+        stop.set()
+
+    from guidefield.endpoint import service
+
+    opened = service._opened
+
+    def opened_late(config: Any) -> Any:
+        opening.set()
+        open_it.wait(ANSWERED_WITHIN)
+        return opened(config)
+
+    monkeypatch.setattr(service, "compile_kernels", compiled)
+    monkeypatch.setattr(service, "_opened", opened_late)
+    with free_port() as port, free_port() as metrics, ThreadPoolExecutor(1) as thread:
+        settings = ServiceSettings(tmp_path, listen=(f"tcp/127.0.0.1:{port}",), metrics=metrics)
+        served = thread.submit(serve, settings, stop)
+        try:
+            opening.wait(ANSWERED_WITHIN)
+            assert json.loads(_answer(metrics, "/health")[2]) == {"state": "starting", "doing": "starting"}
+            assert "guidefield_queries_total{" not in _answer(metrics, "/metrics")[2]
+            open_it.set()
+            await_that(lambda: "26 of 66" in _answer(metrics, "/health")[2])
+            assert (
+                'guidefield_queries_total{instance_name="local",outcome="asked"} 0.0' in _answer(metrics, "/metrics")[2]
+            )
+        finally:
+            open_it.set()
+            seen.set()
+        served.result(ENDED_WITHIN)
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", metrics))
+
+
+def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as held:
+        port = held.getsockname()[1]
+        with pytest.raises(CannotServe, match=f"metrics can't be told at port {port}: Address already in use"):
+            serve(ServiceSettings(tmp_path, metrics=port), threading.Event())
+
+
+def test_without_the_extra_it_is_said_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "prometheus_client", None)
+    with pytest.raises(CannotServe, match=r"guidefield\[metrics\]"):
+        serve(ServiceSettings(tmp_path, metrics=1), threading.Event())
+
+
+def test_the_page_has_every_metric() -> None:
+    page = (Path(__file__).resolve().parents[2] / "service" / "docs" / "operation.md").read_text()
+    rows = "\n".join(line.split(" | ")[0] for line in page.splitlines() if line.startswith("| `guidefield_"))
+    told = set(re.findall(r"guidefield_\w+", rows))
+    with metrics_server(0, 'cell "7"', _busy) as port:
+        families = list(parser.text_string_to_metric_families(_answer(port, "/metrics")[2]))
+    there = {family.name + ("_total" if family.type == "counter" else "") for family in families}
+    assert {name.removesuffix("_total") for name in told} == {name.removesuffix("_total") for name in there}

@@ -1,0 +1,419 @@
+"""Plans with steps: the kitchen's pick and place, looked at again with a bare robot, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from msgspec import to_builtins
+
+from guidefield.engine import answer
+from guidefield.errors import (
+    GuidefieldError,
+    InvalidConfiguration,
+    InvalidGoal,
+    InvalidGroup,
+    MalformedRequest,
+    UnknownFrame,
+    UnknownObject,
+)
+from guidefield.handlers.sequence import answer_steps
+from guidefield.messages import codec
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest, UrdfText
+from guidefield.planner.plan import plan
+from guidefield.scene import library
+from guidefield.scene.scene import build
+from tests.examples import example
+from tests.robots import box_arm, load, robot
+
+PATIENT = {"allowed_planning_time": 120.0}  # the first of a process compiles
+READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
+FINGERS = ["panda_leftfinger", "panda_rightfinger"]
+GRASP, CLOSE, LIFT, BACK, OVER, DOWN, OPEN = 1, 2, 3, 4, 5, 6, 7
+"""Steps of the kitchen's request."""
+
+
+def ask(
+    steps: list[dict[str, Any]], arm: str | UrdfText = "panda", scene: str | dict[str, Any] = "kitchen", **fields: Any
+) -> PlanReply:
+    named = arm if isinstance(arm, str) else to_builtins(arm)
+    request = codec.decode_request({"robot": named, "scene": scene, "steps": steps, **PATIENT, **fields})
+    assert isinstance(request, PlanRequest)
+    loaded = robot(arm) if isinstance(arm, str) else load(arm)
+    among = library.read(request.scene) if isinstance(request.scene, str) else request.scene
+    return answer_steps(request, loaded, build(among), run_id="r", received=time.monotonic())
+
+
+def joints(**positions: float) -> dict[str, Any]:
+    return {"goal": {"type": "joints", "positions": positions}}
+
+
+def relative(*position: float, frame: str = "tip") -> dict[str, Any]:
+    return {"goal": {"type": "relative", "position": position, "frame": frame}, "linear": True}
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> PlanReply:
+    request = json.loads(example("kitchen"))
+    reply = ask(request["steps"], start=request["start"])
+    assert reply.status.name == "SUCCESS", reply.status.message
+    return reply
+
+
+def states(reply: PlanReply, times: np.ndarray) -> np.ndarray:
+    """Positions (n, k) of the reply's Hermite curve at times, by its own formula."""
+    t, p, v = (np.array(getattr(reply.trajectory, name)) for name in ("times", "positions", "velocities"))
+    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
+    h = (t[i + 1] - t[i])[:, None]
+    s = (times - t[i])[:, None] / h
+    return (
+        (1 + 2 * s) * (1 - s) ** 2 * p[i]
+        + s * (1 - s) ** 2 * h * v[i]
+        + s**2 * (3 - 2 * s) * p[i + 1]
+        - s**2 * (1 - s) * h * v[i + 1]
+    )
+
+
+class Bare:
+    """A robot that knows nothing of what it holds, at the rows of a reply."""
+
+    def __init__(self, reply: PlanReply, name: str = "panda") -> None:
+        self.robot, self.names = robot(name), reply.position_names
+        self.data = self.robot.model.createData()
+        self.scratch = pin.GeometryData(self.robot.geometry)
+
+    def stand(self, row: np.ndarray) -> None:
+        q = np.array(self.robot.rest, float)
+        for name, value in zip(self.names, row, strict=True):
+            joint = self.robot.joint(name)
+            assert joint is not None
+            q[joint.idx_q] = value
+        for joint in self.robot.joints:
+            if joint.mimic is not None:
+                driver = self.robot.joint(joint.mimic.driver)
+                assert driver is not None
+                q[joint.idx_q] = joint.mimic.multiplier * q[driver.idx_q] + joint.mimic.offset
+        pin.framesForwardKinematics(self.robot.model, self.data, q)
+        pin.updateGeometryPlacements(self.robot.model, self.data, self.robot.geometry, self.scratch)
+
+    def frame(self, name: str) -> Any:
+        return self.data.oMf[self.robot.frame_id(name)].copy()
+
+    def bodies(self) -> list[tuple[str, Any, Any]]:
+        """Link, shape and placement of all that moves."""
+        shapes = self.robot.geometry.geometryObjects
+        return [
+            (self.robot.link_of_geometry(i), shape.geometry, self.scratch.oMg[i])
+            for i, shape in enumerate(shapes)
+            if shape.parentJoint
+        ]
+
+
+def distance(one: Any, at: Any, other: Any, there: Any) -> float:
+    first, second = (coal.Transform3s(placed.rotation, placed.translation) for placed in (at, there))
+    result = coal.DistanceResult()
+    return float(coal.distance(one, first, other, second, coal.DistanceRequest(), result))
+
+
+def held_since(reply: PlanReply) -> Any:
+    """Placement of the can in the hand."""
+    bare, can = Bare(reply), build(library.read("kitchen")).obstacle("can")
+    assert can is not None
+    bare.stand(states(reply, np.array([reply.steps[GRASP].end]))[0])
+    return bare.frame("panda_hand").actInv(can.placement)
+
+
+def test_the_can_is_on_the_table_in_the_end(kitchen: PlanReply) -> None:
+    bare = Bare(kitchen)
+    bare.stand(states(kitchen, np.array([kitchen.steps[OPEN].end]))[0])
+    put = bare.frame("panda_hand") * held_since(kitchen)
+    np.testing.assert_allclose(put.rotation[:, 2], (0.0, 0.0, 1.0), atol=2e-3)
+    assert put.translation[2] == pytest.approx(0.30 + 0.06, abs=1e-3)
+    assert np.hypot(*(put.translation[:2] - (0.36, 0.5))) < 2e-3
+    assert [step.held for step in kitchen.steps] == [[], [], *[["can"]] * 6, [], []]
+    assert (kitchen.steps[GRASP].attached, kitchen.steps[OPEN].detached) == ("can", "can")
+
+
+def test_nothing_touches_but_what_may(kitchen: PlanReply) -> None:
+    """Everything once more by Coal, at samples: the bare robot, and the can where the hand or somebody put it."""
+    bare, scene, in_hand = Bare(kitchen), build(library.read("kitchen")), held_since(kitchen)
+    can, others = scene.obstacle("can"), [one for one in scene.obstacles if one.name != "can"]
+    assert can is not None
+    standing = can.placement
+    for step in kitchen.steps:
+        for moment in np.linspace(step.begin, step.end, 8):
+            bare.stand(states(kitchen, np.array([moment]))[0])
+            placed = bare.frame("panda_hand") * in_hand if step.held else standing
+            may = {one.obstacle for one in step.permissions if one.begin <= moment <= one.end}
+            for link, shape, there in bare.bodies():
+                assert all(distance(shape, there, one.shape, one.placement) > 0.0 for one in others), link
+                if link not in ("panda_hand", "panda_link7", *FINGERS) or not step.held:
+                    assert distance(shape, there, can.shape, placed) > 0.0, link
+            for one in others:
+                if step.held and one.name not in may:
+                    assert distance(can.shape, placed, one.shape, one.placement) > 0.0, one.name
+        if step.held:
+            standing = placed
+
+
+def test_the_permissions_end_where_the_can_is_away(kitchen: PlanReply) -> None:
+    bare, scene, in_hand = Bare(kitchen), build(library.read("kitchen")), held_since(kitchen)
+    can = scene.obstacle("can")
+    assert can is not None
+    told = [(step, one) for step in kitchen.steps for one in step.permissions]
+    assert [(one.object, one.obstacle) for _, one in told] == [("can", "board2")] * 2 + [("can", "table_top")] * 2
+    for moment, name in ((told[1][1].end, "board2"), (told[2][1].begin, "table_top")):
+        against = scene.obstacle(name)
+        assert against is not None
+        bare.stand(states(kitchen, np.array([moment]))[0])
+        gap = distance(can.shape, bare.frame("panda_hand") * in_hand, against.shape, against.placement)
+        assert 5e-3 <= gap < 8e-3
+    assert told[0][1].begin == kitchen.steps[GRASP].end
+    assert told[-1][1].end == kitchen.steps[OPEN].end
+
+
+def test_straight_steps_are_straight(kitchen: PlanReply) -> None:
+    bare = Bare(kitchen)
+    for index in (GRASP, LIFT, BACK, DOWN):
+        step = kitchen.steps[index]
+        placed = []
+        for row in states(kitchen, np.linspace(step.begin, step.end, 60)):
+            bare.stand(row)
+            placed.append(bare.frame("panda_hand_tcp"))
+        first, last = placed[0], placed[-1]
+        way = last.translation - first.translation
+        along = way / np.linalg.norm(way)
+        for one in placed:
+            aside = np.cross(one.translation - first.translation, along)
+            assert np.linalg.norm(aside) < 1e-3
+            assert np.linalg.norm(pin.log3(first.rotation.T @ one.rotation)) < 1e-2
+
+
+def test_it_is_one_motion_that_rests_at_every_mark(kitchen: PlanReply) -> None:
+    trajectory = kitchen.trajectory
+    assert trajectory is not None
+    assert kitchen.position_names == [*(f"panda_joint{i}" for i in range(1, 8)), "panda_finger_joint1"]
+    assert kitchen.steps[0].begin == 0.0
+    assert [a.end for a in kitchen.steps[:-1]] == [b.begin for b in kitchen.steps[1:]]
+    assert kitchen.steps[-1].end == trajectory.times[-1]
+    velocities = np.array(trajectory.velocities)
+    for step in kitchen.steps:
+        assert np.abs(velocities[trajectory.times.index(step.end)]).max() == 0.0
+    arm, hand = velocities[:, :7], velocities[:, 7]
+    opening = [i for i, t in enumerate(trajectory.times) if kitchen.steps[CLOSE].begin <= t <= kitchen.steps[CLOSE].end]
+    assert np.abs(arm[opening]).max() == 0.0
+    assert np.abs(hand[opening]).max() > 0.0
+    waits = states(kitchen, kitchen.steps[CLOSE].end - np.array([0.19, 0.1, 0.0]))
+    assert np.ptp(waits, axis=0).max() < 1e-12
+
+
+def test_limits_are_kept_all_along(kitchen: PlanReply) -> None:
+    times = np.linspace(0.0, kitchen.steps[-1].end, 4001)
+    rows, h = states(kitchen, times), 1e-5
+    speeds = (states(kitchen, times[1:-1] + h) - states(kitchen, times[1:-1] - h)) / (2 * h)
+    joints_of = [robot("panda").joint(name) for name in kitchen.position_names]
+    for column, joint in enumerate(joints_of):
+        assert joint is not None
+        assert (rows[:, column] >= joint.lower[0] - 1e-9).all()
+        assert (rows[:, column] <= joint.upper[0] + 1e-9).all()
+        assert np.abs(speeds[:, column]).max() <= joint.velocity[0] * (1 + 1e-6)
+
+
+def test_the_figures_of_the_whole_are_those_of_its_steps(kitchen: PlanReply) -> None:
+    assert kitchen.certificate.collision_free
+    assert kitchen.certificate.covers == "trajectory"
+    assert all(step.certificate.collision_free for step in kitchen.steps)
+    figures = [step.clearance for step in kitchen.steps if step.clearance is not None]
+    assert kitchen.clearance is not None
+    assert kitchen.clearance.minimum == min(one.minimum for one in figures if one.minimum is not None)
+    assert kitchen.clearance.time is not None
+    assert 0.0 <= kitchen.clearance.time <= kitchen.steps[-1].end
+    assert codec.encode(kitchen)
+
+
+def test_a_step_has_its_own_scaling() -> None:
+    slow = ask([joints(panda_joint1=0.4) | {"max_velocity_scaling_factor": 0.1}, joints(panda_joint1=0.0)])
+    first, second = slow.steps
+    assert first.end > 3.0 * (second.end - second.begin)
+
+
+def test_a_step_has_its_own_objective(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def planned(problem, *rest):
+        asked.append(problem.objective.value)
+        return plan(problem, *rest)
+
+    monkeypatch.setattr("guidefield.handlers.steps.plan", planned)
+    steps = [joints(panda_joint1=0.4) | {"objective": "time"}, joints(panda_joint1=0.0)]
+    reply = ask(steps, objective="clearance")
+    assert asked == ["time", "clearance"]
+    assert reply.objective == "clearance"
+
+
+def test_what_waits_counts_too() -> None:
+    """A step of the fingers alone is judged with the arm: one that stands too close is refused."""
+    close = {"type": "box", "name": "close", "size": [0.02, 0.02, 0.02], "position": [0.39, 0.0, 0.59]}
+    steps = [{"group": "hand", **joints(panda_finger_joint1=0.02)}, joints(panda_joint1=0.2)]
+    scene = {"name": "mine", "obstacles": [close]}
+    reply = ask(steps, scene=scene, min_clearance=0.2, start=READY)
+    assert reply.status.name == "CLEARANCE_BELOW_MINIMUM"
+
+
+def test_a_failure_names_its_step() -> None:
+    reply = ask([joints(panda_joint1=0.4), relative(0.0, 0.0, 2.0)])
+    assert reply.status.name == "NO_IK_SOLUTION"
+    assert reply.status.message.startswith("`steps[1]`: the tip can't go straight")
+    assert reply.status.details["step"] == 1
+    assert reply.status.details["path"] == "$.steps[1]"
+    assert reply.trajectory is None
+    assert reply.steps == []
+    assert reply.certificate.covers == "path"
+    assert reply.path[0][0] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("first", [joints(panda_joint1=0.4), relative(0.0, 0.0, 0.05)])
+def test_time_is_minded_however_many_steps_there_are(first: dict[str, Any]) -> None:
+    reply = ask([first, *[joints(panda_joint1=0.1 * (k % 2)) for k in range(199)]], allowed_planning_time=1e-3)
+    assert reply.status.name == "TIMED_OUT", reply.status.message
+    assert reply.status.details["step"] <= 1
+    assert reply.trajectory is None
+    with pytest.raises(MalformedRequest, match="<= 200"):
+        ask([first] * 201)
+
+
+def test_a_held_object_may_not_come_back_where_it_was_taken_from() -> None:
+    """Lifted by 2 cm and lowered again, without being put down there: the second contact is refused."""
+    take = {"object": "can", "touch_links": FINGERS, "touch_objects": ["board2"]}
+    request = json.loads(example("kitchen"))
+    up, down = relative(0.0, 0.0, 0.02, frame="world"), relative(0.0, 0.0, -0.02, frame="world")
+    steps = [request["steps"][0], request["steps"][1] | {"attach": take}, up, down, joints(panda_finger_joint1=0.04)]
+    steps[-1]["group"] = "hand"
+    reply = ask(steps, start=request["start"])
+    assert reply.status.name == "INVALID_MOTION_PLAN"
+    assert reply.status.details["step"] == 3
+    assert set(reply.status.details["pair"]) == {"can", "board2"}
+    put = ask([*steps[:-1], steps[-1] | {"detach": "can"}], start=request["start"])
+    assert put.status.name == "SUCCESS", put.status.message
+
+
+def test_a_grasp_that_leaves_no_way_on_is_not_chosen() -> None:
+    """Of two configurations the nearer one is stretched out, so that the tip can't go on."""
+    folded = {"shoulder_lift_joint": -1.57, "wrist_1_joint": -1.57, "wrist_2_joint": -1.57}
+    near, nearer, far = ({**folded, "elbow_joint": elbow} for elbow in (0.1, 0.2, 1.6))
+    up = relative(0.0, 0.0, 0.2, frame="world")
+
+    def elbow_after(goals: list[dict[str, float]], *then: dict[str, Any]) -> tuple[PlanReply, float | None]:
+        steps = [{"goal": {"type": "joint_set", "positions": goals}}, *then]
+        reply = ask(steps, "ur5", {"name": "empty"}, start={**folded, "elbow_joint": 0.4})
+        if reply.trajectory is None:
+            return reply, None
+        at = reply.trajectory.times.index(reply.steps[0].end)
+        return reply, reply.trajectory.positions[at][reply.position_names.index("elbow_joint")]
+
+    assert elbow_after([nearer, far])[1] == pytest.approx(0.2)
+    assert elbow_after([nearer, far], up)[1] == pytest.approx(1.6)
+    refused, _ = elbow_after([near, nearer], up)
+    assert refused.status.name == "NO_IK_SOLUTION"
+    assert (refused.status.details["step"], refused.status.details["chosen_by"]) == (1, 0)
+
+
+def test_a_rectangle_is_drawn_with_straight_sides() -> None:
+    reply = answer(example("rectangle"))
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    bare = Bare(reply, "ur5")
+    corners = [(0.35, -0.12), (0.35, 0.12), (0.51, 0.12), (0.51, -0.12), (0.35, -0.12)]
+    for step, (x0, y0), (x1, y1) in zip(reply.steps[1:5], corners, corners[1:], strict=False):
+        for share, moment in zip(np.linspace(0, 1, 30), np.linspace(step.begin, step.end, 30), strict=True):
+            bare.stand(states(reply, np.array([moment]))[0])
+            tip = bare.frame("tool0")
+            x, y, z = tip.translation
+            assert min(x0, x1) - 1.2e-3 <= x <= max(x0, x1) + 1.2e-3
+            assert min(y0, y1) - 1.2e-3 <= y <= max(y0, y1) + 1.2e-3
+            assert abs(z - 0.1) < 1.2e-3
+            np.testing.assert_allclose(tip.rotation, np.diag((1.0, -1.0, -1.0)), atol=1.2e-2)
+            if share in (0.0, 1.0):
+                np.testing.assert_allclose((x, y), ((x0, y0), (x1, y1))[int(share)], atol=1e-3)
+
+
+TAKE = {"attach": {"object": "can"}}
+
+
+@pytest.mark.parametrize(
+    ("steps", "kind", "path", "says"),
+    [
+        ([{}], MalformedRequest, "$.steps[0]", "must have a `goal`"),
+        ([joints() | {"start_velocities": {}}], MalformedRequest, "$.steps[0]", "unknown field"),
+        ([joints(), joints() | {"stop": False}], MalformedRequest, "$.steps[1]", "`stop: false` is not served"),
+        ([joints() | {"linear": True}], MalformedRequest, "$.steps[0]", "`linear` needs a `goal` of type"),
+        ([joints(), joints(elbow=1.0)], InvalidGoal, "$.steps[1]", "no joint 'elbow'"),
+        ([joints() | {"group": "legs"}], InvalidGroup, "$.steps[0]", "legs"),
+        ([joints(), joints() | {"tip": "nose"}], UnknownFrame, "$.steps[1]", "nose"),
+        ([joints() | TAKE, joints() | TAKE], UnknownObject, "$.steps[1]", "the scene has no obstacle 'can' then"),
+        ([joints() | {"attach": {"object": "floor"}}], MalformedRequest, "$.steps[0]", "half_space"),
+        ([joints() | {"attach": {"object": "can", "link": "paw"}}], UnknownFrame, "$.steps[0]", "paw"),
+        ([joints() | {"attach": {"object": "can", "touch_objects": ["x"]}}], UnknownObject, "$.steps[0]", "'x'"),
+        ([joints() | {"detach": "can"}], UnknownObject, "$.steps[0]", "'can' is not held"),
+        ([{"pause": 1.0}], MalformedRequest, "$.steps", "nothing moves"),
+        ([joints() | {"pause": -1.0}], MalformedRequest, "$.steps[0].pause", ">= 0.0"),
+        ([joints() | {"radius": 0.1}], MalformedRequest, "$.steps[0]", "unknown field `radius`"),
+    ],
+)
+def test_a_step_that_is_wrong_is_named(
+    steps: list[dict[str, Any]], kind: type[GuidefieldError], path: str, says: str
+) -> None:
+    with pytest.raises(kind) as refused:
+        ask(steps)
+    assert refused.value.details["path"] == path
+    assert says in refused.value.message
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"goal": {"type": "guide_plane"}}, "give a `goal` or `steps`, got both"),
+        ({"steps": []}, "got neither"),
+        ({"leave_start_contact": True}, "`leave_start_contact` is not served"),
+        ({"guide_planes": "auto"}, "`guide_planes` are those of a step"),
+        ({"scene": "door"}, "among obstacles that move ('door') `steps` are not served"),
+    ],
+)
+def test_what_does_not_go_with_steps_is_named(fields: dict[str, Any], says: str) -> None:
+    with pytest.raises(MalformedRequest) as refused:
+        ask(**({"steps": [joints()]} | fields))
+    assert says in refused.value.message
+
+
+def test_limits_of_joints_that_no_step_moves_are_refused() -> None:
+    with pytest.raises(InvalidConfiguration, match="panda_finger_joint1"):
+        ask([joints(panda_joint1=0.1)], limits={"panda_finger_joint1": {"velocity": 0.1}})
+
+
+def test_continuous_joints_go_on_beyond_a_turn() -> None:
+    arm = box_arm("continuous", 2)
+    angles = (3.0, 5.0, 7.0)
+    steps = [joints(j1=angle) for angle in angles]
+    reply = ask(steps, arm, {"name": "empty"})
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.trajectory is not None
+    along = np.array(reply.trajectory.positions)[:, reply.position_names.index("j1")]
+    marks = [along[reply.trajectory.times.index(step.end)] for step in reply.steps]
+    np.testing.assert_allclose(marks, angles, atol=1e-9)
+
+
+def test_straight_ways_of_planar_joints_are_refused() -> None:
+    with pytest.raises(MalformedRequest, match="`linear` is served for joints of one coordinate") as refused:
+        ask([relative(0.1, 0.0, 0.0)], box_arm("planar y y", 3), {"name": "empty"})
+    assert refused.value.details["path"] == "$.steps[0]"
+
+
+def test_ball_joints_are_refused() -> None:
+    with pytest.raises(InvalidGroup, match="spherical"):
+        ask([joints()], "chain_fixed_6x300_r25", {"name": "empty"})

@@ -1,0 +1,155 @@
+"""The objective of a motion and its derivatives, against plain formulas and finite differences."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
+from guidefield.kernels.optimize.motion_objective import MotionSamples, motion_objective
+from guidefield.kernels.relax.verlet_list import nothing_remembered
+from guidefield.planner.optimize.bspline import BSpline, End
+from tests.kernels.relax.test_relaxation import GROUPS, made, sampled
+
+PIECES = 9
+
+
+def frozen(layout: type, *rows: np.ndarray) -> Any:
+    for row in rows:
+        row.setflags(write=False)
+    return layout(*rows)
+
+
+def plain_limits(points: np.ndarray, step: float, limits: MotionLimits) -> float:
+    """The barrier of limits, written down once more."""
+    beside = np.diff(points, axis=0)[[1, -2]] / (limits.velocity * step)
+    ratios = [
+        np.diff(points, n=order, axis=0)[3 - order : len(points) - 3] / (limit * step**order)
+        for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), 1)
+    ]
+    with np.errstate(invalid="ignore"):
+        inner = (2.0 * points[3:-3] - limits.lower - limits.upper) / (limits.upper - limits.lower)
+    ratios.append(np.where(np.isfinite(limits.upper - limits.lower), inner, 0.0))
+    if max(np.abs(ratio).max() for ratio in ratios) >= 1.0 or np.abs(beside).max() > 1.0 + 1e-9:
+        return math.inf
+    return -sum(float(np.log(1.0 - ratio**2).sum()) for ratio in ratios)
+
+
+def motion(name: str, moving: bool) -> tuple[BSpline, MotionLimits]:
+    """A motion about a configuration where some points are near obstacles, within limits of its own; else infinite."""
+    made_for, z = made(name)
+    rng, nv = np.random.default_rng(5), made_for.group.nv
+    points = z + 0.02 * rng.normal(size=(PIECES + 3, nv))
+    ends = [End(points[k], 0.01 * moving * rng.normal(size=nv), 0.02 * moving * rng.normal(size=nv)) for k in (0, -1)]
+    spline = BSpline.between(ends[0], ends[1], points[3:-3], 0.4)
+    velocity, acceleration, jerk = (
+        3.0 * np.abs(np.diff(spline.points, n=order, axis=0)).max(axis=0) / 0.4**order for order in (1, 2, 3)
+    )
+    jerk[0] = np.inf
+    lower, upper = spline.points.min(axis=0) - 0.05, spline.points.max(axis=0) + 0.03
+    lower[-1], upper[-1] = -np.inf, np.inf
+    return spline, frozen(MotionLimits, velocity, acceleration, jerk, lower, upper)
+
+
+def of(name: str, spline: BSpline, limits: MotionLimits) -> tuple[float, np.ndarray, np.ndarray]:
+    """The objective, its gradient, and the whole Hessian."""
+    made_for, _ = made(name)
+    robot, tables = sampled(made_for)
+    n, nv = spline.points.shape
+    s = 1.0 - (t := np.full(PIECES, 0.3))
+    basis = np.column_stack([s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3]) / 6.0
+    samples = frozen(
+        MotionSamples,
+        np.arange(PIECES),
+        basis,
+        np.linspace(0.5, 1.0, PIECES),
+        np.full(PIECES, 0.08),
+        np.full(PIECES, 0.05),
+        np.tile([1.0, 0.0, 2.0], PIECES)[:PIECES],
+    )
+    inner = n - 6
+    blocks = np.full((inner, nv, (COUPLED + 1) * nv), np.nan)
+    border, gradient = np.full((2, inner * nv + 1), np.nan)
+    near = nothing_remembered(PIECES, len(robot.groups))
+    value = motion_objective(
+        robot, tables, samples, limits, spline.points, spline.slopes, spline.step, 0.3, 0.02, 0.01, near, blocks,
+        border, gradient,
+    )  # fmt: skip
+    hessian = np.zeros((inner * nv + 1, inner * nv + 1))
+    for f in range(inner):
+        for c in range(COUPLED + 1):
+            if (k := f - COUPLED + c) >= 0:
+                block = blocks[f, :, c * nv : (c + 1) * nv]
+                hessian[f * nv : (f + 1) * nv, k * nv : (k + 1) * nv] = block
+                hessian[k * nv : (k + 1) * nv, f * nv : (f + 1) * nv] = block.T
+    hessian[-1], hessian[:, -1] = border, border
+    return value, gradient, hessian
+
+
+def moved(spline: BSpline, along: np.ndarray, by: float) -> BSpline:
+    return spline.moved(by * along[:-1].reshape(spline.inner.shape), by * along[-1])
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])
+@pytest.mark.parametrize("name", GROUPS)
+def test_the_gradient_is_that_of_finite_differences(name: str, moving: bool) -> None:
+    spline, limits = motion(name, moving)
+    _, gradient, _ = of(name, spline, limits)
+    rng, h = np.random.default_rng(0), 1e-6
+    directions = [*rng.normal(size=(3, len(gradient))), np.eye(len(gradient))[-1]]
+    for along in directions:
+        ahead, behind = (of(name, moved(spline, along, by), limits)[0] for by in (h, -h))
+        scale = np.abs(gradient) @ np.abs(along)
+        assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ along, abs=2e-4 * scale)
+
+
+@pytest.mark.parametrize("name", ["panda", "ball joints"])
+def test_the_hessian_is_positive_definite_and_nears_the_true_one_where_nothing_is_near_its_limits(name: str) -> None:
+    spline, limits = motion(name, moving=False)
+    wide = frozen(MotionLimits, *(1e3 * one for one in limits[:3]), *(row.copy() for row in limits[3:]))
+    _, _, hessian = of(name, spline, limits)
+    assert np.linalg.eigvalsh(hessian).min() > 0.0
+    value, gradient, flat = of(name, spline, wide)
+    assert value > 0.0
+    h, step = 1e-5, np.zeros(len(gradient))
+    step[-1] = 1.0  # of the length of pieces, on which the clearance does not depend
+    change = of(name, moved(spline, step, h), wide)[1] - of(name, moved(spline, step, -h), wide)[1]
+    assert change[-1] / (2.0 * h) == pytest.approx(flat[-1, -1], rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["panda", "floating"])
+def test_the_barrier_of_limits_is_the_formula(name: str) -> None:
+    spline, limits = motion(name, moving=True)
+    expected = plain_limits(spline.points, spline.step, limits)
+    assert limit_barrier(spline.points, spline.step, limits) == pytest.approx(expected, rel=1e-12)
+    for step in (0.9 * spline.step, 0.3 * spline.step):
+        expected = plain_limits(spline.points, step, limits)
+        assert limit_barrier(spline.points, step, limits) == pytest.approx(expected, rel=1e-12)
+    assert math.isinf(expected), "so fast it exceeds a limit"
+
+
+@pytest.mark.parametrize(
+    ("place", "speed", "finite"),
+    [(1, 1.0, True), (1, 1.001, False), (0, 3.0, True), (2, 1.001, False), (-2, -1.0, True), (-3, 1.001, False)],
+    ids=["begins at the limit", "beyond it", "before its start", "goes on at the limit", "ends at it", "near its end"],
+)
+def test_a_motion_may_begin_and_end_at_a_velocity_limit(place: int, speed: float, finite: bool) -> None:
+    velocities = np.full(PIECES + 2, 0.9)
+    velocities[place] = speed
+    points = 0.4 * 2.0 * np.concatenate([[0.0], np.cumsum(velocities)])[:, None]
+    limits = frozen(MotionLimits, *(np.array([limit]) for limit in (2.0, 1e3, 1e5, -np.inf, np.inf)))
+    assert math.isfinite(limit_barrier(points, 0.4, limits)) == finite
+
+
+def test_an_inner_point_beyond_a_position_limit_has_no_finite_barrier() -> None:
+    spline, limits = motion("panda", moving=False)
+    inner = spline.inner.copy()
+    inner[2, 1] = limits.upper[1] + 1e-9
+    beyond = dataclasses.replace(spline, points=np.concatenate([spline.points[:3], inner, spline.points[-3:]]))
+    assert math.isfinite(limit_barrier(spline.points, 10.0, limits))
+    assert math.isinf(limit_barrier(beyond.points, 10.0, limits))

@@ -1,0 +1,106 @@
+"""Which of several goals is reached soonest."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from guidefield.errors import Status
+from guidefield.planner.connect.connect import connect
+from guidefield.planner.connect.quickest import estimated_time, quickest_way
+from guidefield.planner.connect.settings import QUICKEST
+from guidefield.planner.task.problem import Objective
+from tests.planner.connect.test_connect import wall_between
+from tests.planner.problems import densely_free, problem, scene_of
+
+
+@given(st.integers(0, 10_000), st.integers(2, 8))
+def test_a_time_is_between_the_straight_ones_and_that_of_waiting_for_the_slowest(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    path, velocities = rng.normal(size=(count, 4)), rng.uniform(0.1, 3.0, 4)
+    time = estimated_time(path, velocities)
+    straight = max(abs(float(a)) / float(v) for a, v in zip(path[-1] - path[0], velocities, strict=True))
+    waiting = sum(max(np.abs(b - a) / velocities) for a, b in pairwise(path))
+    assert straight * (1 - 1e-12) <= time <= waiting * (1 + 1e-12)
+    assert estimated_time(path[[0, -1]], velocities) == pytest.approx(straight)
+
+
+def test_of_several_goals_the_soonest_is_taken_though_another_is_nearer() -> None:
+    made = problem("panda", scene_of())
+    slow = made.group.with_limits({made.group.joints[0].name: 0.1}, {}, 1.0, 1.0)
+    z = made.group.chart(made.q_start)
+    by_the_slow, by_others = z + 0.3 * np.eye(7)[0], z + 0.4 * (1.0 - np.eye(7)[0])
+    for goals in (np.array([by_the_slow, by_others]), np.array([by_others, by_the_slow])):
+        path = connect(dataclasses.replace(made, group=slow), z, goals, np.random.default_rng(0)).path
+        np.testing.assert_array_equal(path, [z, by_others])
+        np.testing.assert_array_equal(connect(made, z, goals, np.random.default_rng(0)).path, [z, by_the_slow])
+
+
+def test_a_goal_behind_a_wall_is_passed_by_for_one_that_is_farther_but_reached_sooner() -> None:
+    made, start, behind = wall_between()
+    aside = start.copy()
+    aside[0] += 1.85  # a little more than through the wall
+    assert densely_free(made, np.array([start, aside]))
+    rng = np.random.default_rng(0)
+    way = quickest_way(made, start, np.array([behind, aside]), rng)
+    assert way is not None
+    assert way.tried == 2
+    np.testing.assert_array_equal(way.path, [start, aside])
+    alone = quickest_way(made, start, behind[None], rng)
+    assert alone is not None
+    assert len(alone.path) > 2
+    limits = made.group.velocity_limits
+    assert estimated_time(alone.path, limits) > estimated_time(way.path, limits)
+
+
+def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    never = dataclasses.replace(QUICKEST, enough=0.0)
+    monkeypatch.setattr("guidefield.planner.connect.quickest.QUICKEST", never)
+    made, start, behind = wall_between()
+    hurried = dataclasses.replace(made, objective=Objective.TIME)
+    once, often = (quickest_way(one, start, behind[None], np.random.default_rng(1)) for one in (made, hurried))
+    assert once is not None
+    assert often is not None
+    assert once.others == ()
+    assert 1 <= len(often.others) < QUICKEST.ways
+    scores = [estimated_time(way, made.group.velocity_limits) for way in (often.path, *often.others)]
+    assert scores == sorted(scores)
+    assert scores[0] <= estimated_time(once.path, made.group.velocity_limits)
+    for way in often.others:
+        np.testing.assert_array_equal(way[[0, -1]], [start, behind])
+        assert densely_free(made, way)
+    connection = connect(hurried, start, behind[None], np.random.default_rng(1), prove=False)
+    assert len(connection.others) == len(often.others)
+
+
+def test_no_more_are_tried_than_can_be_better() -> None:
+    made = problem("panda", scene_of())
+    z = made.group.chart(made.q_start)
+    way = quickest_way(made, z, z + np.array([0.4, 0.1, 0.2])[:, None], np.random.default_rng(0))
+    assert way is not None
+    assert way.tried == 1
+
+
+def test_where_a_few_motions_do_not_lead_to_any_all_are_tried_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, start, goal = wall_between()
+    monkeypatch.setattr("guidefield.planner.connect.connect.quickest_way", lambda *_: None)
+    other = goal.copy()
+    other[6] += 0.2
+    goals = np.array([goal, other])
+    connection = connect(made, start, goals, np.random.default_rng(0))
+    assert connection.status is Status.SUCCESS
+    assert (connection.path[-1] == goals).all(axis=1).any()
+    assert densely_free(made, connection.path)
+
+
+def test_the_same_seed_leads_the_same_way() -> None:
+    made, start, goal = wall_between()
+    goals = np.array([goal, goal + 0.05])
+    first, second = (quickest_way(made, start, goals, np.random.default_rng(3)) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(first.path, second.path)

@@ -1,0 +1,73 @@
+"""Joints that come to rest: from their state exactly, within limits, as soon as these allow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from guidefield.planner.motion.stopping import RAMP, backwards, jerks_of, stopping
+
+seeds = st.integers(0, 10_000)
+
+
+def drawn(seed: int) -> tuple[np.ndarray, ...]:
+    """Position, velocity, acceleration, and limits of acceleration and jerk of three joints."""
+    rng = np.random.default_rng(seed)
+    limits = 10.0 ** rng.uniform(-1, 1, 3)
+    moving = rng.random((2, 3)) < 0.8
+    velocity, acceleration = rng.normal(size=3) * moving[0], rng.uniform(-1, 1, 3) * limits * moving[1]
+    return rng.normal(size=3), velocity, acceleration, limits, limits * 10.0 ** rng.uniform(0, 2, 3)
+
+
+@given(seeds)
+def test_it_begins_in_its_state_ends_at_rest_and_keeps_limits(seed: int) -> None:
+    position, velocity, acceleration, limits, jerks = drawn(seed)
+    motion = stopping(position, velocity, acceleration, limits, jerks)
+    np.testing.assert_array_equal(motion.positions[0], position)
+    np.testing.assert_array_equal(motion.velocities[0], velocity)
+    if motion.duration == 0.0:
+        assert not velocity.any()
+        assert not acceleration.any()
+        return
+    times = np.linspace(0.0, motion.duration, 20_001)
+    q, v, a = motion.evaluate(times)
+    scale = np.abs(velocity).max() + limits.max()
+    np.testing.assert_allclose(a[0], acceleration, atol=1e-6 * scale)
+    np.testing.assert_allclose(v[-1], 0.0, atol=1e-9 * scale)
+    np.testing.assert_allclose(a[-1], 0.0, atol=1e-5 * scale)
+    assert (np.abs(a) <= limits * (1 + 1e-6) + 1e-7 * scale).all()
+    step = times[1]
+    assert (np.abs(np.diff(a, axis=0)) / step <= jerks * (1 + 1e-3) + 1e-6 * scale / step).all()
+    integrated = position + step * (np.cumsum(v, axis=0)[-1] - 0.5 * (v[0] + v[-1]))
+    np.testing.assert_allclose(q[-1], integrated, atol=1e-4 * scale * motion.duration)
+
+
+@given(st.floats(1e-3, 10.0), st.floats(0.1, 20.0), st.floats(1.0, 1e3))
+def test_without_acceleration_it_takes_the_time_of_the_formula(speed: float, limit: float, jerk: float) -> None:
+    zero = np.zeros(1)
+    motion = stopping(zero, np.array([-speed]), zero, np.array([limit]), np.array([jerk]))
+    ramps = limit**2 / jerk
+    expected = speed / limit + limit / jerk if speed > ramps else 2.0 * math.sqrt(speed / jerk)
+    assert motion.duration == pytest.approx(expected, rel=1e-9)
+    assert motion.positions[-1, 0] == pytest.approx(-0.5 * speed * expected, rel=1e-6), "as it is symmetric in time"
+
+
+@given(seeds)
+def test_backwards_is_the_same_way_from_rest(seed: int) -> None:
+    motion = stopping(*drawn(seed))
+    back = backwards(motion)
+    times = np.linspace(0.0, motion.duration, 50)
+    q, v, _ = motion.evaluate(times)
+    p, w, _ = back.evaluate(motion.duration - times)
+    np.testing.assert_allclose(p, q, atol=1e-9 * (1.0 + np.abs(q).max()))
+    np.testing.assert_allclose(w, -v, atol=1e-9 * (1.0 + np.abs(v).max()))
+
+
+def test_where_jerk_does_not_matter_accelerations_rise_quickly() -> None:
+    limits = np.array([2.0, 3.0])
+    np.testing.assert_allclose(jerks_of(limits, None, np.zeros(2)), limits / RAMP)
+    np.testing.assert_allclose(jerks_of(limits, np.array([7.0, np.inf]), np.zeros(2)), [7.0, 3.0 / RAMP], rtol=1e-4)
+    np.testing.assert_allclose(jerks_of(limits, None, np.array([1e4, 0.0])), [1.01e4, 3.0 / RAMP])

@@ -1,0 +1,289 @@
+"""Optimised motions: faster, clear of obstacles, certified, within limits, from rest to rest, the same every time."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.clearance import clearance_at
+from guidefield.planner.motion.spline import interpolate
+from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, closer
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import Objective, Problem
+from guidefield.planner.task.trace import Note, PathRelaxed
+from guidefield.robot.group.group import PlanningGroup
+from tests.planner.problems import problem, scene_of
+from tests.planner.relax.test_relaxation import beside_the_way, over_the_wall, smallest_clearance
+from tests.robots import box_arm, group, grouped
+
+
+def along(made: Problem, path: np.ndarray) -> Trajectory:
+    """The fastest motion along a path."""
+    spline = interpolate(path, made.group.lower, made.group.upper)
+    return parameterize(spline, made.group.velocity_limits, made.group.acceleration_limits)
+
+
+def optimized(made: Problem, path: np.ndarray) -> Optimized:
+    return optimize(made, along(made, path), BALANCED)
+
+
+def check_limits(made: Problem, trajectory: Trajectory) -> None:
+    """Limits of velocity, acceleration and jerk by differences of dense samples, those of position by the hull."""
+    times = np.linspace(0.0, trajectory.duration, 20 * len(trajectory.times) + 1)
+    q, v, a = trajectory.evaluate(times)
+    assert (np.abs(v) <= made.group.velocity_limits * (1 + 1e-9)).all()
+    assert (np.abs(a) <= made.group.acceleration_limits * (1 + 1e-9)).all()
+    step = times[1] - times[0]
+    between = np.abs(np.diff(q, axis=0)) / step
+    assert (between <= made.group.velocity_limits * (1 + 1e-6)).all(), "positions tell the same velocities"
+    if made.jerk_limits is not None:
+        assert (np.abs(np.diff(a, axis=0)) / step <= made.jerk_limits * (1 + 1e-6)).all()
+    points = trajectory.bezier().reshape(-1, made.group.nv)
+    assert (points >= made.group.lower - 1e-9).all()
+    assert (points <= made.group.upper + 1e-9).all()
+    for k in (0, -1):
+        assert (trajectory.velocities[k] == 0.0).all()
+        np.testing.assert_allclose(a[k], 0.0, atol=1e-9 * made.group.acceleration_limits.max())
+
+
+def test_it_is_faster_keeps_away_and_is_certified() -> None:
+    made, path = over_the_wall()
+    before, after = along(made, path), optimized(made, path)
+    assert after.outcome is Outcome.OPTIMISED
+    assert after.trajectory.duration < 0.9 * before.duration
+    assert after.before == before.duration
+    assert smallest_clearance(made, after.trajectory.positions, 0.3) > 0.03
+    assert certify(made.world, after.trajectory.bezier()).free
+    check_limits(made, after.trajectory)
+
+
+def test_it_reaches_a_limit_exactly() -> None:
+    made, path = over_the_wall()
+    trajectory = optimized(made, path).trajectory
+    _, v, a = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 20_001))
+    used = (np.abs(v) / made.group.velocity_limits).max(), (np.abs(a) / made.group.acceleration_limits).max()
+    assert max(used) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("jerk", [5.0, 50.0])
+def test_jerk_limits_are_kept_and_cost_time(jerk: float) -> None:
+    made, path = over_the_wall()
+    limited = dataclasses.replace(made, jerk_limits=np.full(made.group.nv, jerk))
+    trajectory = optimized(limited, path).trajectory
+    check_limits(limited, trajectory)
+    assert trajectory.duration > optimized(made, path).trajectory.duration
+    knots = trajectory.times[1:-1]
+    before, after = (trajectory.evaluate(knots + by)[2] for by in (-1e-9, 1e-9))
+    np.testing.assert_allclose(after, before, atol=1e-6 * jerk, err_msg="accelerations are continuous")
+
+
+def test_the_ends_stay_bit_for_bit() -> None:
+    made, path = over_the_wall()
+    np.testing.assert_array_equal(optimized(made, path).trajectory.positions[[0, -1]], path[[0, -1]])
+
+
+def test_it_is_the_same_every_time() -> None:
+    made, path = over_the_wall()
+    first, second = optimized(made, path).trajectory, optimized(made, path).trajectory
+    np.testing.assert_array_equal(first.times, second.times)
+    np.testing.assert_array_equal(first.positions, second.positions)
+    np.testing.assert_array_equal(first.velocities, second.velocities)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.sampled_from([None, 20.0]), st.sampled_from(["y x", "slide y x", "planar y"]))
+def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(
+    seed: int, jerk: float | None, joints: str
+) -> None:
+    planned = grouped(box_arm(joints, 0, size=0.25))
+    rng = np.random.default_rng(seed)
+    path = np.array([planned.chart(planned.random(rng)) for _ in range(3)])
+    limits = None if jerk is None else np.full(planned.nv, jerk)
+    made = problem(planned, scene_of(), planes=(), jerk_limits=limits)
+    trajectory = optimized(made, path).trajectory
+    check_limits(made, trajectory)
+    way = np.abs(path[-1] - path[0])
+    bound = np.maximum(way / planned.velocity_limits, 2.0 * np.sqrt(way / planned.acceleration_limits)).max()
+    assert trajectory.duration >= bound * (1.0 - 1e-9)
+    np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])
+
+
+def test_far_from_everything_it_is_nearly_the_fastest_there_is() -> None:
+    made = problem("panda", scene_of(), planes=())
+    z = made.group.chart(made.q_start)
+    goal = z + np.linspace(0.1, 0.8, made.group.nv)
+    trajectory = optimized(made, np.array([z, goal])).trajectory
+    way, top, rise = np.abs(goal - z), made.group.velocity_limits, made.group.acceleration_limits
+    bound = np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max()
+    assert trajectory.duration < 1.1 * bound
+
+
+@pytest.mark.parametrize("size", [1e-5, 1e-3])
+def test_a_tiny_motion_stays_within_limits(size: float) -> None:
+    made = problem("panda", scene_of(), planes=(), jerk_limits=np.full(7, 100.0))
+    z = made.group.chart(made.q_start)
+    check_limits(made, optimized(made, np.array([z, z + size])).trajectory)
+
+
+def test_position_limits_are_kept_between_samples_too() -> None:
+    made, path = over_the_wall()
+    lower = np.maximum(made.group.lower, path.min(axis=0) - 0.02)
+    upper = np.minimum(made.group.upper, path.max(axis=0) + 0.02)
+    tight = dataclasses.replace(made, group=dataclasses.replace(made.group, lower=lower, upper=upper))
+    free, kept = (optimized(one, path).trajectory.positions for one in (made, tight))
+    assert (free < lower).any() or (free > upper).any(), "else the limits don't matter"
+    check_limits(tight, optimized(tight, path).trajectory)
+    assert (kept >= lower).all()
+
+
+def test_a_coordinate_without_room_stays_where_it_is() -> None:
+    made, path = over_the_wall()
+    lower, upper = made.group.lower.copy(), made.group.upper.copy()
+    held = path.copy()
+    held[:, 6] = lower[6] = upper[6] = path[0, 6]
+    fixed = dataclasses.replace(made, group=dataclasses.replace(made.group, lower=lower, upper=upper))
+    trajectory = optimized(fixed, held).trajectory
+    np.testing.assert_allclose(trajectory.positions[:, 6], path[0, 6], atol=1e-15)
+    assert trajectory.duration < along(fixed, held).duration
+
+
+def test_iterations_are_counted_and_it_may_stop_at_any() -> None:
+    made, path = over_the_wall()
+    whole = optimized(made, path)
+    durations = []
+    for most in (1, 5, 12):
+        asked = dataclasses.replace(made, optimization_iterations=most)
+        one = optimized(asked, path)
+        assert (one.steps, one.outcome) == (most, Outcome.OUT_OF_ITERATIONS)
+        check_limits(asked, one.trajectory)
+        durations.append(one.trajectory.duration)
+    assert whole.trajectory.duration < durations[-1] < durations[0]
+
+
+def test_without_time_it_is_the_first_motion_within_limits() -> None:
+    made, path = over_the_wall()
+    for budget, outcome in (
+        (Budget(deadline=time.monotonic() - 1.0), Outcome.OUT_OF_TIME),
+        (Budget(cancelled=lambda: True), Outcome.STOPPED),
+    ):
+        one = optimized(dataclasses.replace(made, budget=budget), path)
+        assert (one.steps, one.outcome) == (0, outcome)
+        check_limits(made, one.trajectory)
+
+
+@pytest.mark.parametrize("asked", [0.05, 0.1])
+def test_the_clearance_asked_for_is_kept(asked: float) -> None:
+    made, path = over_the_wall()
+    plain, kept = (optimized(dataclasses.replace(made, min_clearance=c), path).trajectory for c in (0.0, asked))
+    assert not certify(made.world, plain.bezier(), asked).free
+    assert certify(made.world, kept.bezier(), asked).free
+    assert plain.duration < kept.duration < 1.3 * plain.duration
+
+
+def test_looking_closer_keeps_further_away() -> None:
+    made, path = over_the_wall()
+    closely = optimize(made, along(made, path), closer(BALANCED)).trajectory
+    usual = optimized(made, path).trajectory
+    assert smallest_clearance(made, closely.positions, 0.3) > smallest_clearance(made, usual.positions, 0.3)
+
+
+def test_each_objective_is_better_at_what_it_is_for() -> None:
+    made, path = over_the_wall()
+    by = {one: optimize(made, along(made, path), OPTIMIZATION[one]).trajectory for one in Objective}
+    kept = {one: smallest_clearance(made, trajectory.positions, 0.3) for one, trajectory in by.items()}
+    for trajectory in by.values():
+        assert certify(made.world, trajectory.bezier()).free
+        check_limits(made, trajectory)
+    assert by[Objective.TIME].duration < by[Objective.BALANCED].duration < by[Objective.CLEARANCE].duration
+    assert kept[Objective.TIME] < kept[Objective.BALANCED] < kept[Objective.CLEARANCE]
+
+
+def test_for_time_too_the_clearance_asked_for_is_kept() -> None:
+    made, path = over_the_wall()
+    asked = dataclasses.replace(made, min_clearance=0.08)
+    assert certify(
+        made.world, optimize(asked, along(asked, path), OPTIMIZATION[Objective.TIME]).trajectory.bezier(), 0.08
+    ).free
+
+
+def test_of_several_first_motions_the_best_goes_on() -> None:
+    made, path = over_the_wall()
+    aside = path[len(path) // 2] + 1.2 * np.eye(made.group.nv)[6]
+    detour = np.concatenate([path[: len(path) // 2], aside[None], path[len(path) // 2 :]])
+    alone = optimize(made, along(made, path), BALANCED)
+    for first, second in ((path, detour), (detour, path)):
+        both = optimize(made, along(made, first), BALANCED, iter([along(made, second)]))
+        assert both.trajectory.duration < 1.02 * alone.trajectory.duration
+        assert both.steps > alone.steps
+
+
+def test_where_the_first_is_as_fast_as_can_be_no_other_is_looked_at() -> None:
+    made = problem("panda", scene_of(), planes=())
+    z = made.group.chart(made.q_start)
+    way = np.array([z, z + np.linspace(0.5, 1.0, made.group.nv)])
+
+    def others() -> Iterator[Trajectory]:
+        raise AssertionError("asked for another")
+        yield along(made, way)
+
+    lenient = dataclasses.replace(BALANCED, enough=1.5)
+    assert optimize(made, along(made, way), lenient, others()).outcome is Outcome.OPTIMISED
+
+
+def test_a_path_in_slight_contact_comes_free() -> None:
+    made, path = over_the_wall()
+    bad = optimized(made, path).trajectory.positions.copy()
+    middle = len(bad) // 2
+    while smallest_clearance(made, bad) > -0.005:
+        bad[middle - 3 : middle + 4, 3] -= 0.01
+    assert smallest_clearance(made, optimized(made, bad).trajectory.positions, 0.3) > 0.02
+
+
+@pytest.mark.parametrize(
+    "joints", ["slide y x", "continuous y x", "y x mimic y", "continuous x screw y", "planar y x", "floating y"]
+)
+def test_every_joint_kind_moves_away_from_a_post(joints: str) -> None:
+    planned = grouped(box_arm(joints, 0, size=0.25))
+    path = np.array([np.full(planned.nv, -0.35), np.full(planned.nv, 0.35)])
+    if joints.startswith("slide"):
+        path[0, 0] = 0.05  # further in, links would overlap
+    made = beside_the_way(planned, path)
+    after = optimized(made, path).trajectory
+    check_limits(made, after)
+    assert smallest_clearance(made, after.positions) > smallest_clearance(made, path) + 0.01
+
+
+def test_links_are_not_driven_together() -> None:
+    planned = group("panda")
+    made = problem(planned, scene_of(), planes=())
+    rng = np.random.default_rng(2)
+    free = [q for q in (planned.random(rng) for _ in range(50)) if not made.world.in_collision(q)][:2]
+    path = np.array([planned.chart(q) for q in free])
+    after = optimized(made, path).trajectory.positions
+    straight, own = (_own_distance(made.group, made, points) for points in (np.linspace(*path, 60), after))
+    assert own >= min(straight, 0.02) - 1e-3
+
+
+def _own_distance(planned: PlanningGroup, made: Problem, points: np.ndarray) -> float:
+    return min(clearance_at(made.world, planned.expand_from_chart(z)).self_distance for z in points)
+
+
+def test_the_observer_hears_of_each_step() -> None:
+    made, path = over_the_wall()
+    made.observer.events.clear()
+    after = optimized(made, path)
+    steps = [event for event in made.observer.events if isinstance(event, PathRelaxed)]
+    notes = [event.text for event in made.observer.events if isinstance(event, Note)]
+    assert len(steps) == after.steps > 0
+    assert len(notes) == 1
+    assert f"{after.trajectory.duration:.3f} s" in notes[0]
+    assert all((event.path[[0, -1]] == path[[0, -1]]).all() for event in steps)

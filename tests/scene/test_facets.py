@@ -1,0 +1,77 @@
+"""Facets: the patches of a surface are all of it, and are judged as the whole is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pytest
+
+from guidefield.collision.narrow_phase import NarrowPhase
+from guidefield.geometry.placements import se3
+from guidefield.scene import facets
+from guidefield.scene.facets import Facets, Patches
+
+
+def terrain(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """An open surface of 2 side^2 triangles, 2 m wide."""
+    x, y = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-1.0, 1.0, side + 1)], indexing="ij"))
+    corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    first = np.column_stack([corner, corner + side + 1, corner + 1])
+    second = np.column_stack([corner + 1, corner + side + 1, corner + side + 2])
+    return np.column_stack([x, y, 0.2 * np.sin(5.0 * x) * np.cos(4.0 * y)]), np.concatenate([first, second])
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Patches of few triangles."""
+    monkeypatch.setattr(facets, "PATCH", 50)
+
+
+def _placement(rng: np.random.Generator) -> Any:
+    return se3(rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=4).tolist())
+
+
+@pytest.mark.usefixtures("small")
+def test_patches_are_all_of_a_surface_and_are_made_when_they_are_asked_for() -> None:
+    vertices, triangles = terrain(20)
+    found = Facets(len(triangles), lambda: (vertices, triangles))
+    patches = found.patches
+    assert patches is not None
+    assert len(patches) == 16
+    assert not patches._shapes
+    corners = []
+    for index in range(len(patches)):
+        shape = patches.shape(index)
+        at = np.array(shape.vertices())
+        corners += [at[[face[0], face[1], face[2]]] for face in map(shape.tri_indices, range(shape.num_tris))]
+    given = np.sort(np.round(vertices[triangles], 12).reshape(-1, 9), axis=0)
+    np.testing.assert_array_equal(np.sort(np.round(corners, 12).reshape(-1, 9), axis=0), given)
+    np.testing.assert_array_equal(found.box, [vertices.min(axis=0), vertices.max(axis=0)])
+    assert Facets(50, lambda: (vertices, triangles[:50])).patches is None
+
+
+@pytest.mark.usefixtures("small")
+def test_a_surface_in_patches_is_judged_as_in_one_piece() -> None:
+    vertices, triangles = terrain(20)
+    body, whole, patches = coal.Capsule(0.05, 0.3), facets.bvh(vertices, triangles), Patches(vertices, triangles)
+    rng = np.random.default_rng(4)
+    there = _placement(rng)
+    touching = 0
+    for _ in range(60):
+        here = there * _placement(rng)
+        here.translation = there.act(rng.uniform([-1.3, -1.3, -0.4], [1.3, 1.3, 0.6]))
+        asked = [
+            NarrowPhase(lambda b, o=other: (body, o)[b], lambda b, h=here: (h, there)[b], 1)
+            for other in (whole, patches)
+        ]
+        apart, ours = (float(phase.distance(0, 1).min_distance) for phase in asked)
+        assert max(ours, 0.0) == pytest.approx(max(apart, 0.0), abs=1e-7)
+        touching += apart <= 0.0
+        for margin in (0.0, 0.07):
+            one, other = (phase.penetration(0, 1, margin) for phase in asked)
+            assert (one is None) == (other is None)
+            if one is not None and other is not None and apart > 0.0:
+                assert other >= apart - 1e-6
+    assert 5 < touching < 55

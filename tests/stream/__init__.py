@@ -1,0 +1,1 @@
+"""Streams: pieces, their judge, and what comes of them."""

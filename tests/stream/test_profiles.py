@@ -1,0 +1,78 @@
+"""Pieces and braking: limits exactly, a stop in the end, no goal passed; and no stop is sooner."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings, strategies as st
+
+from guidefield.stream.commit import Commit, JointBounds, towards
+
+VELOCITY, ACCELERATION, JERK = 2.0, 10.0, 400.0
+BOUNDS = JointBounds(np.array([-3.0]), np.array([3.0]), np.array([[VELOCITY, ACCELERATION, JERK]]))
+ROUNDING = 1e-9
+share = st.floats(-1.0, 1.0)
+
+
+def state(q: float, v: float, a: float) -> np.ndarray:
+    """A state whose acceleration can be ended within the velocity's limit, shape (1, 3); shares of the limits."""
+    acceleration = 0.999 * a * ACCELERATION
+    room = VELOCITY * 0.999 - acceleration**2 / (2.0 * JERK)
+    return np.array([[q, v * room, acceleration]])
+
+
+def piece(start: np.ndarray, velocity: float, goal: float = np.inf, within: float = 0.0) -> Commit:
+    return towards(start, np.array([velocity]), np.array([goal]), BOUNDS, 0.0, 0.03, within)
+
+
+@settings(max_examples=60, deadline=None)
+@given(share, share, share)
+def test_a_piece_and_its_braking_keep_every_limit_and_end_in_a_stop(v: float, a: float, u: float) -> None:
+    start = state(0.0, v, a)
+    commit = piece(start, u * VELOCITY)
+    times = np.unique(np.r_[np.linspace(0.0, commit.stops, 400), commit.phases[0, : commit.counts[0], 0]])
+    states = np.array([commit.state(time)[0] for time in times])
+    np.testing.assert_allclose(states[0, :3], start[0], atol=ROUNDING)
+    for column, limit in ((1, VELOCITY), (2, ACCELERATION), (3, JERK)):
+        assert np.abs(states[:, column]).max() <= limit * (1.0 + ROUNDING)
+    assert not commit.state(commit.stops + 1e-6)[0, 1:].any()
+    # no jump: each derivative is what the one below it changes by (second way: trapezoids between all knots)
+    steps = np.diff(times)
+    np.testing.assert_allclose(np.diff(states[:, 2]), steps * states[:-1, 3], atol=1e-7)
+    middles = 0.5 * (states[1:, 2] + states[:-1, 2])
+    np.testing.assert_allclose(np.diff(states[:, 1]), steps * middles, atol=1e-7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(share, share, st.floats(-0.4, 0.4))
+def test_no_goal_is_passed_that_need_not_be(v: float, u: float, away: float) -> None:
+    start = state(0.0, v, 0.0)
+    still = float(piece(start, 0.0).ends[0])
+    goal = still + away
+    velocity = np.copysign(abs(u) * VELOCITY, away)
+    ends = float(piece(start, velocity, goal).ends[0])
+    assert (ends - goal) * np.sign(away) <= 1e-8
+    if (float(piece(start, velocity).ends[0]) - goal) * np.sign(away) > 0.0:
+        assert abs(ends - goal) <= 1e-8
+
+
+@settings(max_examples=40, deadline=None)
+@given(share)
+def test_braking_lasts_as_long_as_it_has_to(v: float) -> None:
+    start = state(0.0, v, 0.0)
+    commit = towards(start, np.zeros(1), np.array([np.inf]), BOUNDS, 0.0, 1e-9, 0.0)
+    speed = abs(start[0, 1])
+    # a triangle of acceleration, or a trapezoid where its limit is reached
+    quickest = speed / ACCELERATION + ACCELERATION / JERK
+    if speed < ACCELERATION**2 / JERK:
+        quickest = 2.0 * np.sqrt(speed / JERK)
+    assert abs(commit.stops - quickest) <= 1e-7
+    assert abs(commit.ends[0] - 0.5 * start[0, 1] * quickest) <= 1e-7  # it is symmetric in time
+
+
+def test_position_limits_stop_a_piece_in_time() -> None:
+    commit = Commit.standing(np.array([2.9]), 0.0)
+    for _ in range(200):
+        following = towards(commit.state(0.02), np.array([VELOCITY]), np.array([np.inf]), BOUNDS, 0.0, 0.03, 1e-7)
+        assert following.ends[0] <= 3.0
+        commit = following
+    assert abs(commit.ends[0] - 3.0) <= 1e-6

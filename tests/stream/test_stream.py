@@ -1,0 +1,251 @@
+"""A stream in one process: it reaches goals, gives way, keeps what it promises, and says why where it has no piece."""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import coal
+import msgspec
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import guidefield
+from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, UnknownObject
+from guidefield.messages.goals import JointsGoal
+from guidefield.messages.scene import Box, Scene, Sphere
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.values import Placement
+from guidefield.scene.scene import build
+from guidefield.stream.stream import CertifiedStream
+from tests.robots import robot
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+from streaming.movers import Mover, hunting, reflected
+from streaming.simulation import Faults, simulate
+from streaming.units import unit
+
+EMPTY = build(Scene("empty"))
+GOAL = JointsGoal({"shoulder_pan_joint": 1.0, "elbow_joint": 1.0})
+START = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}
+FAR = Placement((3.0, 0.0, 0.5))
+
+
+def ball(name: str = "ball", speed: float = 0.3) -> StreamObstacle:
+    return StreamObstacle(Sphere(name=name, radius=0.1), speed)
+
+
+def opened(*obstacles: StreamObstacle, **fields: Any) -> CertifiedStream:
+    request = StreamOpen(**{"robot": "ur5", "scene": "empty", "goal": GOAL, "start": START, **fields})
+    return CertifiedStream(msgspec.structs.replace(request, obstacles=list(obstacles)), robot("ur5"), EMPTY)
+
+
+def told(stream: CertifiedStream, cycles: int, *seen: Observation, first: int = 0) -> list[Piece | StreamState]:
+    answers = []
+    for k in range(first, first + cycles):
+        observed = [msgspec.structs.replace(one, time=0.02 * k) for one in seen]
+        answers.append(stream.update(StreamUpdate(0.02 * k, observed)))
+    return answers
+
+
+def test_the_goal_is_reached_and_every_piece_follows_the_one_before() -> None:
+    with opened(ball()) as stream:
+        answers = told(stream, 200, Observation("ball", 0.0, FAR))
+    pieces = [one for one in answers if isinstance(one, Piece)]
+    for before, piece in pairwise(pieces):
+        assert piece.follows == before.number
+        assert before.begins < piece.begins <= before.brakes
+        assert np.allclose(piece.trajectory.velocities[-1], 0.0, atol=1e-9)
+    last = pieces[-1]
+    assert last.reaches_goal
+    reached = dict(zip(last.position_names, last.trajectory.positions[-1], strict=True))
+    for joint, value in GOAL.positions.items():
+        assert reached[joint] == pytest.approx(value, abs=1e-5)
+    assert [one.reason for one in answers if isinstance(one, StreamState)][-1] == "at_goal"
+
+
+def test_the_same_updates_get_the_same_bits() -> None:
+    rows = []
+    for _ in range(2):
+        with opened(ball(), seed=3) as stream:
+            rows.append(msgspec.json.encode(told(stream, 40, Observation("ball", 0.0, Placement((0.5, 0.3, 0.5))))))
+    assert rows[0] == rows[1]
+
+
+def hunters(count: int) -> list[Mover]:
+    rng = np.random.default_rng(4)
+    movers = []
+    for k in range(count):
+        direction = rng.normal(size=3)
+        where = np.array([0.0, 0.0, 0.5]) + 0.9 * direction / np.linalg.norm(direction)
+        message = Box(name=f"box{k}", size=(0.1, 0.1, 0.1))
+        movers.append(Mover(f"box{k}", message, coal.Box(0.1, 0.1, 0.1), 0.6, where, np.zeros(3), steer=hunting))
+    return movers
+
+
+def test_what_hunts_touches_only_a_robot_that_stands() -> None:
+    for seed, faults in enumerate((Faults(), Faults(lost=0.3, dropped=0.2, delayed=0.03, clock=0.004))):
+        movers = hunters(3)
+        obstacles = [StreamObstacle(one.message, one.largest) for one in movers]
+        with opened(*obstacles, clock_error=0.004) as stream:
+            outcome = simulate(
+                stream, movers, [], 1.6, np.random.default_rng(seed), faults, charged=False, to_the_end=True
+            )
+        assert not outcome.at_speed
+        assert outcome.pieces > 5
+        assert outcome.excess.max() <= 1e-7
+
+
+def test_the_judge_from_outside_sees_a_robot_that_keeps_on() -> None:
+    """The same without what is observed: the obstacle is declared to stand, and hunts."""
+    movers = hunters(3)
+    obstacles = [StreamObstacle(one.message, 0.0) for one in movers]
+    for one in movers:
+        one.largest = 2.0
+    with opened(*obstacles) as stream:
+        outcome = simulate(
+            stream, movers, [], 1.6, np.random.default_rng(0), Faults(lost=0.95), charged=False, to_the_end=True
+        )
+    assert outcome.at_speed or outcome.at_rest
+
+
+def test_a_robot_that_stands_gives_way_to_what_drifts_into_it() -> None:
+    outcomes = []
+    for taking in (True, False):
+        with opened(ball(speed=0.15), goal=None) as stream:
+            data = stream.group.model.createData()
+            pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_chart(stream.executing.ends))
+            tip = np.array(data.oMf[stream.group.tip_id].translation)
+            away = np.array([1.0, 0.0, 0.3])
+            drift = -0.12 * away / np.linalg.norm(away)
+            mover = Mover("ball", ball().obstacle, coal.Sphere(0.1), 0.15, tip - 3.0 * drift, drift)
+            lost = Faults(dropped=0.0 if taking else 1.0)
+            rng = np.random.default_rng(0)
+            outcomes.append(
+                simulate(stream, [mover], [], 4.0, rng, lost, charged=False, deviating=True, to_the_end=True)
+            )
+    gave_way, stayed = outcomes
+    assert stayed.at_rest
+    assert not gave_way.at_speed
+    assert not gave_way.at_rest
+    assert gave_way.pieces > 0
+
+
+def test_reasons_why_there_is_no_piece() -> None:
+    with opened(ball()) as stream:
+        seen = Observation("ball", 0.0, FAR)
+        told(stream, 3, seen)
+        late = stream.update(time=0.01)
+        stale = stream.update(time=1.0)
+        elsewhere = stream.update(time=1.02, obstacles=[at(seen, 1.02)], joints=_zeros(stream))
+        stream.stop()
+        stopped = stream.update(time=1.04, obstacles=[at(seen, 1.04)])
+        number = stream.aim_for({"type": "joints", "positions": {"elbow_joint": 0.9}})
+        after = stream.update(time=1.06, obstacles=[at(seen, 1.06)])
+    states = [one for one in (late, stale, stopped) if isinstance(one, StreamState)]
+    assert [one.reason for one in states] == ["late", "stale", "stopped"]
+    # a robot that stands elsewhere goes on from there
+    assert isinstance(elsewhere, Piece)
+    assert elsewhere.trajectory.positions[0] == pytest.approx([0.1] * 6, abs=1e-9)
+    assert isinstance(after, Piece)
+    assert after.goal == number == 2
+
+
+def at(seen: Observation, time: float) -> Observation:
+    """The same observation at another time [s]."""
+    return msgspec.structs.replace(seen, time=time)
+
+
+def _zeros(stream: CertifiedStream) -> dict[str, float]:
+    return dict.fromkeys(stream.group.position_names, 0.1)
+
+
+def test_joints_that_are_off_at_speed_end_the_pieces() -> None:
+    with opened() as stream:
+        told(stream, 10)
+        answer = stream.update(time=0.2, joints=_zeros(stream))
+    assert isinstance(answer, StreamState)
+    assert answer.reason == "tracking"
+    assert answer.stops > 0.2
+
+
+def test_what_appears_in_the_way_of_what_is_executed_is_told() -> None:
+    with opened(ball(speed=5.0)) as stream:
+        told(stream, 15)
+        data = stream.executing.state(0.3)
+        assert np.abs(data[:, 1]).max() > 0.1
+        answer = stream.update(time=0.3, obstacles=[Observation("ball", 0.3, Placement((0.0, 0.0, 0.5)))])
+    assert isinstance(answer, StreamState)
+    assert answer.reason == "appeared"
+    assert answer.pair is not None
+    assert answer.pair[1] == "ball"
+
+
+def test_who_states_how_near_things_appear_goes_more_slowly() -> None:
+    fastest = []
+    for distance in (None, 0.05):
+        with opened(appear_distance=distance, appear_speed=0.2) as stream:
+            pieces = [one for one in told(stream, 30) if isinstance(one, Piece)]
+        fastest.append(max(np.abs(one.trajectory.velocities).max() for one in pieces))
+    assert fastest[1] < 0.7 * fastest[0]
+
+
+def test_a_pose_is_a_goal() -> None:
+    goal = {"type": "pose", "position": [0.4, 0.3, 0.5], "quaternion_xyzw": [1.0, 0.0, 0.0, 0.0]}
+    with guidefield.Stream(robot="ur5", scene="table", goal=goal, start=START) as stream:
+        assert isinstance(stream.update(time=0.0), Piece)
+        assert [piece.number for piece in stream] == [1]
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "words"),
+    [
+        ({"obstacles": [{"name": "cat", "time": 0.0}]}, UnknownObject, r"\$\.obstacles\[0\]\.name"),
+        ({"obstacles": [{"name": "ball", "time": 9.0}]}, MalformedRequest, r"\$\.obstacles\[0\]\.time"),
+        ({"gone": ["cat"]}, UnknownObject, r"\$\.gone\[0\]"),
+        ({"joints": {"elbow_joint": 0.0}}, InvalidConfiguration, r"\$\.joints"),
+        ({"executing": 7}, MalformedRequest, "executing"),
+        ({"speed": 1.0}, MalformedRequest, "speed"),
+    ],
+)
+def test_an_update_that_is_ill_posed_names_its_field(
+    fields: dict[str, Any], error: type[GuidefieldError], words: str
+) -> None:
+    with opened(ball()) as stream, pytest.raises(error, match=words):
+        stream.update(time=1.0, **fields)
+
+
+def test_what_is_not_served_or_out_of_limits_is_refused_by_name() -> None:
+    with pytest.raises(MalformedRequest, match="degrees of freedom"):
+        guidefield.Stream(robot="quadrotor_base", scene="table")
+    with pytest.raises(InvalidGoal, match="elbow_joint"):
+        opened(goal=JointsGoal({"elbow_joint": 9.0}))
+    with pytest.raises(ValueError, match="period"):
+        StreamOpen("ur5", "table", period=0.05, piece=0.04)
+    with pytest.raises(ValueError, match="trajectory"):
+        guidefield.StreamObstacle(
+            Box(name="b", size=(1.0, 1.0, 1.0), trajectory={"times": [0.0], "placements": [Placement()]}), 1.0
+        )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_unit_of_doubt_finds_nothing(seed: int) -> None:
+    outcome = unit(seed, 1.2)
+    assert not outcome.at_speed
+    assert outcome.excess.max() <= 1e-7
+    assert outcome.pieces > 0
+    assert outcome.moved > 0.2
+
+
+def test_drifting_boxes_are_reflected_and_never_faster_than_declared() -> None:
+    rng = np.random.default_rng(1)
+    mover = Mover("b", None, coal.Box(0.1, 0.1, 0.1), 0.5, np.array([0.8, 0.0, 0.4]), 0.5 * np.array([1.0, 0.0, 0.0]))
+    mover.steer = reflected(np.array([0.0, 0.0, 0.4]), 1.0, 0.3)
+    for _ in range(1000):
+        before = mover.position
+        mover.step(0.0, 0.01, rng.normal(size=(1, 3)))
+        assert np.linalg.norm(mover.position - before) <= 0.5 * 0.01 + 1e-12
+    assert np.linalg.norm(mover.position - [0.0, 0.0, 0.4]) <= 1.0

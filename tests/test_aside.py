@@ -1,0 +1,55 @@
+"""Long work aside: who waits goes on when time is up, and the work comes to its end."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from guidefield.aside import StoppedError, done_aside, wait_for_others
+
+PATIENCE = 30.0
+
+
+def never() -> bool:
+    return False
+
+
+def test_what_is_made_is_handed_over_and_what_is_raised_is_raised() -> None:
+    assert done_aside(lambda: threading.current_thread().name, never, str) == "guidefield-aside"
+    with pytest.raises(KeyError, match="lost"):
+        done_aside(lambda: {}["lost"], never, str)
+    wait_for_others(never)
+
+
+def test_who_waits_goes_on_when_time_is_up_and_the_work_comes_to_its_end() -> None:
+    gate, made = threading.Event(), []
+    with pytest.raises(StoppedError, match="the hall"):
+        done_aside(lambda: made.append(gate.wait(PATIENCE)), lambda: True, lambda: "the hall")
+    assert made == []
+    gate.set()
+    wait_for_others(never)
+    assert made == [True]
+
+
+def test_only_one_works_at_a_time() -> None:
+    gate, order = threading.Event(), []
+
+    def first() -> None:
+        gate.wait(PATIENCE)
+        order.append("first")
+
+    with pytest.raises(StoppedError):
+        done_aside(first, lambda: True, str)
+    for _ in range(2):
+        with pytest.raises(StoppedError, match="asked for before"):
+            done_aside(lambda: order.append("in between"), lambda: True, str)
+    asked = iter([False] * 3)
+
+    def opened() -> bool:
+        if next(asked, None) is None:
+            gate.set()
+        return False
+
+    done_aside(lambda: order.append("second"), opened, str)
+    assert order == ["first", "second"]

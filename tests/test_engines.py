@@ -1,0 +1,160 @@
+"""Each user has runs, scenes and robots of its own; others see what is shared, operators everything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from guidefield.engines import Engines
+from guidefield.errors import GuidefieldError, NotAllowed, QuotaExceeded, RobotInvalid, SceneInvalid, UnknownObject
+from guidefield.messages import requests
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.quotas import Quota, Quotas
+from guidefield.messages.replies import ClearanceReply, RobotReply, RobotsReply, RunsReply, SceneReply, ScenesReply
+from guidefield.messages.scene import Scene, Sphere
+from guidefield.stores import by_user
+from guidefield.stores.by_user import StoresByUser
+from guidefield.stores.shared import Kind
+
+URDF = """<robot name="{}"><link name="a"/>
+  <link name="b"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+REQUEST = requests.PlanRequest(robot="ur5", scene="table", goal=requests.JointsGoal(positions={}))
+
+
+@pytest.fixture
+def engines(tmp_path: Path) -> Engines:
+    engines = Engines("cell", StoresByUser(tmp_path))
+    for user, radius in (("alice", 0.1), ("bob", 0.2), (PLAIN, 0.3)):
+        ball = Scene("ball", obstacles=[Sphere(name="s", radius=radius, position=(0.0, 0.0, 1.0))])
+        engines.answer(user, user, requests.StoreScene("ball", ball))
+        engines.answer(user, user, requests.StoreRobot("mine", requests.RobotFiles(URDF.format(user))))
+        engines.stores.of(user).runs.begin(f"{user}-run", REQUEST)
+    return engines
+
+
+def _radius(engines: Engines, user: str, scene: str) -> float:
+    """As the plan of a user would see it: by the exact distance of a robot's link from the ball in it."""
+    asked = requests.Potential(scene=scene, points=[(0.0, 0.0, 3.0)])
+    read = engines.of(user)._declared(asked.scene)
+    (ball,) = read.obstacles
+    assert isinstance(ball, Sphere)
+    return ball.radius
+
+
+def test_the_same_name_is_each_users_own(engines: Engines) -> None:
+    for user, radius in (("alice", 0.1), ("bob", 0.2), (PLAIN, 0.3)):
+        reply = engines.answer(user, user, requests.ReadScene("ball"))
+        assert isinstance(reply, SceneReply)
+        (ball,) = reply.scene.obstacles
+        assert isinstance(ball, Sphere)
+        assert ball.radius == radius == _radius(engines, user, "ball")
+        robot = engines.answer(user, user, requests.ReadRobot("mine"))
+        assert isinstance(robot, RobotReply)
+        assert (robot.name, len(robot.joints)) == ("mine", 1)
+    engines.answer("bob", "bob", requests.DeleteScene("ball"))
+    with pytest.raises(SceneInvalid, match="no scene 'ball'"):
+        engines.answer("bob", "bob", requests.ReadScene("ball"))
+    assert _radius(engines, "alice", "ball") == 0.1
+
+
+def test_lists_have_ones_own_and_what_is_shared_and_an_operators_everything(engines: Engines) -> None:
+    engines.share("alice", "scenes", "ball", shared=True)
+    engines.share("bob", "robots", "mine", shared=True)
+    engines.share("alice", "runs", "alice-run", shared=True)
+    expected = {
+        "alice": ({"ball"}, {"mine", "bob:mine"}, {"alice-run"}),
+        "bob": ({"ball", "alice:ball"}, {"mine"}, {"bob-run", "alice:alice-run"}),
+        "carol": ({"alice:ball"}, {"bob:mine"}, {"alice:alice-run"}),
+        PLAIN: (
+            {"ball", "alice:ball", "bob:ball"},
+            {"mine", "alice:mine", "bob:mine"},
+            {"plain-run", "alice:alice-run", "bob:bob-run"},
+        ),
+    }
+    for user, (scenes, robots, runs) in expected.items():
+        listed = engines.answer(user, user, requests.ReadScenes())
+        assert isinstance(listed, ScenesReply)
+        assert {name for name in listed.scenes if name.endswith("ball")} == scenes
+        known = engines.answer(user, user, requests.ReadRobots())
+        assert isinstance(known, RobotsReply)
+        assert {robot.name for robot in known.robots if robot.name.endswith("mine")} == robots
+        kept = engines.answer(user, user, requests.ReadRuns())
+        assert isinstance(kept, RunsReply)
+        assert {run.run_id for run in kept.runs} == runs
+
+
+@pytest.mark.parametrize("kind", ["runs", "scenes", "robots"])
+def test_nobody_may_do_anything_with_what_is_anothers_but_operators(kind: Kind, engines: Engines) -> None:
+    name = {"runs": "alice-run", "scenes": "ball", "robots": "mine"}[kind]
+    right = engines.stores.require_right
+    for there in (name, "nothing"):
+        for read_only in (True, False):
+            with pytest.raises(NotAllowed, match="belongs to user 'alice', who") as refused:
+                right("bob", "alice", kind, there, read_only=read_only)
+            assert refused.value.details == {"user": "alice", "kind": kind, "name": there}
+            right(PLAIN, "alice", kind, there, read_only=read_only)
+            right("alice", "alice", kind, there, read_only=read_only)
+    engines.share("alice", kind, name, shared=True)
+    right("bob", "alice", kind, name, read_only=True)
+    with pytest.raises(NotAllowed, match="alone may change it"):
+        right("bob", "alice", kind, name, read_only=False)
+    engines.share("alice", kind, name, shared=False)
+    with pytest.raises(NotAllowed, match="doesn't share it"):
+        right("bob", "alice", kind, name, read_only=True)
+
+
+def test_a_request_may_name_what_another_user_shares(engines: Engines) -> None:
+    asked = requests.Clearance(robot="bob:mine", scene="alice:ball", configurations=[{}])
+    with pytest.raises(NotAllowed, match="robot 'mine' belongs to user 'bob'"):
+        engines.answer("carol", "carol", asked)
+    engines.share("bob", "robots", "mine", shared=True)
+    with pytest.raises(NotAllowed, match="scene 'ball' belongs to user 'alice'"):
+        engines.answer("carol", "carol", asked)
+    engines.share("alice", "scenes", "ball", shared=True)
+    assert isinstance(engines.answer("carol", "carol", asked), ClearanceReply)
+    assert _radius(engines, "carol", "alice:ball") == 0.1
+    assert _radius(engines, PLAIN, "bob:ball") == 0.2
+
+
+def test_what_is_stored_again_after_it_was_deleted_is_not_shared(engines: Engines) -> None:
+    things: list[tuple[Kind, str, requests.Request]] = [
+        ("scenes", "ball", requests.DeleteScene("ball")),
+        ("robots", "mine", requests.DeleteRobot("mine")),
+        ("runs", "alice-run", requests.DeleteRun("alice-run")),
+    ]
+    for kind, name, deleting in things:
+        engines.share("alice", kind, name, shared=True)
+        engines.answer("alice", "alice", deleting)
+        assert not engines.stores.may_read("bob", "alice", kind, name)
+
+
+@pytest.mark.parametrize(
+    ("kind", "error"), [("runs", UnknownObject), ("scenes", SceneInvalid), ("robots", RobotInvalid)]
+)
+def test_only_what_there_is_can_be_shared(kind: Kind, error: type[GuidefieldError], engines: Engines) -> None:
+    with pytest.raises(error, match="'nothing'"):
+        engines.share("alice", kind, "nothing", shared=True)
+
+
+def test_a_users_room_is_bounded_and_others_have_theirs(tmp_path: Path) -> None:
+    engines = Engines("cell", StoresByUser(tmp_path, quotas=Quotas(users={"alice": Quota(bytes=1_000)})))
+    scene = Scene("ball", obstacles=[Sphere(name="s", radius=0.1)])
+    engines.answer("alice", "alice", requests.StoreScene("ball", scene), size=500)
+    with pytest.raises(QuotaExceeded, match=r"take \d+ bytes and may take 1000; delete some"):
+        engines.answer("alice", "alice", requests.StoreScene("ball", scene), size=990)
+    engines.answer("bob", "bob", requests.StoreScene("ball", scene), size=990)
+    engines.answer("alice", "alice", requests.DeleteScene("ball"))
+    engines.answer("alice", "alice", requests.StoreScene("ball", scene), size=990)
+
+
+def test_users_that_have_something_stored_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(by_user, "MOST_USERS", 2)
+    monkeypatch.setattr(by_user, "MOST_OPEN", 1)
+    stores = StoresByUser(tmp_path)
+    for user in ("alice", "bob", "alice", PLAIN):
+        stores.of(user)
+    with pytest.raises(QuotaExceeded, match="2 users have something stored already"):
+        stores.of("carol")
+    assert stores.users() == ["alice", "bob"]

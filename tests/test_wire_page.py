@@ -1,0 +1,120 @@
+"""The page about the wire has the tables that the code makes, and `info` has the same in JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import msgspec
+import pytest
+
+from guidefield import Engine
+from guidefield.endpoint.endpoint import HEAVY_KEYS
+from guidefield.endpoint.rules import DELIVERY, limits_told
+from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
+from guidefield.errors import ERRORS, Status
+from guidefield.handlers.info import Figures, Rules, info
+from guidefield.messages import codec, requests
+from guidefield.messages.codes import CODES, MEANINGS
+from guidefield.messages.served import KEYS
+from guidefield.pool.pool import DEFAULT_MEMORY
+from guidefield.stores.runs import DEFAULT_RETENTION
+
+HOUSE = Path(__file__).resolve().parent.parent
+PAGE = (HOUSE / "service" / "docs" / "wire.md").read_text()
+LIMITS = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE)
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(HOUSE / "tools"))
+    from pages import wire
+
+    return wire
+
+
+@pytest.fixture
+def fields(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(HOUSE / "tools"))
+    from pages import fields
+
+    return fields
+
+
+def test_the_tables_are_those_of_the_code(wire: ModuleType) -> None:
+    assert set(re.findall(r"made from the code: ([a-z]+)", PAGE)) == set(wire.PARTS)
+    assert wire.filled(PAGE) == PAGE, "`tools/wire_page` makes them again"
+
+
+def test_every_field_of_every_message_has_a_row(wire: ModuleType) -> None:
+    """The rows of a message are the properties of its JSON Schema, which msgspec makes by itself."""
+    schemas = codec.json_schemas()["$defs"]
+    named = {name for key in KEYS for name in (*key.takes, *key.gives)}
+    sections = dict(re.findall(r"^#### (\w+)\n(.*?)(?=^###|^<!-- end)", PAGE, re.MULTILINE | re.DOTALL))
+    assert named <= set(sections)
+    for name, text in sections.items():
+        rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| (`[^`]*`|) \|", text.replace("\\|", "/"), re.MULTILINE)
+        schema = schemas[name]
+        assert {row for row, _ in rows} == set(schema.get("properties", {})), name
+        assert {row for row, default in rows if not default} == set(schema.get("required", [])), name
+
+
+def test_a_page_without_its_tables_gets_them_and_one_with_others_is_mended(wire: ModuleType) -> None:
+    bare = re.sub(r"(<!-- made[^\n]+ -->\n).*?(<!-- end)", r"\1\2", PAGE, flags=re.DOTALL)
+    assert len(bare) < len(PAGE) // 2
+    assert wire.filled(bare) == PAGE
+    assert wire.filled(PAGE.replace("| `queue` | 64", "| `queue` | 65")) == PAGE
+    with pytest.raises(KeyError, match="moons"):
+        wire.filled("<!-- made from the code: moons -->\n<!-- end -->")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (int, "integer"),
+        (str | None, "text or null"),
+        (list[int | None], "list of (integer or null)"),
+        (list[requests.Name] | None, "list of (text (1 to 256 characters)) or null"),
+        (dict[str, bool], "object of names to true or false"),
+    ],
+)
+def test_kinds_in_words(fields: ModuleType, kind: Any, words: str) -> None:
+    told = fields.in_words(msgspec.inspect.type_info(kind))
+    assert told == words.replace("to true or false", "to (true or false)")
+
+
+def test_every_code_has_its_meaning_and_says_how_it_travels() -> None:
+    assert set(MEANINGS) == set(Status)
+    assert [one.code for one in CODES] == [int(status) for status in Status]
+    told = {one.name: one for one in CODES}
+    assert {one.name for one in CODES if one.exception} == {status.name for status in ERRORS}
+    assert {name for name, one in told.items() if one.travels == "either"} == {"TIMED_OUT", "PREEMPTED"}
+    assert all((one.travels == "reply") == (one.exception is None) for one in CODES)
+
+
+def test_a_key_waits_for_a_worker_as_it_says() -> None:
+    always = {key.key.split("/")[0] for key in KEYS if key.worker == "always"}
+    assert always == set(HEAVY_KEYS)
+    assert [key.key for key in KEYS if key.takes and key.worker == "never"] == []
+
+
+def test_info_has_the_same() -> None:
+    reply = info(Figures({}, 0.0), Rules(LIMITS, DELIVERY))
+    plain = json.loads(codec.encode(reply))
+    assert [key["key"] for key in plain["keys"]] == [key.key for key in KEYS]
+    assert [code["name"] for code in plain["codes"]] == [status.name for status in Status]
+    names = [limit["name"] for limit in plain["limits"]]
+    assert names == re.findall(r"^\| `([a-z_]+)` \| [\d.,]+ ", PAGE, re.MULTILINE)
+    assert len(set(names)) == len(names)
+    rules = [rule["name"] for rule in plain["delivery"]]
+    assert rules == re.findall(r"^- \*\*([a-z ]+)\*\*: ", PAGE.partition("## Keys")[0], re.MULTILINE)
+    assert {limit["name"]: limit["value"] for limit in plain["limits"]}["payload"] == plain["payload_limit"]
+
+
+def test_without_a_service_there_are_no_limits_of_one() -> None:
+    reply = Engine().answer({"type": "info"})
+    assert reply.limits == reply.delivery == []
+    assert len(reply.codes) == len(Status)

@@ -1,0 +1,91 @@
+"""Obstacles that move in simulations of streams: some drift and are reflected, some hunt the robot, some turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import coal
+import numpy as np
+
+Steering = Callable[["Mover", float, float, np.ndarray], None]
+"""Changes a mover's velocity: the mover, the time and the step [s], the centres of the robot's bodies (n, 3)."""
+
+
+@dataclass
+class Mover:
+    """An obstacle that moves, never faster than it declares.
+
+    Attributes:
+        name: Its name.
+        message: Its shape, as a stream's `obstacle`.
+        shape: The same for Coal.
+        largest: Its largest speed [m/s].
+        position: Of its frame [m, world].
+        velocity: [m/s].
+        rotation: Of its frame in the world.
+        spin: Angular velocity [rad/s, world].
+        steer: Changes its velocity.
+    """
+
+    name: str
+    message: object
+    shape: coal.CollisionGeometry
+    largest: float
+    position: np.ndarray
+    velocity: np.ndarray
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    spin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    steer: Steering = lambda *_: None
+
+    def step(self, time: float, dt: float, bodies: np.ndarray) -> None:
+        """Move on for a while dt [s]; bodies (n, 3) are where the robot's are."""
+        self.steer(self, time, dt, bodies)
+        self.position = self.position + dt * self.velocity
+        angle = float(np.linalg.norm(self.spin)) * dt
+        if angle > 0.0:
+            self.rotation = (
+                coal.AngleAxis(angle, self.spin / np.linalg.norm(self.spin)).toRotationMatrix() @ self.rotation
+            )
+
+    @property
+    def quaternion(self) -> tuple[float, ...]:
+        """Its rotation, (x, y, z, w)."""
+        return tuple(coal.Quaternion(self.rotation).coeffs().tolist())
+
+
+def reflected(centre: np.ndarray, radius: float, inner: float) -> Steering:
+    """Straight on, and reflected where the centre would leave a ball, sink below the ground or come to the base.
+
+    Args:
+        centre: Of the ball, shape (3,) [m].
+        radius: Its radius [m].
+        inner: Radius of the ball about the base, and of the upright cylinder below that ball's centre [m].
+    """
+
+    def steer(mover: Mover, _: float, dt: float, __: np.ndarray) -> None:
+        ahead = mover.position + dt * mover.velocity
+        normals = []
+        if ahead[2] < 0.0:
+            normals.append(np.array([0.0, 0.0, 1.0]))
+        if np.linalg.norm(ahead - centre) > radius:
+            normals.append((centre - ahead) / np.linalg.norm(centre - ahead))
+        across = ahead - np.array([centre[0], centre[1], ahead[2]])
+        if ahead[2] < centre[2] and np.linalg.norm(across) < inner:
+            normals.append(across / np.linalg.norm(across))
+        elif np.linalg.norm(ahead - centre) < inner:
+            normals.append((ahead - centre) / np.linalg.norm(ahead - centre))
+        for normal in normals:
+            into = float(mover.velocity @ normal)
+            if into < 0.0:
+                mover.velocity = mover.velocity - 2.0 * into * normal
+
+    return steer
+
+
+def hunting(mover: Mover, _: float, __: float, bodies: np.ndarray) -> None:
+    """Towards the nearest of the robot's bodies (n, 3), as fast as it may."""
+    ways = bodies - mover.position
+    far = np.linalg.norm(ways, axis=1)
+    nearest = int(np.argmin(far))
+    mover.velocity = ways[nearest] * (mover.largest / max(1e-9, float(far[nearest])))
