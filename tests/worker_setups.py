@@ -96,6 +96,25 @@ def _until_cancelled(path: str, call: Call) -> tuple[bool, bytes]:
     return True, b"cancelled" if call.cancelled() else b"outlasted"
 
 
+def _last_word(files: str, call: Call) -> tuple[bool, bytes]:
+    """Once it is to be ended early say so with a file, and answer when another one is there."""
+    begun, told, heard = map(Path, files.split())
+    _until_cancelled(str(begun), call)
+    told.touch()
+    _await_file(heard)
+    return True, b"cancelled"
+
+
+def _use(value: str, call: Call) -> tuple[bool, bytes]:
+    """Once it is to be ended early use so much of a processor more [s]."""
+    path, seconds = value.split()
+    _until_cancelled(path, call)
+    until = time.process_time() + float(seconds)
+    while time.process_time() < until:
+        pass
+    return True, b"used it all"
+
+
 def _give_way(path: str, call: Call) -> tuple[bool, bytes] | None:
     """The first time until it is to be ended early, the second time at once; the process writes a line each time."""
     begun = Path(path)
@@ -159,7 +178,9 @@ def _owe(value: str, call: Call) -> tuple[bool, bytes]:
 
 _TALKATIVE = {
     "give_way": _give_way,
+    "last_word": _last_word,
     "owe": _owe,
+    "use": _use,
     "until_cancelled": _until_cancelled,
     "tell": _tell,
     "prepare": _prepare,

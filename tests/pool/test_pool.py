@@ -14,7 +14,7 @@ import pytest
 
 from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.messages.identities import Asker
-from guidefield.pool.pool import DEFAULT_LIMITS, LAST_WORD, QUEUE_CHECK, Pool
+from guidefield.pool.pool import DEFAULT_LIMITS, QUEUE_CHECK, Pool
 from guidefield.pool.waiting import Answer, Deadline, Limits, Task
 from tests import worker_setups
 
@@ -53,8 +53,9 @@ def await_begun(path: Path) -> int:
     return int(path.read_text())
 
 
-def closing_ends(pool: Pool, job: str, begun: Path) -> None:
+def closing_ends(pool: Pool, job: str, begun: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Close a pool whose worker is at a job that marks its beginning in a file: both end, and that is the reason."""
+    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", 0.1)
     running = pool.submit(Task((job, str(begun)), PATIENCE))
     pid = await_begun(begun)
     pool.close(0.1)
@@ -157,18 +158,42 @@ def test_closing_finishes_what_runs_and_refuses_what_waits(tmp_path: Path) -> No
         pool.submit(Task(("echo", "never"), PATIENCE))
 
 
-def test_closing_ends_what_outlasts_the_grace(tmp_path: Path) -> None:
+def test_closing_ends_what_outlasts_the_grace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pool = _started(1)
-    closing_ends(pool, "mark", tmp_path / "begun")
+    closing_ends(pool, "mark", tmp_path / "begun", monkeypatch)
     assert pool.crashes == 0
 
 
-def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path) -> None:
+def test_closing_has_what_outlasts_the_grace_come_to_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long that takes where the worker hardly gets a processor: this one is told to wait."""
+    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", PATIENCE)
+    begun, told, heard = (tmp_path / name for name in ("begun", "told", "heard"))
     pool = _started(1)
-    running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
-    await_begun(tmp_path / "begun")
-    pool.close(LAST_WORD)
+    running = pool.submit(Task(("last_word", f"{begun} {told} {heard}"), PATIENCE))
+    await_begun(begun)
+    closing = threading.Thread(target=pool.close, args=(0.1,))
+    closing.start()
+    deadline = time.monotonic() + PATIENCE
+    while not told.exists():
+        assert time.monotonic() < deadline, "the worker was not told"
+        time.sleep(0.01)
+    closing.join(0.5)  # longer than its grace
+    heard.touch()
+    closing.join(PATIENCE)
     assert running.result(0) == (True, b"cancelled")
+
+
+def test_closing_ends_what_uses_a_processor_for_too_long_after_it_was_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD", 0.2)
+    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", worker_setups.LONG)
+    pool = _started(1)
+    running = pool.submit(Task(("use", f"{tmp_path / 'begun'} 20.0"), PATIENCE))
+    await_begun(tmp_path / "begun")
+    pool.close(0.1)
+    with pytest.raises(WorkerCrashed, match="the service is shutting down"):
+        running.result(0)
 
 
 def test_two_workers_work_at_once() -> None:

@@ -171,17 +171,20 @@ def test_a_worker_that_is_killed_before_its_first_job_is_sent_is_noticed(
     late.set()
 
 
-def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(tmp_path: Path) -> None:
+def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pool = Pool(worker_setups.obedient, workers=1)
     pool.start()
     assert pool.ready(PATIENCE)
-    closing_ends(pool, "stuck", tmp_path / "begun")
+    closing_ends(pool, "stuck", tmp_path / "begun", monkeypatch)
 
 
 def test_closing_leaves_a_slot_behind_whose_listener_does_not_come_back(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("guidefield.pool.pool.STOPPED_WITHIN", 0.3)
+    monkeypatch.setattr("guidefield.pool.pool.LAST_WORD_WITHIN", 0.1)
     comes_back, heard = threading.Event(), threading.Event()
 
     def hear(_told: bytes) -> None:

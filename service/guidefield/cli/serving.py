@@ -25,7 +25,7 @@ from guidefield.endpoint.service import ServiceSettings, serve
 WHERE = signal.SIGUSR1
 """A service that gets this signal writes to stderr where each of its threads stands, and goes on."""
 
-LEAVES_WITHIN = 20.0
+LEAVES_WITHIN = 30.0
 """How long a service may take to end, beyond what it is given to finish its work; then it is ended by force [s]."""
 
 ENDS_WITHIN = 60.0

@@ -21,13 +21,15 @@ from collections.abc import Callable
 
 from guidefield.errors import ServerBusy
 from guidefield.pool.process import Setup
-from guidefield.pool.slot import Slot
+from guidefield.pool.slot import BUSY_CHECK, Slot
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
 QUEUE_CHECK = 0.05
 """How often the queue is searched for jobs whose time is up [s]."""
 LAST_WORD = 2.0
-"""How long jobs that are told to end early may take for it when the pool is closed [s]."""
+"""How much of a processor a job that is told to end early may use for it when the pool is closed [s]."""
+LAST_WORD_WITHIN = 10.0
+"""How long it may take for that, however little of a busy machine it gets [s]."""
 STOPPED_WITHIN = 10.0
 """How long slots may take to settle and leave when their workers are killed [s]."""
 JOINED_EVERY = 0.2
@@ -139,10 +141,10 @@ class Pool:
     def close(self, grace: float) -> None:
         """Refuse what waits, let workers finish for a while [s], have them come to an end, then kill them.
 
-        What they owe after their answers they do before.
-        Every future is settled on return, which comes `LAST_WORD`, `OWED_WITHIN` and `STOPPED_WITHIN` after that while
-        at the latest;
-        unless who hears of a job doesn't come back from it: then the log says that its slot is left behind.
+        What they owe after their answers they do before. Without any grace nobody is waited for.
+        Every future is settled on return, which comes `LAST_WORD_WITHIN`, `OWED_WITHIN` and `STOPPED_WITHIN` after that
+        while at the latest; unless who hears of a job doesn't come back from it: then the log says that its slot is
+        left behind.
         """
         for task in self._waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
@@ -150,7 +152,8 @@ class Pool:
         self._join_for(grace)
         for slot in self._all():
             slot.cancel()
-        self._join_for(min(grace, LAST_WORD))
+        if grace > 0.0:
+            self._await_last_words()
         while any(slot.owes for slot in self._all()):  # for `OWED_WITHIN` at most
             self._join_for(JOINED_EVERY)
         deadline = time.monotonic() + STOPPED_WITHIN
@@ -161,6 +164,17 @@ class Pool:
             for slot in self._all():
                 slot.kill_worker()
             self._join_for(JOINED_EVERY)
+
+    def _await_last_words(self) -> None:
+        """Wait for jobs that are told to end early, by what their workers use of a processor since."""
+        deadline = time.monotonic() + LAST_WORD_WITHIN
+        may_use = {slot: slot.processor + LAST_WORD for slot in self._all()}
+
+        def is_waited_for(slot: Slot) -> bool:
+            return slot.alive and not slot.owes and slot.processor < may_use[slot]
+
+        while time.monotonic() < deadline and (awaited := [slot for slot in self._all() if is_waited_for(slot)]):
+            awaited[0].join(BUSY_CHECK)
 
     def _all(self) -> tuple[Slot, ...]:
         return (*self._slots, self._standing_by)

@@ -92,6 +92,12 @@ class Slot:
         watch = self._watch
         return 0 if watch is None else watch.memory()
 
+    @property
+    def processor(self) -> float:
+        """How long processors worked on its worker [s]; 0 where there is none."""
+        watch = self._watch
+        return 0.0 if watch is None else watch.processor()
+
     def start(self) -> None:
         """Start the thread, which starts the worker."""
         self._thread.start()
@@ -182,16 +188,13 @@ class Slot:
 
     def _counted(self, task: Task) -> Answer | None:
         """The answer; the queue is told what it took. Of a worker that had to be replaced all of the time counts."""
-        began, watch, before = time.monotonic(), self._watch, self._processor()
+        began, watch, before = time.monotonic(), self._watch, self.processor
         try:
             return self._answer(task)
         finally:
             seconds = time.monotonic() - began
-            spent = self._processor() - before if self._watch is watch else seconds
+            spent = self.processor - before if self._watch is watch else seconds
             self._waiting.done(task, seconds, spent)
-
-    def _processor(self) -> float:
-        return 0.0 if self._watch is None else self._watch.processor()
 
     def _answer(self, task: Task) -> Answer | None:
         failed = 0
