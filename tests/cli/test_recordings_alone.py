@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +16,12 @@ from typer.testing import CliRunner
 
 import guidefield
 from guidefield.cli.commands import app
-from guidefield.cli.replaying import planned_by, versions_that_differ
+from guidefield.cli.replaying import made_on, planned_by, versions_that_differ
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
+from guidefield.recorder import documents
 from guidefield.recorder.documents import versions
 from guidefield.recorder.reading import read_recording
 from tests.recorder.runs import made_up
@@ -101,6 +103,36 @@ def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: P
     assert "not the same: the plan differs in status, path, trajectory" in said
     assert "it was made with the same versions as are here" in said
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("pdp11 01234567", "made on pdp11, this is {here}: the plan differs in status, path, trajectory"),
+        ("{here} none", "made on another kind of {here}: the plan differs in status, path, trajectory"),
+    ],
+)
+def test_a_plan_of_another_processor_says_so(
+    kind: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = platform.machine()
+    made = made_up("panda")
+    run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
+    there = {**versions(), "processor": kind.format(here=here)}
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(documents, "made_with", lambda: ", ".join(" ".join(one) for one in there.items()))
+        run.recorder(tmp_path / "run.rrd").finish(run.reply, lambda: run.profile)
+    said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
+    assert told.format(here=here) in said
+    assert "not the same" not in said
+    assert f"it was made with processor {kind.format(here=here)} (here {here} " in said
+
+
+def test_the_kind_of_processor_is_known_if_it_was_recorded() -> None:
+    here = versions()
+    assert here["processor"].startswith(platform.machine())
+    assert made_on(here) == made_on({}) == ""
+    assert made_on({**here, "processor": "pdp11 01234567"}) == f"made on pdp11, this is {platform.machine()}: "
 
 
 def test_versions_are_told_where_they_differ() -> None:

@@ -33,8 +33,9 @@ Packages = Annotated[
 def replay(run: RunName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
 
-    A run of another version of guidefield counts as any other: where its plan differs, 1, and it is said which version
-    planned it. 2 where no plan came of it: there is no such run, or its request is refused now.
+    A run of another version of guidefield, or of another kind of processor, counts as any other: where its plan
+    differs, 1, and it is said which version planned it, and where. 2 where no plan came of it: there is no such run, or
+    its request is refused now.
 
     Robots and scenes that a client stored are looked for in the data folder.
     """
@@ -54,7 +55,7 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
             _say(f"{run}: {by_another}its request is refused now")
         raise
     if isinstance(before.reply, CertifyReply) and isinstance(now, CertifyReply):
-        raise typer.Exit(_judged_again(run, before.reply, now))
+        raise typer.Exit(_judged_again(run, before.reply, now, before.versions))
     assert isinstance(before.reply, PlanReply), "a plan was asked for"
     assert isinstance(now, PlanReply), "a plan was asked for"
     parts = differing(before.reply, now)
@@ -63,20 +64,36 @@ def replay(run: RunName, data: Data = None, name: Service = "local", packages: P
         raise typer.Exit(0)
     step = largest_step(before.reply, now)
     by = "" if step is None else f"; waypoints by at most {step:.3g}"
-    _say(f"{run}: not the same: {planned_by(before.versions)}the plan differs in {', '.join(parts)}{by}")
+    verdict = made_on(before.versions) or "not the same: "
+    _say(f"{run}: {verdict}{planned_by(before.versions)}the plan differs in {', '.join(parts)}{by}")
     _say(f"then: {_in_short(before.reply)}\nnow:  {_in_short(now)}\n{versions_that_differ(before.versions)}")
     raise typer.Exit(1)
 
 
-def _judged_again(run: str, before: CertifyReply, now: CertifyReply) -> int:
+def _judged_again(run: str, before: CertifyReply, now: CertifyReply, versions: dict[str, str]) -> int:
     """Say whether a motion is judged as before; the exit code."""
     parts = [name for name in JUDGED if getattr(before, name) != getattr(now, name)]
     if not parts:
         _say(f"{run}: judged as before: {now.status.name}, {now.status.message}")
         return 0
-    _say(f"{run}: not judged as before: it differs in {', '.join(parts)}")
+    _say(f"{run}: {made_on(versions) or 'not judged as before: '}it differs in {', '.join(parts)}")
     _say(f"then: {before.status.name}, {before.status.message}\nnow:  {now.status.name}, {now.status.message}")
     return 1
+
+
+def made_on(before: dict[str, str]) -> str:
+    """What a sentence about a run begins with, if another kind of processor made it, which rounds differently.
+
+    Args:
+        before: Versions by package, empty where they weren't recorded.
+    """
+    from guidefield.recorder.documents import PROCESSOR, versions
+
+    then, now = before.get(PROCESSOR), versions()[PROCESSOR]
+    if then in (None, now):
+        return ""
+    family, here = then.partition(" ")[0], now.partition(" ")[0]
+    return f"made on {family}, this is {here}: " if family != here else f"made on another kind of {here}: "
 
 
 def planned_by(before: dict[str, str]) -> str:

@@ -16,6 +16,7 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.errors import Status
+from guidefield.first_start import processor
 from guidefield.messages import codec
 from guidefield.messages.replies import MotionReply, as_plain_data
 from guidefield.messages.requests import MotionRequest
@@ -32,6 +33,9 @@ PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
 
 OURS = "guidefield"
 """The package that planned."""
+
+PROCESSOR = "processor"
+"""What the kind of processor goes by among the versions: rounding may be another on another kind."""
 
 PACKAGES = (OURS, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
 """Whose versions are recorded."""
@@ -174,8 +178,8 @@ def made_with() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of each of `PACKAGES`, and of Python."""
-    found = {"python": platform.python_version()}
+    """Of each of `PACKAGES`, and of Python; and the kind of processor, its family first."""
+    found = {"python": platform.python_version(), PROCESSOR: processor()}
     for package in PACKAGES:
         try:
             found[package] = version(package)

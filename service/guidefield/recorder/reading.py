@@ -23,7 +23,8 @@ class Recorded:
     Attributes:
         request: As it came.
         reply: As it was given, to the last bit.
-        versions: Of each package that it was made with, by the package's name; of Python too.
+        versions: Of each package that it was made with, by the package's name; of Python too, and under
+            ``processor`` the kind that kernels were compiled for.
     """
 
     request: MotionRequest
