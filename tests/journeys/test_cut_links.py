@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import signal
 import socket
 import threading
 from collections.abc import Iterator
@@ -12,7 +13,10 @@ import msgspec
 import pytest
 
 from guidefield import Client, MalformedRequest
-from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, await_that
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, await_that, plain_client
+
+STANDS_STILL = 3.0
+"""How long a service is stopped: far less than a link lasts without a word [s]."""
 
 
 class Link:
@@ -98,6 +102,19 @@ def test_what_ended_a_run_is_told_again(client: Client, service: Service) -> Non
         first, second = (each.result(ANSWERED_WITHIN) for each in asked)
     assert first.status.name == "PREEMPTED"
     assert msgspec.to_builtins(first) == msgspec.to_builtins(second)
+
+
+def test_a_service_that_gets_no_processor_for_seconds_keeps_its_links(service: Service) -> None:
+    """On a busy machine too: whoever asks with Zenoh alone doesn't ask again."""
+    with plain_client(service.endpoint) as wire, concurrent.futures.ThreadPoolExecutor(1) as threads:
+        wire.ask("guidefield/local/info?brief")
+        service.process.send_signal(signal.SIGSTOP)
+        try:
+            asked = threads.submit(wire.ask, "guidefield/local/info?brief")
+            concurrent.futures.wait([asked], STANDS_STILL)
+        finally:
+            service.process.send_signal(signal.SIGCONT)
+        assert asked.result(ANSWERED_WITHIN)["workers"] == 1
 
 
 def test_questions_outlive_cuts_between_and_amid_them(client: Client, link: Link) -> None:

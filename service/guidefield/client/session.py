@@ -16,8 +16,6 @@ from guidefield.messages.identities import PLAIN, checked_user
 
 LOOK_AGAIN = 0.05
 """How often something that isn't there yet is looked for [s]."""
-LEASE = 2_000
-"""How long a cut link may go unnoticed [ms]."""
 OVER_TCP = ("tcp", "tls", "ws")
 """Protocols of Zenoh's that go over TCP."""
 ANSWERS_WITHIN = 1.0
@@ -119,7 +117,6 @@ def configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
         settings.insert_json5("listen/endpoints", "[]")
     else:
         settings.insert_json5("mode", '"client"')
-    settings.insert_json5("transport/link/tx/lease", str(LEASE))
     if json.loads(settings.get_json("connect/retry")) is None:
         settings.insert_json5("connect/retry", json.dumps(RETRY))
     for scouting in ("multicast", "gossip"):

@@ -6,8 +6,11 @@ from guidefield.messages import codec
 
 READ_WITHIN = 15.0
 """How long an answer may take to be read, beside what the system keeps of it, before its link is ended [s]."""
-LEASE = 2.0
-"""How long a link that was cut may go unnoticed [s]."""
+LEASE = 10.0
+"""How long a link that was cut without a word may go unnoticed [s].
+
+It is Zenoh's own: with 2 s a service that got hardly any of a busy machine lost its links, and with them the answers.
+"""
 LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
 """Zenoh drops a larger message without a word [bytes]; what is between this and a payload's limit is refused."""
 RUNTIME = "(rx: (worker_threads: 32), tx: (worker_threads: 4), net: (worker_threads: 4), app: (worker_threads: 4))"

@@ -70,7 +70,7 @@ _OF_TIME = (
     _limit("cancel_remembered", REMEMBERED, "s", "that a cancel is remembered which comes before its run or request"),
     _limit("cancels_remembered", MOST_REMEMBERED, "cancels", "that are remembered; the oldest are forgotten"),
     _limit("client_gone", GRACE, "s", "that a client's token may be gone before what it asked for ends"),
-    _limit("link_cut", LEASE, "s", "that a link which was cut may go unnoticed"),
+    _limit("link_cut", LEASE, "s", "that a link which was cut without a word may go unnoticed"),
 )
 _OF_ANSWERS = (
     _limit("read_within", READ_WITHIN, "s", "for reading an answer; then Zenoh ends the link"),
