@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.collision.box_tree import CHILDREN, BoxTree
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.obstacle_boxes import boxes_along_axes
+from guidefield.collision.obstacle_boxes import ObstacleBoxes, boxes_along_axes
 from guidefield.collision.pairs import Pairs
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
@@ -52,6 +52,22 @@ def test_boxes_along_the_worlds_axes_are_coals(seed):
         assert (most >= np.array(around.max_) + one.rounding).all()
         if isinstance(one.message, messages.Sphere):
             np.testing.assert_allclose(most - least, 2.0 * one.message.radius, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_boxes_along_own_axes_are_coals(seed):
+    rng = np.random.default_rng(seed)
+    turned = mesh_message(*l_prism(), position=(0.3, 0.1, 0.2), quaternion_xyzw=(0.5, 0.5, -0.5, 0.5))
+    obstacles = build(messages.Scene(name="s", obstacles=[*scattered(rng, 40), turned, FLOOR])).obstacles
+    boxes = ObstacleBoxes(obstacles)
+    boxes.gaps(np.zeros((2, 1, 3)), np.array([3, 40]))  # some are made before the others
+    for one, axes, centre, halves in zip(obstacles, *boxes.along_own_axes(), strict=True):
+        if isinstance(one.message, messages.HalfSpace):
+            assert np.isinf(halves).all()
+            continue
+        np.testing.assert_allclose(axes, one.placement.rotation, atol=1e-14)
+        np.testing.assert_allclose(axes @ centre, one.placement.act(0.5 * one.box.sum(axis=0)), atol=1e-12)
+        np.testing.assert_allclose(halves, 0.5 * np.ptp(one.box, axis=0), atol=1e-12)
 
 
 @settings(deadline=None, max_examples=60)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.messages import scene as messages
+from guidefield.messages import codec, scene as messages
+from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.values import Float32Array
 from guidefield.scene import built, obstacle
 from guidefield.scene.built import BuiltScenes
@@ -47,3 +48,25 @@ def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest
     assert kept.of(scan("large", 600)) is not large
     assert sum(one.faces for one in obstacle._KNOWN.values()) <= 1000
     assert kept.of(scan("huge", 5000)) is kept.of(scan("huge", 5000))  # one at least
+
+
+def test_a_checked_scene_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, hashed = BuiltScenes(2), 0
+    real = built.hashlib.sha256
+
+    def counting(data: bytes) -> object:
+        nonlocal hashed
+        hashed += 1
+        return real(data)
+
+    monkeypatch.setattr(built.hashlib, "sha256", counting)
+    boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(100)]
+    scene = messages.Scene(name="a", obstacles=boxes)
+    asked = PlanRequest("panda", scene, JointsGoal({"panda_joint1": 0.8}))
+    first, again = codec.checked(asked), codec.checked(asked)
+    assert kept.of(first.scene) is kept.of(again.scene)
+    assert hashed == 1
+    assert kept.of(scene).obstacles == kept.of(scene).obstacles  # anybody may change this one: it is known by its hash
+    assert hashed == 3
+    scene.obstacles.pop()
+    assert len(kept.of(codec.checked(asked).scene).obstacles) == 99

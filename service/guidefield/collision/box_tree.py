@@ -19,8 +19,8 @@ class BoxTree:
 
     Attributes:
         order: Index of each box as it was given, in the order in which the tree has them, shape (n,).
-        levels: Lower and upper corners, each of shape (m, 6) [m]: the boxes themselves, then those about them, up to
-            a level of `CHILDREN` at most.
+        levels: Lower and upper corners, coordinate by coordinate, each of shape (6, m) [m]: the boxes themselves, then
+            those about them, up to a level of `CHILDREN` at most.
     """
 
     order: np.ndarray
@@ -35,12 +35,12 @@ class BoxTree:
             high: Upper corners, shape (n, 3) [m].
         """
         order = np.argsort(_places_on_curve(0.5 * (low + high)), kind="stable")
-        levels = [np.hstack([low, high])[order]]
-        while len(levels[-1]) > CHILDREN:
+        levels = [np.ascontiguousarray(np.hstack([low, high])[order].T)]
+        while levels[-1].shape[1] > CHILDREN:
             below = levels[-1]
-            starts = np.arange(0, len(below), CHILDREN)
-            corners = np.minimum.reduceat(below[:, :3], starts), np.maximum.reduceat(below[:, 3:], starts)
-            levels.append(np.hstack(corners))
+            starts = np.arange(0, below.shape[1], CHILDREN)
+            corners = np.minimum.reduceat(below[:3], starts, axis=1), np.maximum.reduceat(below[3:], starts, axis=1)
+            levels.append(np.vstack(corners))
         for array in (order, *levels):
             array.setflags(write=False)
         return cls(order, tuple(levels))
@@ -55,16 +55,17 @@ class BoxTree:
         Returns:
             Index of one of the others and index of a box as it was given, both of shape (k,), in this order.
         """
-        top = len(self.levels[-1])
-        asked, node = np.repeat(np.arange(len(low)), top), np.tile(np.arange(top), len(low))
+        low, high = np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
+        top = self.levels[-1].shape[1]
+        asked, node = np.repeat(np.arange(low.shape[1]), top), np.tile(np.arange(top), low.shape[1])
         for level, below in zip(self.levels[::-1], (*self.levels[-2::-1], None), strict=True):
-            boxes = level[node]
-            near = ((boxes[:, :3] <= high[asked]) & (boxes[:, 3:] >= low[asked])).all(axis=1)
-            asked, node = asked[near], node[near]
+            for axis in range(3):  # one after the other: few are left after the first
+                near = (level[axis][node] <= high[axis][asked]) & (level[3 + axis][node] >= low[axis][asked])
+                asked, node = asked[near], node[near]
             if below is not None:
                 node = (CHILDREN * node[:, None] + np.arange(CHILDREN)).ravel()
                 asked = np.repeat(asked, CHILDREN)
-                there = node < len(below)
+                there = node < below.shape[1]
                 asked, node = asked[there], node[there]
         found = self.order[node]
         sorted_ = np.lexsort((found, asked))

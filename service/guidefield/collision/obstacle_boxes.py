@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-import coal
 import numpy as np
 
 from guidefield.collision.box_tree import BoxTree
@@ -96,9 +95,12 @@ class ObstacleBoxes:
 
     def _require(self, obstacles: np.ndarray) -> None:
         """Make the boxes of some obstacles that are not made yet."""
-        for index in np.unique(obstacles[~self._known[obstacles]]).tolist():
-            self._axes[index], self._centres[index], self._halves[index] = _own_box(self._obstacles[index])
-            self._known[index] = True
+        missing = np.unique(obstacles[~self._known[obstacles]])
+        if len(missing):
+            axes, middles, halves = _own_boxes([self._obstacles[index] for index in missing.tolist()])
+            self._axes[missing], self._halves[missing] = axes, halves
+            self._centres[missing] = np.einsum("ni,nij->nj", middles, axes)
+            self._known[missing] = True
 
 
 @kept_with
@@ -118,25 +120,37 @@ def boxes_along_axes(obstacles: list[Obstacle]) -> tuple[np.ndarray, np.ndarray]
     Returns:
         Lower and upper corners, both of shape (n, 3) [m, world].
     """
-    low, high = np.empty((len(obstacles), 3)), np.empty((len(obstacles), 3))
-    kinds = np.array([_KINDS.get(type(one.message), -1) for one in obstacles], int)
-    for kind, halves in enumerate(_HALVES):
-        rows = np.flatnonzero(kinds == kind)
-        if len(rows):
-            low[rows], high[rows] = _of_primitives([obstacles[row].message for row in rows.tolist()], halves)
-    for row in np.flatnonzero(kinds < 0).tolist():
-        low[row], high[row] = _of_shape(obstacles[row])
+    axes, middles, halves = _own_boxes(obstacles)
+    reach = np.einsum("nij,nj->ni", np.abs(axes), halves)
+    low, high = middles - reach, middles + reach
     wider = ROUNDING * (1.0 + np.maximum(np.abs(low), np.abs(high)))
     return low - wider, high + wider
 
 
-def _of_primitives(
-    declared: list[Any], halves: Callable[[Any], tuple[float, float, float]]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of boxes along the world's axes about those along the axes of primitives of one kind."""
-    centres, extents = np.array([one.position for one in declared], float), np.array([halves(one) for one in declared])
+def _own_boxes(obstacles: list[Obstacle]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Boxes about obstacles along their own axes: these as columns (n, 3, 3), middles in the world, half extents [m].
+
+    Of primitives they are made of what is declared, many at once.
+    """
+    count = len(obstacles)
+    axes, middles, halves = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+    kinds = np.array([_KINDS.get(type(one.message), -1) for one in obstacles], int)
+    for kind, half_extents in enumerate(_HALVES):
+        rows = np.flatnonzero(kinds == kind)
+        if len(rows):
+            declared: list[Any] = [obstacles[row].message for row in rows.tolist()]
+            axes[rows] = _axes(declared)
+            middles[rows] = [one.position for one in declared]
+            halves[rows] = [half_extents(one) for one in declared]
+    for row in np.flatnonzero(kinds < 0).tolist():
+        axes[row], middles[row], halves[row] = _own_box(obstacles[row])
+    return axes, middles, halves
+
+
+def _axes(declared: list[Any]) -> np.ndarray:
+    """The axes of primitives of one kind as columns, shape (n, 3, 3)."""
     if isinstance(declared[0], messages.Sphere):
-        return centres - extents, centres + extents
+        return np.tile(np.eye(3), (len(declared), 1, 1))
     turned = np.array([one.quaternion_xyzw for one in declared], float)
     x, y, z, w = (turned / np.linalg.norm(turned, axis=1, keepdims=True)).T
     rotations = np.array(
@@ -146,8 +160,7 @@ def _of_primitives(
             [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
         ]
     )
-    reach = np.einsum("ijn,nj->ni", np.abs(rotations), extents)
-    return centres - reach, centres + reach
+    return rotations.transpose(2, 0, 1)
 
 
 _KINDS: dict[type, int] = {messages.Box: 0, messages.Sphere: 1, messages.Cylinder: 2, messages.Capsule: 3}
@@ -161,17 +174,10 @@ _HALVES: tuple[Callable[[Any], tuple[float, float, float]], ...] = (
 """Half extents of a primitive's box along its own axes [m], by `_KINDS`."""
 
 
-def _of_shape(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the box along the world's axes about the one along an obstacle's own."""
-    axes, along, halves = _own_box(obstacle)
-    reach, centre = np.abs(axes) @ halves, axes @ along
-    return centre - reach, centre + reach
-
-
 def _own_box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The box about an obstacle along its own axes: these as columns, centre along them [m], half extents [m]."""
+    """The box about one that is no bounded primitive: axes as columns, its middle in the world, half extents [m]."""
     axes = np.array(obstacle.placement.rotation)
-    if obstacle.facets is None and isinstance(obstacle.shape, coal.Halfspace):
+    if isinstance(obstacle.message, messages.HalfSpace):
         return axes, np.zeros(3), np.full(3, np.inf)
     low, high = obstacle.box
-    return axes, obstacle.placement.act(0.5 * (low + high)) @ axes, 0.5 * (high - low) + obstacle.rounding
+    return axes, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low) + obstacle.rounding

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -97,13 +97,69 @@ def balls_about(points: Floats, radius: float, cloud: int) -> Body:
     return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
 
 
-def boxes_in_world(bodies: Sequence[Body]) -> Floats:
+class BodyRows(NamedTuple):
+    """Bodies row by row, without their surfaces.
+
+    Attributes:
+        kinds: As `Body.kind`, shape (n,).
+        sizes: As `Body.size`, shape (n, 3) [m].
+        bounds: As `Body.bounds`, shape (n, 6) [m].
+        placements: As `Body.placement`, shape (n, 3, 4) [m].
+        surfaces: By row, those of solids and sheets.
+        clouds: As `Body.cloud`, shape (n,).
+    """
+
+    kinds: Integers
+    sizes: Floats
+    bounds: Floats
+    placements: Floats
+    surfaces: dict[int, tuple[Floats, Integers]]
+    clouds: Integers
+
+    def ordered(self, order: Integers) -> BodyRows:
+        """The rows in another order, indices of shape (n,)."""
+        places = {row: place for place, row in enumerate(order.tolist())} if self.surfaces else {}
+        return BodyRows(
+            kinds=self.kinds[order],
+            sizes=self.sizes[order],
+            bounds=self.bounds[order],
+            placements=self.placements[order],
+            surfaces={places[row]: surface for row, surface in self.surfaces.items() if row in places},
+            clouds=self.clouds[order],
+        )
+
+
+def body_rows(bodies: Sequence[Body]) -> BodyRows:
+    """Bodies as rows, in their order."""
+    return BodyRows(
+        np.array([body.kind for body in bodies], np.int64),
+        np.array([body.size for body in bodies], float).reshape(-1, 3),
+        np.array([body.bounds for body in bodies], float).reshape(-1, 6),
+        np.array([body.placement for body in bodies], float).reshape(-1, 3, 4),
+        {row: body.surface for row, body in enumerate(bodies) if len(body.surface[1])},
+        np.array([body.cloud for body in bodies], np.int64),
+    )
+
+
+def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:
+    """Rows of bodies, and others behind them."""
+    count = len(first.kinds)
+    return BodyRows(
+        kinds=np.concatenate([first.kinds, second.kinds]),
+        sizes=np.concatenate([first.sizes, second.sizes]),
+        bounds=np.concatenate([first.bounds, second.bounds]),
+        placements=np.concatenate([first.placements, second.placements]),
+        surfaces=first.surfaces | {count + row: surface for row, surface in second.surfaces.items()},
+        clouds=np.concatenate([first.clouds, second.clouds]),
+    )
+
+
+def boxes_in_world(bodies: BodyRows) -> Floats:
     """Boxes along the axes about bodies where they are placed, lower then upper corner, shape (n, 6) [m].
 
     That of a half-space is everything.
     """
-    placements = np.array([body.placement for body in bodies]).reshape(-1, 3, 4)
-    bounds = np.array([body.bounds for body in bodies]).reshape(-1, 6)
+    placements, bounds = bodies.placements, bodies.bounds.copy()
     endless = ~np.isfinite(bounds).all(axis=1)
     bounds[endless] = 0.0
     centres, halves = 0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * (bounds[:, 3:] - bounds[:, :3])
@@ -113,7 +169,7 @@ def boxes_in_world(bodies: Sequence[Body]) -> Floats:
     return np.hstack([middles - reach, middles + reach])
 
 
-def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) -> DistanceTables:
+def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Floats) -> DistanceTables:
     """Tables of bodies, read-only.
 
     Args:
@@ -121,18 +177,18 @@ def body_tables(bodies: Sequence[Body], owners: Sequence[int], nodes: Floats) ->
         owners: What each belongs to.
         nodes: The tree, shape (m, 6) [m]; empty if nobody is going to look for what is near.
     """
-    surfaces, spans = _surface_tables([body.surface for body in bodies])
+    surfaces, spans = _surface_tables(bodies.surfaces, len(bodies.kinds))
     tables = DistanceTables(
-        kinds=np.array([body.kind for body in bodies], np.int64),
+        kinds=bodies.kinds,
         obstacles=np.array(owners, np.int64),
-        placements=np.array([body.placement for body in bodies], float).reshape(-1, 3, 4),
-        sizes=np.array([body.size for body in bodies], float).reshape(-1, 3),
-        bounds=np.array([body.bounds for body in bodies], float).reshape(-1, 6),
+        placements=bodies.placements,
+        sizes=bodies.sizes,
+        bounds=bodies.bounds,
         boxes=boxes_in_world(bodies),
         spans=spans,
         nodes=nodes,
         surfaces=surfaces,
-        clouds=np.array([body.cloud for body in bodies], np.int64),
+        clouds=bodies.clouds,
     )
     for array in (*tables[:-2], *surfaces, tables.clouds):
         array.setflags(write=False)
@@ -179,14 +235,12 @@ def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float
     return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _IDENTITY)
 
 
-def _surface_tables(surfaces: Sequence[tuple[Floats, Integers]]) -> tuple[SurfaceTables, Integers]:
-    """Tables of surfaces (vertices, triangles), and where the tree of each stands, shape (n, 4)."""
+def _surface_tables(surfaces: dict[int, tuple[Floats, Integers]], count: int) -> tuple[SurfaceTables, Integers]:
+    """Tables of surfaces (vertices, triangles) of some of n bodies, and where the tree of each stands, shape (n, 4)."""
     nodes, corners, normals = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))]
-    spans = np.zeros((len(surfaces), 4), np.int64)
+    spans = np.zeros((count, 4), np.int64)
     node = triangle = 0
-    for index, (vertices, triangles) in enumerate(surfaces):
-        if not len(triangles):
-            continue
+    for index, (vertices, triangles) in sorted(surfaces.items()):
         a, b, c = np.moveaxis(vertices[triangles], 1, 0)
         tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
         spans[index] = node, tree.leaves, triangle, len(triangles)

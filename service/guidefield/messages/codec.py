@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import enum
 import functools
 from typing import Any
@@ -10,6 +11,7 @@ import msgspec
 
 from guidefield.errors import MalformedRequest, RequestTooLarge
 from guidefield.messages import faults, replies, requests
+from guidefield.messages.checked_scenes import CheckedScenes
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneChanged, SceneDiff
 from guidefield.messages.values import Reply
@@ -138,12 +140,32 @@ def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
 def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
     """As `decode_request`; a Struct that was made in Python, which no decoder has seen, is checked too.
 
+    A large scene that holds what one did that was checked before isn't checked again.
+
     Raises:
         RequestTooLarge, MalformedRequest: as in `decode`.
     """
-    if isinstance(request, requests.Request):
-        return decode_request(_without_arrays(request))
-    return decode_request(request)
+    if not isinstance(request, requests.Request):
+        return decode_request(request)
+    given = getattr(request, "scene", None)
+    scene = _CHECKED.of(given)
+    if scene is None:
+        made = decode_request(_without_arrays(request))
+        _CHECKED.keep(given, getattr(made, "scene", None))
+        return made
+    bare = copy.copy(request)
+    msgspec.structs.force_setattr(bare, "scene", scene.name)
+    made = decode_request(_without_arrays(bare))
+    msgspec.structs.force_setattr(made, "scene", scene)
+    return made
+
+
+def is_kept(scene: Scene) -> bool:
+    """Whether a scene is one that `checked` made and keeps: it is what it was, for nobody else has it."""
+    return _CHECKED.has(scene)
+
+
+_CHECKED = CheckedScenes(4)
 
 
 def _without_arrays(request: Any) -> Any:

@@ -86,6 +86,9 @@ class Box(_Placed, tag="box", kw_only=True):
     size: tuple[Positive, Positive, Positive]
 
     def __post_init__(self) -> None:
+        if math.hypot(self.charge, *self.position, *self.size) <= LARGEST:  # as is each of them: scenes have thousands
+            require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
+            return
         super().__post_init__()
         require_finite("size", self.size)
 

@@ -7,9 +7,25 @@ import numpy as np
 from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import connected_pieces, volume
-from guidefield.geometry.distance_bodies import Body, balls_about, body_tables, boxes_in_world, primitive, triangulated
+from guidefield.geometry.distance_bodies import (
+    Body,
+    BodyRows,
+    balls_about,
+    body_rows,
+    body_tables,
+    boxes_in_world,
+    joined_rows,
+    primitive,
+    triangulated,
+)
 from guidefield.kept import kept_with
-from guidefield.kernels.distance.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.kernels.collide.primitive import (
+    BOX as BOX_PLACED,
+    CAPSULE as CAPSULE_PLACED,
+    HALF_SPACE as HALF_SPACE_PLACED,
+)
+from guidefield.kernels.collide.primitives_layout import PLACED
+from guidefield.kernels.distance.distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.kernels.field.field import field_at_points
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
@@ -23,16 +39,49 @@ def distance_tables(scene: Scene) -> DistanceTables:
     A closed mesh is a solid for each of its connected pieces, together with the hollows within it, so that pieces that
     overlap are told apart from hollows.
     """
-    bodies = [(index, body) for index, obstacle in enumerate(scene.obstacles) for body in _bodies(obstacle)]
-    endless = [pair for pair in bodies if pair[1].kind == HALF_SPACE]
-    bounded = [pair for pair in bodies if pair[1].kind != HALF_SPACE]
-    nodes = np.empty((0, 6))
-    if bounded:
-        boxes = boxes_in_world([body for _, body in bounded])
+    placed = b"".join([one.placed for one in scene.obstacles])
+    rows = np.frombuffer(placed).reshape(-1, PLACED.size // 8)
+    declared = np.flatnonzero([bool(one.placed) for one in scene.obstacles])
+    bounded = rows[:, 0] != HALF_SPACE_PLACED
+    others = np.delete(np.arange(len(scene.obstacles)), declared[bounded])
+    made = [(index, body) for index in others.tolist() for body in _bodies(scene.obstacles[index])]
+    bodies = joined_rows(_primitives(rows[bounded]), body_rows([body for _, body in made]))
+    owners = np.concatenate([declared[bounded], np.array([index for index, _ in made], np.int64)])
+    order, nodes = np.argsort(owners, kind="stable"), np.empty((0, 6))
+    endless, inside = (order[chosen] for chosen in _split(bodies.kinds[order] == HALF_SPACE))
+    if len(inside):
+        boxes = boxes_in_world(bodies.ordered(inside))
         tree = box_tree(boxes[:, :3], boxes[:, 3:])
-        nodes, bounded = tree.nodes, [bounded[k] for k in tree.order]
-    ordered = endless + bounded
-    return body_tables([body for _, body in ordered], [index for index, _ in ordered], nodes)
+        nodes, inside = tree.nodes, inside[tree.order]
+    order = np.concatenate([endless, inside])
+    return body_tables(bodies.ordered(order), owners[order], nodes)
+
+
+def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of what is chosen, and of the rest."""
+    return np.flatnonzero(chosen), np.flatnonzero(~chosen)
+
+
+def _primitives(placed: np.ndarray) -> BodyRows:
+    """Boxes, cylinders and capsules that are declared by `PLACED`, shape (n, 12)."""
+    declared, (x, y, z, w), radius = placed[:, 0], placed[:, 1:5].T, placed[:, -1]
+    halves, half = placed[:, 8:11], placed[:, 10]
+    box, capsule = declared == BOX_PLACED, declared == CAPSULE_PLACED
+    long = half + np.where(capsule, radius, 0.0)
+    reach = np.where(box[:, None], halves, np.column_stack([radius, radius, long]))
+    placements = np.empty((len(placed), 3, 4))
+    placements[:, 0, :3] = np.column_stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)])
+    placements[:, 1, :3] = np.column_stack([2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)])
+    placements[:, 2, :3] = np.column_stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)])
+    placements[:, :, 3] = placed[:, 5:8]
+    return BodyRows(
+        kinds=np.where(box, BOX, np.where(capsule, CAPSULE, CYLINDER)),
+        sizes=np.where(box[:, None], halves, np.column_stack([radius, half, np.zeros(len(placed))])),
+        bounds=np.hstack([-reach, reach]),
+        placements=placements,
+        surfaces={},
+        clouds=np.zeros(len(placed), np.int64),
+    )
 
 
 def _bodies(obstacle: Obstacle) -> list[Body]:

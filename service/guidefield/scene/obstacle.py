@@ -145,7 +145,7 @@ class Obstacle:
 
 
 def build(message: messages.Obstacle, index: int) -> Obstacle:
-    """Build an obstacle from its message; from the same declaration it is the same object.
+    """Build an obstacle from its message; from the same declaration it is the same object, unless it is a primitive.
 
     Args:
         message: Its declaration.
@@ -154,6 +154,10 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
     Raises:
         SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
     """
+    if type(message) in PRIMITIVES and message.trajectory is None:  # sooner made than looked up
+        primitive = _primitive(message)
+        large = size_warnings(message, None)
+        return dataclasses.replace(primitive, warnings=large) if large else primitive
     key = hashlib.sha256(_ENCODER.encode(message)).digest()
     known = _KNOWN.get(key)
     if known is not None:

@@ -35,3 +35,14 @@ def test_few_obstacles_are_measured_all() -> None:
     worlds = TimedWorld.of(world, world)
     pieces = np.array([[rest(world.group), rest(world.group) + 0.1]])
     assert with_nearest(worlds, Curve(pieces, np.array([0.0, 1.0])), np.array([0.0, 1.0])) is worlds
+
+
+def test_without_pairs_with_obstacles_nothing_is_measured() -> None:
+    arm = group("panda")
+    crumbs = [box(f"c{k}", (0.1, 0.1, 0.1), (2.0 + 0.3 * k, 0.0, 0.0)) for k in range(FEW + 1)]
+    allowed = [(link, crumb.name) for link in arm.robot.links for crumb in crumbs]
+    world = world_of(arm, crumbs, allowed)
+    assert len(world.pairs) == world.pairs.n_self
+    pieces = np.array([[rest(arm), rest(arm) + 0.1]])
+    among = with_nearest(TimedWorld.of(world, world), Curve(pieces, np.array([0.0, 1.0])), np.array([0.0, 1.0]))
+    assert len(among.moving.scene.obstacles) == 0

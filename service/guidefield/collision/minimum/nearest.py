@@ -1,6 +1,6 @@
 """Which obstacles can be the nearest somewhere along a motion: no others have to be measured.
 
-Let c be the distance from the obstacles at some time, and s how far a body moves within a stretch that begins then.
+Let c be the distance from some obstacle at some time, and s how far a body moves within a stretch that begins then.
 Within it the distance is c + max s at most, so what is nearest is within c + max s + s of its body when it begins.
 """
 
@@ -10,11 +10,16 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import FIRST_REACH
 from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.world import World
+from guidefield.robot.model.spaces import ModelConfiguration
 
 FEW = 64
 """So many obstacles are measured all."""
+
+MEASURED = 2
+"""So many pairs, those that boxes tell to be nearest, are measured for a distance that the nearest is within."""
 
 
 def with_nearest(worlds: TimedWorld, curve: Curve, times: np.ndarray) -> TimedWorld:
@@ -39,16 +44,42 @@ def _near(worlds: TimedWorld, curve: Curve, times: np.ndarray) -> np.ndarray:
     spans = np.diff(times)
     widths = curve.most(times[:-1], times[1:])[0] * spans[:, None]
     qs = [group.expand_from_chart(z) for z in curve.at(times[:-1])[0]]
-    jacobians, kept = np.empty((len(qs), 6, world.model.nv)), np.empty(len(qs))
+    jacobians = np.empty((len(qs), 6, world.model.nv))
     placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
     for row, q in enumerate(qs):
-        kept[row] = clearance_at(world, q).obstacle_distance
         jacobians[row] = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
         placements[row] = there
     centres = world.bodies.centres_in_world(placements)
     travel = world.motion_bound.at(jacobians, centres, widths)[1]
+    kept = _kept_at_most(world, qs, centres)
     margins = kept[:, None] + travel.max(axis=1, keepdims=True) + travel
     which, pairs = world.near_pairs.by_place(centres, margins)
     bodies = world.pairs.bodies(pairs)
     near = world.near_pairs.separations(centres, which, pairs) <= margins[which, bodies[:, 0]]
     return np.unique(bodies[near, 1]) - world.pairs.links
+
+
+def _kept_at_most(world: World, qs: list[ModelConfiguration], centres: np.ndarray) -> np.ndarray:
+    """What the distance from the obstacles is at most: that from those that boxes tell to be nearest.
+
+    Args:
+        world: Robot and obstacles.
+        qs: Configurations of the model, s of them.
+        centres: Of the balls about the robot's bodies there, shape (s, r, 3) [m, world].
+
+    Returns:
+        Shape (s,) [m]; infinite where there are no pairs with obstacles.
+    """
+    kept, reach = np.full(len(qs), np.inf), FIRST_REACH
+    waiting = np.arange(len(qs) if len(world.pairs) > world.pairs.n_self else 0)
+    while len(waiting):
+        margins = np.full((len(waiting), world.pairs.links), reach)
+        which, pairs = world.near_pairs.by_place(centres[waiting], margins)
+        bounds = world.near_pairs.separations(centres[waiting], which, pairs)
+        for row in np.unique(which).tolist():
+            there = np.flatnonzero(which == row)
+            nearest = pairs[there[np.argsort(bounds[there], kind="stable")[:MEASURED]]]
+            world.place(qs[waiting[row]])
+            kept[waiting[row]] = min(world.distance(pair)[0] for pair in nearest.tolist())
+        waiting, reach = np.delete(waiting, np.unique(which)), 2.0 * reach
+    return kept

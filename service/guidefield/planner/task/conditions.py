@@ -82,6 +82,8 @@ class Conditions(ReadOnly):
         return TimedWorld.of(resting, self.world)
 
     def _allowed_at_rest(self) -> tuple[tuple[str, str], ...]:
+        if not self.scene.moves:
+            return self.allowed_collisions
         moving = {one.name for one in self.scene.obstacles if one.motion is not None}
         return tuple(pair for pair in self.allowed_collisions if not moving.intersection(pair))
 

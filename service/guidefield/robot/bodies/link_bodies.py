@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.geometry.distance_bodies import Body, body_tables, primitive, triangulated
+from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated
 from guidefield.kept import kept_with
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.robot.bodies.charges import surface
@@ -18,7 +18,7 @@ def link_bodies(robot: RobotModel) -> DistanceTables:
     A mesh is solid if its triangles close around a volume, else a sheet. Computed once for each robot.
     """
     bodies = [_body(shape.geometry) for shape in robot.geometry.geometryObjects]
-    return body_tables(bodies, range(len(bodies)), np.empty((0, 6)))
+    return body_tables(body_rows(bodies), range(len(bodies)), np.empty((0, 6)))
 
 
 def _body(shape: object) -> Body:

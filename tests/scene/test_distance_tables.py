@@ -1,0 +1,67 @@
+"""The rows of primitives, made many at once, are those of their Coal shapes; what each belongs to is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guidefield.geometry.distance_bodies import primitive
+from guidefield.kernels.distance.distance import HALF_SPACE
+from guidefield.messages import scene as messages
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.scene import build
+
+KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
+
+
+def obstacle(rng: np.random.Generator, kind: str, name: str) -> messages.Obstacle:
+    place, turn = rng.uniform(-2.0, 2.0, 3), rng.normal(size=4)
+    a, b = rng.uniform(0.02, 0.4, 2).tolist()
+    position = (float(place[0]), float(place[1]), float(place[2]))
+    x, y, z, w = (turn / np.linalg.norm(turn)).tolist()
+    placed = {"position": position, "quaternion_xyzw": (x, y, z, w)}
+    match kind:
+        case "box":
+            return messages.Box(name=name, size=(a, b, 0.3), **placed)
+        case "sphere":
+            return messages.Sphere(name=name, radius=a, position=position)
+        case "cylinder":
+            return messages.Cylinder(name=name, radius=a, length=b, **placed)
+        case "capsule":
+            return messages.Capsule(name=name, radius=a, length=b, **placed)
+        case "half_space":
+            return messages.HalfSpace(name=name, normal=position, offset=a)
+    corners = [(0.0, 0.0, 0.0), (a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, a)]
+    return messages.Mesh(name=name, vertices=corners, triangles=[(0, 1, 2), (0, 2, 3)], **placed)
+
+
+@pytest.mark.parametrize("count", [1, 5, 70])
+@pytest.mark.parametrize("chosen", [KINDS, KINDS[:4], KINDS[4:], ("box",), ("half_space",)])
+def test_rows_are_those_of_coals_shapes(chosen: tuple[str, ...], count: int) -> None:
+    rng = np.random.default_rng(count)
+    kinds = rng.choice(chosen, count).tolist()
+    scene = build(messages.Scene("s", obstacles=[obstacle(rng, kind, f"o{k}") for k, kind in enumerate(kinds)]))
+    tables = distance_tables(scene)
+    assert sorted(tables.obstacles.tolist()) == list(range(count))
+    endless = tables.kinds == HALF_SPACE
+    assert (np.diff(endless.astype(int)) <= 0).all()  # half-spaces first
+    assert (np.diff(tables.obstacles[endless]) > 0).all()
+    for row, owner in enumerate(tables.obstacles.tolist()):
+        one = scene.obstacles[owner]
+        if kinds[owner] == "mesh":
+            assert tables.spans[row, 3] == 2
+            continue
+        body = primitive(one.shape)
+        assert body is not None
+        body = body.placed(one.placement.rotation, one.placement.translation)
+        assert tables.kinds[row] == body.kind
+        np.testing.assert_allclose(tables.sizes[row], body.size, rtol=1e-15)
+        np.testing.assert_allclose(tables.bounds[row], body.bounds, rtol=1e-15)
+        np.testing.assert_allclose(tables.placements[row], body.placement, atol=1e-15)
+        assert tables.spans[row].tolist() == [0, 0, 0, 0]
+    assert not any(array.flags.writeable for array in tables[:7])
+
+
+def test_a_scene_without_obstacles_has_no_rows() -> None:
+    tables = distance_tables(build(messages.Scene("empty")))
+    assert len(tables.kinds) == len(tables.nodes) == len(tables.boxes) == 0
