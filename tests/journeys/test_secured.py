@@ -20,7 +20,14 @@ from guidefield import Box, Client, NoService, NotAllowed, Potential, Scene, Unk
 from guidefield.cli import app
 from guidefield.cli.loopback import free_port
 from guidefield.messages.replies import Progress
-from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, running_service
+from tests.journeys.service import (
+    ANSWERED_WITHIN,
+    CONNECTED_WITHIN,
+    LONG,
+    PlainClient,
+    Service,
+    running_service,
+)
 
 NEAR_A_BOX = Potential(scene=Scene("s", obstacles=[Box(name="b", size=(1.0, 1.0, 1.0))]), points=[(2.0, 0.0, 0.0)])
 SHORT: dict[str, Any] = {
@@ -153,6 +160,23 @@ def test_an_onlooker_may_look_on(folder: Path, service: Service) -> None:
         ):
             with pytest.raises(NoService, match="this user may have no right to ask"):
                 forbidden()
+
+
+def test_an_onlooker_can_store_nothing_under_its_own_name_either(folder: Path, service: Service) -> None:
+    """The keys of what others share take any owner: it named itself, stored a scene there and shared it."""
+    scene = b'{"name": "mine", "obstacles": []}'
+    urdf = b"{\"urdf\": \"<robot name='r'><link name='a'/></robot>\"}"
+    with _session(folder, service, "visitor") as session:
+        wire = PlainClient(session)
+        for key, payload in (
+            ("scenes/visitor:mine", scene),
+            ("scenes/visitor:mine?delete", None),
+            ("scenes/visitor:mine?share", None),
+            ("robots/visitor:mine", urdf),
+            ("runs/visitor:mine?delete", None),
+        ):
+            assert wire.refusal(f"guidefield/local/as/visitor/{key}", payload)["name"] == "NOT_ALLOWED", key
+        assert wire.refusal("guidefield/local/as/visitor/scenes/visitor:mine")["name"] == "SCENE_INVALID"
 
 
 def test_everybody_hears_how_far_a_run_is_that_is_shared(folder: Path, service: Service) -> None:

@@ -25,7 +25,7 @@ OF_ALL = ("guidefield/*/alive", "guidefield/*/starting")
 """What everybody may look at: which services there are."""
 LISTS = ("info", "robots", "scenes", "runs")
 SHARED = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording")
-"""What others share; only the owner may change it, so whoever may use these keys can read alone."""
+"""What others share: with an owner before the name a key is for reading alone, unless an operator asks."""
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,7 @@ class Asked:
             user=self._user,
             owner=owner,
             client=self._client(),
+            names_owner=key != below,
         )
 
     def _client(self) -> str:

@@ -30,7 +30,7 @@ from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engines import Engines
-from guidefield.errors import MalformedRequest, WorkerCrashed
+from guidefield.errors import MalformedRequest, NotAllowed, WorkerCrashed
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.handlers.unbegun import (
     cancelled_before,
@@ -139,11 +139,17 @@ class Endpoint:
                 self._look_up(asked, read)
 
     def _require_right(self, read: keys.Query) -> None:
-        """Refuse what a user may not do with what is another's."""
+        """Refuse what a user may not do with what is another's.
+
+        Keys that name an owner are open to onlookers, too, so there its own things are for reading alone.
+        """
+        reading = keys.is_reading(read)
         if read.owner != read.user:
             kind, name = _thing(read)
-            reading = keys.is_reading(read)
             self._engines.stores.require_right(read.user, read.owner, kind, name, read_only=reading)
+        elif read.names_owner and not (reading or keys.is_cancel(read)):
+            told = f"{read.user}:{read.key[1]}"[:128]
+            raise NotAllowed(f"{told!r} is for reading; to change it, name it without its owner", user=read.owner)
 
     def ask(self, read: keys.Query, received: float) -> Future[Answer]:
         """Have work done that was asked for in another way than by a query on one of the keys.

@@ -33,6 +33,7 @@ class Query:
         user: Whose keys it uses.
         owner: Whose things it is about.
         client: Which client of this user asks, as far as it says so.
+        names_owner: Whether its key has the owner before the thing's name.
     """
 
     key: tuple[str, ...]
@@ -42,6 +43,7 @@ class Query:
     user: str = PLAIN
     owner: str = PLAIN
     client: str = ""
+    names_owner: bool = False
 
     @property
     def asker(self) -> Asker:
