@@ -192,6 +192,15 @@ def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: p
     assert kernels().state is State.WRONG
 
 
+def test_a_folder_that_takes_no_file_is_told_whatever_its_rights_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root has every right, also where the system makes no files."""
+    if not Path("/proc/self").is_dir():
+        pytest.skip("this system has no such folder that is always there")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/self")
+    assert kernels().state is State.WRONG
+    assert disk(Path("/proc/self/data")).state is State.WRONG
+
+
 @pytest.mark.parametrize(
     ("behind", "system", "state"),
     [

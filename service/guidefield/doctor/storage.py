@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
+import tempfile
 from pathlib import Path
 
 from guidefield.doctor.finding import Finding, fine, remark, wrong
@@ -24,7 +24,7 @@ def disk(data: Path) -> Finding:
     there = _there(data)
     if not there.is_dir():
         return wrong("disk", f"{there} is no folder", f"give `guidefield serve --data FOLDER`, or move {there} away")
-    if not os.access(there, os.W_OK | os.X_OK):
+    if not _takes_files(there):
         return wrong("disk", f"{there} can't be written", "give `guidefield serve --data FOLDER`, or the rights to it")
     return room_found(shutil.disk_usage(there).free, data)
 
@@ -43,7 +43,7 @@ def kernels() -> Finding:
     """Whether the kernels' machine code is there, or can be kept."""
     folder = cache_parent() / "guidefield"
     there = _there(folder)
-    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+    if not (there.is_dir() and _takes_files(there)):
         return wrong(
             "kernels",
             f"{there} can't be written: every start compiles for a minute",
@@ -60,6 +60,15 @@ def kernels() -> Finding:
             "kernels", f"compiled by plain numba, because {PLAIN} is set", f"unset {PLAIN}: plans take longer"
         )
     return fine("kernels", f"compiled, in {folder}")
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether a file can be made there: rights alone don't say it, least of all to root."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def _there(path: Path) -> Path:
