@@ -56,7 +56,8 @@ def start(code: Path, cache: Path) -> list[str]:
 
 def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) -> None:
     code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
-    first, second, compiler = start(code, cache)
+    before, first, second, compiler = start(code, cache)
+    assert before == first_start.AT_FIRST
     assert first.startswith("compiling kernels 0 %")
     assert first.endswith("1 of 2 (callee)")
     share = re.fullmatch(r"compiling kernels (\d+) %, once for this version: 2 of 2 \(a_caller\)", second)
@@ -69,7 +70,7 @@ def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) ->
     assert start(code, cache) == ["False"]
     source = code / "guidefield" / "kernels" / "a_caller.py"
     source.write_text(source.read_text() + "# an edit\n")
-    only, _ = start(code, cache)
+    _, only, _ = start(code, cache)
     assert "1 of 1 (a_caller)" in only
 
 
@@ -103,10 +104,10 @@ def test_machine_code_for_another_processor_is_not_taken(tmp_path: Path, monkeyp
     code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
     monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
     monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
-    assert len(start(code, cache)) == 3
+    assert len(start(code, cache)) == 4
     monkeypatch.delenv("NUMBA_CPU_NAME")
     monkeypatch.delenv("NUMBA_CPU_FEATURES")
-    assert len(start(code, cache)) == 3
+    assert len(start(code, cache)) == 4
     kept = [path.name.partition("-")[0] for path in (cache / "guidefield" / "kernels").iterdir()]
     assert sorted(kept) == sorted(2 * ["a_caller", "all", "callee", "fingerprints"])
 
@@ -128,8 +129,8 @@ def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(
     monkeypatch.setattr(sys, "executable", str(compiler))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     told: list[str] = []
-    first_start.compile_kernels(told.append, lambda: bool(told))
-    assert told == ["compiling"]
+    first_start.compile_kernels(told.append, lambda: len(told) > 1)
+    assert told == [first_start.AT_FIRST, "compiling"]
     for pid in map(int, pids.read_text().split()):
         await_death(pid)
     assert not (tmp_path / "cache").exists()

@@ -25,6 +25,9 @@ KERNELS = Path(__file__).parent / "kernels"
 EVERY = 2.0
 """Progress is told at most once in so long [s]."""
 
+AT_FIRST = "compiling kernels 0 %, once for this version: the compiler is loaded"
+"""What is told before the compiler tells anything itself, which takes a second or two."""
+
 PATIENCE = 0.2
 """How often it is asked whether to stop [s]."""
 
@@ -54,6 +57,7 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
     done = compiled_mark()
     if done.exists():
         return
+    told(AT_FIRST)
     last = -EVERY
     command = [sys.executable, "-m", "guidefield.kernels.jit.compile_ahead"]
     with (
