@@ -14,7 +14,7 @@ import pytest
 from guidefield import Engine
 from guidefield.endpoint.endpoint import HEAVY_KEYS
 from guidefield.endpoint.rules import DELIVERY, limits_told
-from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
+from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
 from guidefield.errors import ERRORS, Status
 from guidefield.handlers.info import Figures, Rules, info
 from guidefield.messages import codec, requests
@@ -25,7 +25,7 @@ from guidefield.stores.runs import DEFAULT_RETENTION
 
 HOUSE = Path(__file__).resolve().parent.parent
 PAGE = (HOUSE / "service" / "docs" / "wire.md").read_text()
-LIMITS = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE)
+LIMITS = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_every_code_has_its_meaning_and_says_how_it_travels() -> None:
 def test_a_key_waits_for_a_worker_as_it_says() -> None:
     always = {key.key.split("/")[0] for key in KEYS if key.worker == "always"}
     assert always == set(HEAVY_KEYS)
-    assert [key.key for key in KEYS if key.takes and key.worker == "never"] == []
+    assert [key.key for key in KEYS if key.how == "query" and key.takes and key.worker == "never"] == []
 
 
 def test_info_has_the_same() -> None:

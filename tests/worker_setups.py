@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import threading
 import time
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from guidefield.errors import RobotInvalid
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import error_reply
+from guidefield.pool.companion import Taken
 from guidefield.pool.process import Call, Work
+from guidefield.stream_worker import Open, Refused, Told, Update
 
 LONG = 300.0
 """Longer than any test waits for a worker [s]."""
@@ -198,3 +205,40 @@ _VERBS = {
     "stuck": _stuck_in_a_native_call,
     "refuse": _refuse,
 }
+
+
+def converse(line: Connection) -> None:
+    """Answers what is an echo, and ends when it is told to."""
+    line.send(os.getpid())
+    while True:
+        what, value = line.recv()
+        if what == "end":
+            return
+        line.send(value)
+        line.send(Taken(1))
+
+
+def converse_with_nobody(line: Connection) -> None:
+    """Takes nothing."""
+    line.send(os.getpid())
+    threading.Event().wait()
+
+
+@dataclass(frozen=True)
+class StreamInWords:
+    """A stream's conversation that says what it is told to."""
+
+    encoding: Encoding = Encoding.JSON
+    refuses: bool = False
+
+    def __call__(self, line: Connection) -> None:
+        if self.refuses:
+            line.send(Refused(error_reply(RobotInvalid("there is no robot 'ur55'"))))
+            return
+        line.send(Open("ur5", ("a",), (0.5,), 1, ("odd",)))
+        with contextlib.suppress(EOFError):
+            while True:
+                asked = line.recv()
+                if isinstance(asked, Update):
+                    line.send(Told("pieces", asked.payload, 7, 1.5))
+                    line.send(Taken(1))

@@ -40,6 +40,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.scene import Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, changed
+from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
 from guidefield.run import Owe, Run, answered_before
@@ -54,6 +55,8 @@ if TYPE_CHECKING:
     from guidefield.robot.model.model import RobotModel
     from guidefield.scene.built import BuiltScenes
     from guidefield.scene.scene import Scene
+    from guidefield.stream.stream import CertifiedStream
+    from guidefield.stream.takeover import TakeOver
 
 MAX_CACHED_SCENES = 16
 """Scenes kept built."""
@@ -329,6 +332,20 @@ class Engine:
             RobotInvalid: if there is none, or it can't be used.
         """
         return self._robot(name)
+
+    def stream(self, request: StreamOpen, taking: TakeOver | None = None) -> CertifiedStream:
+        """A stream in this process, of which nothing is kept here.
+
+        Args:
+            request: What is asked.
+            taking: When ways that are planned beside the cycle are taken over; None: counted.
+
+        Raises:
+            GuidefieldError: if the request is ill-posed.
+        """
+        from guidefield.stream.stream import CertifiedStream
+
+        return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking)
 
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
         from guidefield.handlers.allowance import Allowance

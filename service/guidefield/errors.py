@@ -40,6 +40,7 @@ class Status(enum.IntEnum):
     REQUEST_TOO_LARGE = -108
     QUOTA_EXCEEDED = -109
     NOT_ALLOWED = -110
+    STREAM_UNKNOWN = -111
     DISK_REFUSED = -112
     FAILURE = 99999
 
@@ -141,6 +142,12 @@ class NotAllowed(GuidefieldError):
     code = Status.NOT_ALLOWED
 
 
+class StreamUnknown(GuidefieldError):
+    """A stream that isn't open, or not any more."""
+
+    code = Status.STREAM_UNKNOWN
+
+
 class WorkerCrashed(GuidefieldError):
     """The process that worked on the request died; the service lives on."""
 
@@ -199,6 +206,7 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
         ServerBusy,
         QuotaExceeded,
         NotAllowed,
+        StreamUnknown,
         WorkerCrashed,
         NoService,
         TimedOut,

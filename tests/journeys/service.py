@@ -138,6 +138,10 @@ class PlainClient:
         (only,) = self.answers(key, payload, encoding, client)
         return only
 
+    def put(self, key: str, payload: bytes, encoding: str = "application/json") -> None:
+        """Put something on a key; nobody answers."""
+        self._session.put(key, payload, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK)
+
     def ask(self, key: str, request: Any = None) -> Any:
         """The reply to a request that is answered well."""
         answer = self.answer(key, None if request is None else json.dumps(request).encode())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import itertools
 import signal
 import socket
 import threading
@@ -67,6 +68,23 @@ def link(service: Service, monkeypatch: pytest.MonkeyPatch) -> Iterator[Link]:
     link = Link(service.endpoint)
     yield link
     link.close()
+
+
+def test_a_stream_whose_link_is_cut_goes_on(link: Link) -> None:
+    asked = {"robot": "ur5", "scene": {"name": "empty", "obstacles": []}}
+    with Client.connect(link.endpoint, wait=CONNECTED_WITHIN) as far, far.stream(asked) as stream:
+        stream.update(time=0.0)
+        assert stream.answer(ANSWERED_WITHIN) is not None
+        link.cut()
+        times = itertools.count(1)
+
+        def answered() -> bool:
+            at = stream.update(time=0.02 * next(times))
+            answer = stream.answer(0.1)
+            return answer is not None and answer.update == at
+
+        await_that(answered)
+        assert stream.ended is None
 
 
 @pytest.mark.parametrize("named", [False, True])

@@ -105,6 +105,29 @@ def test_an_operator_may_do_everything(folder: Path, service: Service) -> None:
     assert (identity.user, identity.access_control) == ("plain", True)
 
 
+def test_a_stream_is_fed_and_heard_by_its_user_alone(folder: Path, service: Service) -> None:
+    heard: list[zenoh.Sample] = []
+    foreign = b'{"time": 9.0}'
+    with (
+        _as(folder, service, "alice") as alice,
+        _session(folder, service, "bob") as bob,
+        alice.stream(robot="ur5", scene={"name": "empty", "obstacles": []}) as stream,
+    ):
+        key = f"guidefield/*/as/alice/streams/{stream.stream_id}"
+        with bob.declare_subscriber(f"{key}/*", heard.append):
+            for cycle in range(3):
+                bob.put(f"{key.replace('*', 'local')}/update", b'{"time": 9.0}')
+                stream.update(time=0.02 * cycle)
+                answer = stream.answer(ANSWERED_WITHIN)
+                assert answer is not None
+                assert answer.update == 0.02 * cycle  # and isn't late
+        read = stream.read()
+        assert (read.updates, read.last) == (3, stream.state)
+        with _as(folder, service, "cell") as operator:
+            assert operator.streams() == [f"alice:{stream.stream_id}"]
+    assert {sample.payload.to_bytes() for sample in heard} <= {foreign}  # what it puts it hears itself
+
+
 def test_a_user_may_do_everything_on_its_own_keys_and_nothing_on_others(folder: Path, service: Service) -> None:
     with _as(folder, service, "alice") as alice:
         heard: list[object] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from guidefield.messages import codec, keys
+from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.served import KEYS, SERVED, KeyInfo
 
@@ -14,6 +14,10 @@ QUERIED = [key for key in KEYS if key.how == "query"]
 def _query(key: KeyInfo, parameters: dict[str, str] | None = None, payload: bytes = b"") -> keys.Query:
     chunks = tuple(chunk.strip("<>") for chunk in key.key.split("/"))
     return keys.Query(chunks, parameters or {}, payload, Encoding.JSON)
+
+
+def _check(query: keys.Query) -> None:
+    (stream_keys.check if stream_keys.is_stream(query) else keys.check)(query)
 
 
 def test_every_message_has_its_schema() -> None:
@@ -26,22 +30,24 @@ def test_every_message_has_its_schema() -> None:
 def test_a_key_is_served_with_its_parameters_and_no_others(key: KeyInfo) -> None:
     values = {"since": "1", "status": "SUCCESS"}
     for parameter in key.parameters:
-        keys.check(_query(key, {parameter: values.get(parameter, "")}))
-    keys.check(_query(key))
+        _check(_query(key, {parameter: values.get(parameter, "")}))
+    _check(_query(key))
     if not (keys.is_recording(_query(key)) or keys.is_cancel(_query(key))):
         with pytest.raises(keys.MalformedRequest, match="unknown parameter 'other'"):
-            keys.check(_query(key, {"other": ""}))
+            _check(_query(key, {"other": ""}))
 
 
 @pytest.mark.parametrize("key", QUERIED, ids=SERVED)
 def test_a_key_takes_a_payload_if_it_has_messages_for_it(key: KeyInfo) -> None:
     if key.takes:
-        keys.check(_query(key, payload=b"{}"))
+        _check(_query(key, payload=b"{}"))
     else:
         with pytest.raises(keys.MalformedRequest, match="takes no payload"):
-            keys.check(_query(key, payload=b"{}"))
+            _check(_query(key, payload=b"{}"))
 
 
 def test_every_rule_is_told() -> None:
+    own = {key.key for key in QUERIED if stream_keys.is_stream(_query(key))}
+    assert own == {"streams", "streams/<id>", "streams/<id>/goal", "streams/<id>/stop"}
     told = {(key.key.split("/")[0], key.key.count("/") + 1) for key in QUERIED}
     assert set(keys._RULES) <= told

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from guidefield.endpoint.rules import DELIVERY, limits_told
-from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, limits_of
-from guidefield.messages import replies, requests, scene, scene_changes
+from guidefield.endpoint.service import DEFAULT_GRACE, DEFAULT_QUEUE, DEFAULT_STREAMS, limits_of
+from guidefield.messages import replies, requests, scene, scene_changes, stream_requests, streams
 from guidefield.messages.codes import CODES
 from guidefield.messages.served import KEYS, KeyInfo
 from guidefield.pool.pool import DEFAULT_MEMORY
@@ -18,7 +18,7 @@ from pages.fields import fields, parts, summary
 
 BLOCK = re.compile(r"(<!-- made from the code: (?P<name>[a-z ]+) -->\n)(?P<text>.*?)(<!-- end -->)", re.DOTALL)
 """A part of the page that is made here."""
-ROOMS = (requests, replies, scene, scene_changes)
+ROOMS = (requests, replies, scene, scene_changes, streams, stream_requests)
 
 
 def filled(page: str) -> str:
@@ -51,6 +51,8 @@ def keys() -> str:
 def _gives(key: KeyInfo) -> str:
     if key.how == "token":
         return "liveliness token"
+    if key.how == "put":
+        return "is put by clients"
     given = _named(key.gives) or "bytes"
     return f"publishes {given}" if key.how == "published" else given
 
@@ -72,7 +74,7 @@ def codes() -> str:
 
 def limits() -> str:
     """Every limit of a service that was started without options."""
-    told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE)
+    told = limits_told(limits_of(DEFAULT_QUEUE), DEFAULT_MEMORY, DEFAULT_RETENTION, DEFAULT_GRACE, DEFAULT_STREAMS)
     return _table(
         ("limit", "value", "what"), ((f"`{one.name}`", f"{_figure(one.value)} {one.unit}", one.what) for one in told)
     )

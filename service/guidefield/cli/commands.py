@@ -32,7 +32,7 @@ from guidefield.cli.tables import certify_table, plan_table
 from guidefield.client import Client
 from guidefield.endpoint.own_session import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
-from guidefield.endpoint.service import CannotServe, ServiceSettings
+from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
 from guidefield.engine import answer
 from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import compile_kernels
@@ -217,6 +217,9 @@ def serve(
     ] = None,
     name: Annotated[str, typer.Option(help="Name of this service; part of its keys.")] = "local",
     workers: Annotated[int, typer.Option(min=1, help="Worker processes.")] = os.cpu_count() or 1,
+    streams: Annotated[
+        int, typer.Option(min=0, help="How many streams may be open at once, each in a process of its own.")
+    ] = DEFAULT_STREAMS,
     queue: Annotated[int, typer.Option(min=1, help="How many requests may wait.")] = 64,
     memory: Annotated[int, typer.Option(min=256, help="Memory that a worker may take [MiB].")] = DEFAULT_MEMORY >> 20,
     config: Annotated[Path | None, typer.Option(help="Zenoh configuration file (TLS, users, routers).")] = None,
@@ -261,6 +264,7 @@ def serve(
         listen=tuple(listen) if listen else None,
         config=config,
         workers=workers,
+        streams=streams,
         queue_limit=queue,
         memory=memory << 20,
         retention=Retention(keep_runs, int(keep_gib * 2**30), keep_days * 86_400.0),

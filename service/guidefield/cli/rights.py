@@ -19,6 +19,9 @@ ANSWERING = ["reply", "put", "declare_queryable", "liveliness_token"]
 """What it is sent."""
 PRESENCE = ["liveliness_token"]
 """What a client sends to say that it is there."""
+SENDING, EXPECTING = ["put"], ["declare_subscriber"]
+"""What a client sends for a stream of its own, and what the service says so that it is sent."""
+UPDATES = "streams/*/update"
 HEARING, HEARD = ["declare_subscriber"], ["put"]
 """What a client sends that listens, and what it is sent."""
 OF_ALL = ("guidefield/*/alive", "guidefield/*/starting")
@@ -63,6 +66,10 @@ def access_control(roles: Roles) -> dict[str, Any]:
     ]
     for name, keys, present in of_roles:
         own = _rules(f"user {name}", keys, None if present is None else f"{present}/clients/*")
+        if present is not None:
+            updates = [f"{present}/{UPDATES}"]
+            own.append(_rule(f"user {name} sends updates", SENDING, "ingress", updates))
+            own.append(_rule(f"user {name} may send updates", EXPECTING, "egress", updates))
         rules += own
         policies.append({"rules": _ids(own), "subjects": [name]})
     return {

@@ -10,6 +10,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self, TypeVar, cast
 
 from guidefield.client import questions
+from guidefield.client.async_streams import AsyncServiceStream
 from guidefield.client.client import GIVE_UP_WITHIN, exchange_with
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
@@ -28,6 +29,7 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import SceneChanged
+from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
 _R = TypeVar("_R")
@@ -139,6 +141,21 @@ class AsyncClient:
     async def cancel_request(self, request_id: str) -> str:
         """End a kinematics request early, by its `request_id`: whoever waits for it gets `Preempted`."""
         return (await self._ask(questions.cancel_request(request_id))).done
+
+    def stream(
+        self,
+        request: StreamOpen | dict[str, Any] | None = None,
+        /,
+        *,
+        clock: Callable[[], float] | None = None,
+        **fields: Any,
+    ) -> AsyncServiceStream:
+        """A stream of motion among obstacles that move, to be opened by ``async with``; as `Client.stream`."""
+        return AsyncServiceStream(self._exchange, request, fields, clock)
+
+    async def streams(self) -> list[str]:
+        """The streams that are open, of this user."""
+        return (await self._ask(questions.streams())).streams
 
     async def robots(self) -> RobotsReply:
         """The robots that can be named."""

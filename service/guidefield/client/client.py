@@ -13,6 +13,7 @@ from guidefield.client import questions
 from guidefield.client.exchange import Exchange, awaited
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.session import configured, configured_user, linked, opened, unreachable
+from guidefield.client.streams import ServiceStream
 from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages.identities import checked_user
@@ -29,6 +30,7 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import SceneChanged
+from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -228,6 +230,32 @@ class Client:
             A sentence that says what that means, also where no such request is under way.
         """
         return self._ask(questions.cancel_request(request_id)).done
+
+    def stream(
+        self,
+        request: StreamOpen | dict[str, Any] | None = None,
+        /,
+        *,
+        clock: Callable[[], float] | None = None,
+        **fields: Any,
+    ) -> ServiceStream:
+        """A stream of motion among obstacles that move, to be opened by ``with``.
+
+        Args:
+            request: The request, or its fields.
+            clock: The clock that all its times are of [s]; None: seconds since now.
+            fields: Those of a StreamOpen, instead of a request.
+
+        Raises:
+            MalformedRequest: if it doesn't open a stream, or a request and fields are given. When it is opened:
+                `ServerBusy` where as many are open as may be, `QuotaExceeded` where this user has as many, and whatever
+                is ill-posed about it.
+        """
+        return ServiceStream(self._exchange, request, fields, clock)
+
+    def streams(self) -> list[str]:
+        """The streams that are open, of this user."""
+        return self._ask(questions.streams()).streams
 
     def robots(self) -> RobotsReply:
         """The robots that can be named."""

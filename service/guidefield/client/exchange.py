@@ -141,6 +141,11 @@ class Exchange:
                 key = f"{base_key(instance, self.user)}/clients/{self.client}"
                 self._present[instance] = self.session.liveliness().declare_token(key)
 
+    def instance_of(self, own_id: str) -> str:
+        """The instance that has what was asked for under a name."""
+        with self._lock:
+            return self._runs[own_id]
+
     def remember(self, run_id: str, instance: str) -> None:
         """Ask this instance about a run from now on."""
         with self._lock:

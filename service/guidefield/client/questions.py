@@ -6,7 +6,7 @@ import re
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar, cast
 
 import msgspec
 
@@ -38,6 +38,8 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
+from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamReply, StreamsReply
+from guidefield.messages.streams import StreamGoal, StreamOpen
 from guidefield.messages.values import Reply, RootJoint
 
 KinematicsReply = (
@@ -53,7 +55,7 @@ _WORD = re.compile(r"[^/?#*$;]+")
 """What can be one chunk of a key, or the value of a parameter."""
 
 _R = TypeVar("_R")
-_Q = TypeVar("_Q", PlanRequest, CertifyRequest)
+_Q = TypeVar("_Q", PlanRequest, CertifyRequest, StreamOpen)
 _M = TypeVar("_M", bound=Reply)
 
 
@@ -249,6 +251,60 @@ def share(kind: Literal["runs", "scenes", "robots"], name: str, *, shared: bool)
     return _reading(f"{key}?{'share' if shared else 'unshare'}", Done, run_id)
 
 
+def stream_open(request: StreamOpen | dict[str, Any] | None, fields: dict[str, Any]) -> StreamOpen:
+    """What a stream is opened with, by a request or by its fields.
+
+    Raises:
+        MalformedRequest: if that doesn't open a stream, or both are given.
+    """
+    given = _either("stream", request, fields)
+    if isinstance(given, dict):
+        given = cast(StreamOpen, codec.convert(codec.plain_fields(given), StreamOpen))
+    return given
+
+
+def open_stream(request: StreamOpen) -> Question[StreamReply]:
+    """A stream is to be opened under its name."""
+    own, needs = request.stream_id, _needed(request)
+    return Question("streams", _reader("streams", StreamReply), _sent(request), request_id=own, work=True, needs=needs)
+
+
+def streams() -> Question[StreamsReply]:
+    """The streams that are open."""
+    return _reading("streams", StreamsReply)
+
+
+def read_stream(stream_id: str) -> Question[StreamReply]:
+    """One stream."""
+    key = _key("streams", stream_id)
+    return Question(key, _reader(key, StreamReply), request_id=stream_id)
+
+
+def end_stream(stream_id: str) -> Question[Done]:
+    """One stream is to end."""
+    key = f"{_key('streams', stream_id)}?delete"
+    return Question(key, _reader(key, Done), request_id=stream_id, repeatable=False)
+
+
+def aim_stream(
+    stream_id: str, goal: StreamGoal | dict[str, Any] | None
+) -> tuple[Question[StreamAimed], StreamGoal | None]:
+    """One stream gets another goal, and which.
+
+    Raises:
+        MalformedRequest: if that is no goal.
+    """
+    aim: StreamAim = codec.convert(codec.plain_fields({"goal": goal}), StreamAim)
+    key = f"{_key('streams', stream_id)}/goal"
+    return Question(key, _reader(key, StreamAimed), _sent(aim), request_id=stream_id), aim.goal
+
+
+def stop_stream(stream_id: str) -> Question[Done]:
+    """One stream's robot is to stop."""
+    key = f"{_key('streams', stream_id)}/stop"
+    return Question(key, _reader(key, Done), request_id=stream_id)
+
+
 def info() -> Question[InfoReply]:
     """What the service says about itself."""
     return _reading("info", InfoReply)
@@ -299,7 +355,7 @@ def _deleting(key: str, run_id: str | None = None) -> Question[Done]:
     return Question(f"{key}?delete", _reader(key, Done), run_id=run_id, repeatable=False, forgets=key)
 
 
-def _needed(request: MotionRequest | KinematicsRequest) -> tuple[str, ...]:
+def _needed(request: MotionRequest | KinematicsRequest | StreamOpen) -> tuple[str, ...]:
     """Keys of the robot and the scene that a request names."""
     robot, scene = getattr(request, "robot", None), getattr(request, "scene", None)
     named = {"robots": robot, "scenes": scene.base if isinstance(scene, RequestScene) else scene}

@@ -41,6 +41,22 @@ def _unread() -> ServerBusy:
     return ServerBusy("too much waits to be read by this client already; read that first", retry_after=RETRY_AFTER)
 
 
+def encoding_of(told: object) -> Encoding:
+    """How a payload is written, by what Zenoh says of it; None: by Zenoh's own default.
+
+    Raises:
+        MalformedRequest: if that isn't understood.
+    """
+    name = str(told or "").partition(";")[0]
+    if name == Encoding.MSGPACK:
+        return Encoding.MSGPACK
+    if name in JSON_NAMES:
+        return Encoding.JSON
+    raise MalformedRequest(
+        f"encoding {name!r} is not understood; use {' or '.join(Encoding)}", encoding=name, available=list(Encoding)
+    )
+
+
 class Asked:
     """A query that waits for its one answer.
 
@@ -67,15 +83,7 @@ class Asked:
         Raises:
             MalformedRequest: if its encoding is unknown, or its key has wildcards or names nobody who can be a user.
         """
-        name = str(self._query.encoding or "").partition(";")[0]
-        if name == Encoding.MSGPACK:
-            self._encoding = Encoding.MSGPACK
-        elif name not in JSON_NAMES:
-            raise MalformedRequest(
-                f"encoding {name!r} is not understood; use {' or '.join(Encoding)}",
-                encoding=name,
-                available=list(Encoding),
-            )
+        self._encoding = encoding_of(self._query.encoding)
         chunks = self._key.split("/")
         if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
             raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)

@@ -27,10 +27,11 @@ from guidefield.endpoint.meter import Meter
 from guidefield.endpoint.outbox import Outbox
 from guidefield.endpoint.promised import Promised, Settled
 from guidefield.endpoint.readers import Readers
+from guidefield.endpoint.streams import Streams
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engines import Engines
-from guidefield.errors import MalformedRequest, NotAllowed, WorkerCrashed
+from guidefield.errors import MalformedRequest, NotAllowed, ServerBusy, WorkerCrashed
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.handlers.unbegun import (
     cancelled_before,
@@ -41,7 +42,7 @@ from guidefield.handlers.unbegun import (
     timed_out_loading,
     timed_out_waiting,
 )
-from guidefield.messages import codec, keys
+from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
@@ -58,7 +59,7 @@ _log = logging.getLogger(__name__)
 
 HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
 """What needs a worker; and so does any other query with a payload."""
-KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "info")
+KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
 """What queries are timed under, by the first chunk of their key."""
 LATE, LATE_SHARE = 0.02, 0.03
 """How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
@@ -80,6 +81,7 @@ class Endpoint:
         rules: What the service keeps to, as `info` tells it.
         quotas: What each user may have.
         access_control: Whether the configuration keeps users to their own keys.
+        streams: Where streams are kept; None: there are none.
     """
 
     def __init__(
@@ -94,10 +96,12 @@ class Endpoint:
         rules: Rules | None = None,
         quotas: Quotas = DEFAULT_QUOTAS,
         access_control: bool = False,
+        streams: Streams | None = None,
     ) -> None:
         self._instance = instance
         self._engines = engines
         self._pool = pool
+        self._streams = streams
         self._publish = publish
         self._trace = trace
         self._condition = condition
@@ -125,6 +129,9 @@ class Endpoint:
                 self._pool.stand_by()
             if not keys.is_cancel(read):  # that gives something back
                 self._allowances.ask(read.user)
+            if stream_keys.is_stream(read):
+                self._ask_stream(asked, read)
+                return
             keys.check(read)
             self._require_right(read)
             if read.key == ("info",):
@@ -137,6 +144,22 @@ class Endpoint:
                 self._hand_over(asked, read, received)
             else:
                 self._look_up(asked, read)
+
+    def _ask_stream(self, asked: Asked, read: keys.Query) -> None:
+        if self._streams is None:
+            raise ServerBusy("this service takes no streams")
+        if self._condition is not None:
+            self._condition.require_ready()
+        self._streams.ask(read).add_done_callback(asked.settle)
+
+    def hear_update(self, sample: zenoh.Sample) -> None:
+        """Take what somebody put for a stream; returns at once."""
+        if self._streams is None or sample.kind != zenoh.SampleKind.PUT:
+            return
+        try:
+            self._streams.update(str(sample.key_expr), sample.payload, sample.encoding, self._allowances.ask)
+        except Exception:  # Zenoh's thread must outlive it, and nobody waits for an answer
+            _log.exception("an update could not be taken")
 
     def _require_right(self, read: keys.Query) -> None:
         """Refuse what a user may not do with what is another's.
@@ -172,6 +195,7 @@ class Endpoint:
     def forget(self, client: Asker) -> None:
         """End whatever a client asked for that is gone."""
         ended = self._under_way.cancel_all_of(client)
+        ended += 0 if self._streams is None else self._streams.forget(client)
         if ended:
             self._meter.count("forgotten")
             _log.info("client %s of %s is gone: %d requests of it end", client.client, client.user, ended)
@@ -189,12 +213,17 @@ class Endpoint:
     def figures(self, user: str = PLAIN) -> Figures:
         """What it counts and measures, as it stands now, and as a user may see it."""
         return Figures(
-            counters={**self._meter.counters(), "crashes": self._pool.crashes},
+            counters={
+                **self._meter.counters(),
+                "crashes": self._pool.crashes,
+                **({} if self._streams is None else self._streams.counters),
+            },
             uptime=time.monotonic() - self._began,
             workers=self._pool.workers,
             busy=self._pool.busy,
             queue=self._pool.queue,
-            memory=self._pool.memory,
+            memory=self._pool.memory + (0 if self._streams is None else self._streams.memory),
+            streams=0 if self._streams is None else self._streams.open,
             latency=self._meter.latency(),
             health=Health() if self._condition is None else self._condition.now,
             disk=None if self._data is None else disk_of(self._data),

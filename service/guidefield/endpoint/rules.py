@@ -6,6 +6,7 @@ from guidefield.endpoint.asked import LONGEST_CLIENT
 from guidefield.endpoint.clients import GRACE
 from guidefield.endpoint.endpoint import LATE, LATE_SHARE
 from guidefield.endpoint.link import LEASE, LONGEST_MESSAGE, READ_WITHIN
+from guidefield.endpoint.open_stream import OPENED_WITHIN, SILENCE
 from guidefield.endpoint.outbox import MOST_BYTES, MOST_BYTES_OF_CLIENT, MOST_LETTERS, OF_USER
 from guidefield.endpoint.readers import MOST_READS
 from guidefield.endpoint.under_way import MOST_REMEMBERED, REMEMBERED
@@ -15,15 +16,20 @@ from guidefield.messages.keys import LONGEST_STORING
 from guidefield.messages.kinematics_requests import DEFAULT_TIME, LONGEST_TIME
 from guidefield.messages.scene import MAX_VERTICES
 from guidefield.messages.service_replies import DeliveryRule, LimitInfo
+from guidefield.messages.streams import MOST_OBSTACLES, MOST_UPDATE_BYTES
 from guidefield.messages.values import LARGEST, MAX_URDF_CHARACTERS
+from guidefield.pool.companion import MOST_WAITING, STUCK
 from guidefield.pool.waiting import BACKSTOP, HELD_UP, TRIAL, Limits
 from guidefield.robot.catalog.sent_meshes import MAX_MESH_BYTES, MAX_MESHES
 from guidefield.run import LARGEST_RECORDING
 from guidefield.stores.robots import MAX_BYTES, MAX_ROBOTS
 from guidefield.stores.runs import Retention
+from guidefield.stream_worker import MOST_SOUGHT
 
 
-def limits_told(waiting: Limits, memory: int, retention: Retention, grace: float) -> tuple[LimitInfo, ...]:
+def limits_told(
+    waiting: Limits, memory: int, retention: Retention, grace: float, streams: int
+) -> tuple[LimitInfo, ...]:
     """Every limit of a service, with its value.
 
     Args:
@@ -31,6 +37,7 @@ def limits_told(waiting: Limits, memory: int, retention: Retention, grace: float
         memory: What a worker may take [bytes].
         retention: How many runs are kept.
         grace: How long requests that are being worked on may take at the end [s].
+        streams: How many there may be.
     """
     own = (
         _limit("queue", waiting.tasks, "requests", "that wait for a worker; more are SERVER_BUSY"),
@@ -40,9 +47,10 @@ def limits_told(waiting: Limits, memory: int, retention: Retention, grace: float
         _limit("memory", memory, "bytes", "that a worker takes; one that takes more is ended, its request CRASH"),
         _limit("kept_runs", retention.runs, "runs", "that are kept; the oldest are dropped first"),
         _limit("kept_size", retention.bytes, "bytes", "that kept runs take; the oldest are dropped first"),
+        _limit("streams", streams, "streams", "that are open at once; more are SERVER_BUSY"),
         _limit("ending", grace, "s", "that work under way has at the end; plans then end with the best by then"),
     )
-    return (*_OF_PAYLOADS, *_OF_TIME, *own, *_OF_ANSWERS, *_OF_STORES)
+    return (*_OF_PAYLOADS, *_OF_TIME, *own, *_OF_STREAMS, *_OF_ANSWERS, *_OF_STORES)
 
 
 def _limit(name: str, value: float, unit: str, what: str) -> LimitInfo:
@@ -71,6 +79,15 @@ _OF_TIME = (
     _limit("cancels_remembered", MOST_REMEMBERED, "cancels", "that are remembered; the oldest are forgotten"),
     _limit("client_gone", GRACE, "s", "that a client's token may be gone before what it asked for ends"),
     _limit("link_cut", LEASE, "s", "that a link which was cut without a word may go unnoticed"),
+)
+_OF_STREAMS = (
+    _limit("stream_silence", SILENCE, "s", "without an update, after which a stream ends and says so"),
+    _limit("stream_opening", OPENED_WITHIN, "s", "that opening a stream may take"),
+    _limit("stream_stuck", STUCK, "s", "that a stream's process may take for what it was sent; then it is ended"),
+    _limit("stream_update", MOST_UPDATE_BYTES, "bytes", "of an update; a larger one is refused on `state`"),
+    _limit("stream_waiting", MOST_WAITING, "updates", "that wait for a stream; more are refused on `state`"),
+    _limit("stream_obstacles", MOST_OBSTACLES, "obstacles", "that a stream knows; those that are gone make room"),
+    _limit("stream_goals", MOST_SOUGHT, "goals", "that are looked for at once; more are SERVER_BUSY"),
 )
 _OF_ANSWERS = (
     _limit("read_within", READ_WITHIN, "s", "for reading an answer; then Zenoh ends the link"),
@@ -131,6 +148,13 @@ DELIVERY = (
         name="progress",
         rule="Progress is published as it is made, without a history; a busy link may drop some. The answer doesn't"
         " depend on it.",
+    ),
+    DeliveryRule(
+        name="streams",
+        rule="An update is put, and answered on `pieces` or `state`, once: of updates that wait for their"
+        " turn all but the newest are taken note of, and not answered. What is published for a stream waits for nobody:"
+        " a client that doesn't read loses it, and its robot stops where its last piece does. A stream is told nothing"
+        " about an update on the key of a stream that isn't open.",
     ),
     DeliveryRule(
         name="slow reader",

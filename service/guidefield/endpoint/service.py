@@ -24,13 +24,14 @@ from guidefield.endpoint.metrics import metrics_server
 from guidefield.endpoint.own_session import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.rules import DELIVERY, limits_told
+from guidefield.endpoint.streams import Streams
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, WorkerCrashed, without_source
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
-from guidefield.messages.identities import PLAIN
+from guidefield.messages.identities import PLAIN, base_key
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
 from guidefield.messages.replies import InfoReply, error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
@@ -43,6 +44,8 @@ _log = logging.getLogger(__name__)
 
 DEFAULT_QUEUE = 64
 """How many requests may wait."""
+DEFAULT_STREAMS = 4
+"""How many streams may be open at once."""
 DEFAULT_GRACE = 10.0
 """How long requests that are being worked on may take at the end [s]."""
 ANSWERS_WITHIN = 5.0
@@ -65,6 +68,7 @@ class ServiceSettings:
         listen: Zenoh endpoints; None takes the configuration's, or else a loopback port.
         config: Zenoh configuration file.
         workers: Number of worker processes.
+        streams: How many streams may be open at once; each has a process of its own.
         queue_limit: How many requests may wait for one; a single client may have half of them.
         memory: A worker that takes more is stopped [bytes].
         retention: How many runs are kept.
@@ -83,6 +87,7 @@ class ServiceSettings:
     listen: tuple[str, ...] | None = None
     config: Path | None = None
     workers: int = 2
+    streams: int = DEFAULT_STREAMS
     queue_limit: int = DEFAULT_QUEUE
     memory: int = DEFAULT_MEMORY
     retention: Retention = DEFAULT_RETENTION
@@ -143,14 +148,21 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         limits = limits_of(settings.queue_limit)
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
         publish = partial(_publish, session)
-        rules = Rules(limits_told(limits, settings.memory, settings.retention, settings.grace), DELIVERY)
+        rules = Rules(
+            limits_told(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY
+        )
         known = (publish, trace, condition, settings.data, rules, settings.quotas, _has_access_control(config))
-        endpoint = Endpoint(settings.instance, engines, pool, *known)
+        streams = _streams(settings, setup, session)
+        endpoint = Endpoint(settings.instance, engines, pool, *known, streams)
         told.figures = endpoint.figures
+        for keys in (base_key(settings.instance, PLAIN), base_key(settings.instance, "*")):
+            heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
+            opened.enter_context(session.declare_subscriber(f"{keys}/streams/*/update", heard))
         opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
         opened.callback(endpoint.close)
         opened.callback(Clients(session, settings.instance, endpoint.forget).close)
         offer = _ros_offer(settings.ros, session, engines, endpoint, opened)
+        opened.callback(streams.close)
         opened.callback(pool.close, settings.grace)
         opened.callback(condition.end, f"what is being worked on is finished, within {settings.grace:g} s")
         announce(f"starting (workers: {settings.workers})")
@@ -305,6 +317,23 @@ def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:
         session.put(key, payload, encoding=codec.Encoding.JSON.value)
     except zenoh.ZError:  # nobody hears it then; the run goes on
         _log.exception("progress could not be published")
+
+
+def _streams(settings: ServiceSettings, setup: EngineSetup, session: zenoh.Session) -> Streams:
+    def publish(key: str, payload: bytes, encoding: codec.Encoding) -> None:
+        try:
+            session.put(
+                key,
+                payload,
+                encoding=encoding.value,
+                congestion_control=zenoh.CongestionControl.DROP,  # who doesn't read holds up nobody
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+        except zenoh.ZError:  # nobody hears it then; the stream goes on
+            _log.exception("what a stream tells could not be published")
+
+    return Streams(settings.instance, setup, settings.streams, settings.memory, settings.quotas, publish)
 
 
 def _alive(instance: str) -> str:

@@ -47,6 +47,7 @@ class Figures:
     disk: Disk | None = None
     identity: Identity | None = None
     users: Mapping[str, UserFigures] = field(default_factory=dict)
+    streams: int = 0
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ def brief_info(figures: Figures) -> InfoReply:
         payload_limit=codec.MAX_REQUEST_BYTES,
         identity=figures.identity,
         users=dict(figures.users),
+        streams=figures.streams,
     )
 
 

@@ -14,6 +14,8 @@ from guidefield.messages import faults, replies, requests
 from guidefield.messages.checked_scenes import CheckedScenes
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneChanged, SceneDiff
+from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamReply, StreamsReply
+from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Reply
 
 MAX_REQUEST_BYTES = 64 * 2**20
@@ -192,6 +194,14 @@ def json_schemas() -> dict[str, Any]:
         Scene,
         SceneDiff,
         SceneChanged,
+        StreamOpen,
+        StreamUpdate,
+        StreamAim,
+        Piece,
+        StreamState,
+        StreamReply,
+        StreamAimed,
+        StreamsReply,
     ]
     schemas, components = msgspec.json.schema_components(kinds)
     return {

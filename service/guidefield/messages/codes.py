@@ -57,6 +57,7 @@ MEANINGS = {
     Status.REQUEST_TOO_LARGE: "the payload, or a part of it, is too large",
     Status.QUOTA_EXCEEDED: "more than this user may have; `retry_after` says when to ask again [s]",
     Status.NOT_ALLOWED: "it is another user's, who doesn't share it, or alone may change it",
+    Status.STREAM_UNKNOWN: "no such stream is open, or not any more",
     Status.DISK_REFUSED: "the service's disk is full, or can't be written or read",
     Status.FAILURE: "a bug, logged with its trace",
 }

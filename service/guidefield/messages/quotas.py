@@ -20,12 +20,14 @@ class Quota(Message):
         per_second: How many queries a second are answered; as many may come at once.
         processor_per_minute: Seconds of a processor in a minute, in the long run [s].
         bytes: What kept runs may take, and what stored robots and scenes may take together [bytes].
+        streams: How many streams may be open.
     """
 
     waiting: Annotated[int, msgspec.Meta(ge=1)] | None = None
     per_second: Positive | None = 1_000.0
     processor_per_minute: Positive | None = None
     bytes: Annotated[int, msgspec.Meta(ge=1)] | None = None
+    streams: Annotated[int, msgspec.Meta(ge=1)] | None = None
 
     def __post_init__(self) -> None:
         for name in ("per_second", "processor_per_minute"):

@@ -19,7 +19,7 @@ class KeyInfo(Reply):
     Attributes:
         key: Below the instance's, ``guidefield/<i>/``.
         what: What it is for.
-        how: Whether it is queried, published for subscribers, or a liveliness token.
+        how: Whether it is queried, put by clients, published for subscribers, or a liveliness token.
         worker: Whether a query waits for a worker: never, always, or with a payload only. What needs none is answered
             while the service starts and ends, too.
         parameters: Those that a query may have, and what they do.
@@ -29,7 +29,7 @@ class KeyInfo(Reply):
 
     key: str
     what: str
-    how: Literal["query", "published", "token"] = "query"
+    how: Literal["query", "put", "published", "token"] = "query"
     worker: Literal["never", "always", "with a payload"] = "never"
     parameters: dict[str, str] = {}
     takes: list[str] = []
@@ -96,6 +96,30 @@ KEYS = (
         how="published",
         gives=["Progress"],
     ),
+    KeyInfo(
+        "streams",
+        "lists the streams that are open; with a payload opens one",
+        worker="with a payload",
+        takes=["StreamOpen"],
+        gives=["StreamsReply", "StreamReply"],
+    ),
+    KeyInfo(
+        "streams/<id>",
+        "how one stream is",
+        parameters={"delete": "ends it"},
+        gives=["StreamReply", "Done"],
+    ),
+    KeyInfo(
+        "streams/<id>/goal",
+        "sets its goal",
+        worker="with a payload",
+        takes=["StreamAim"],
+        gives=["StreamAimed"],
+    ),
+    KeyInfo("streams/<id>/stop", "has its robot stop", gives=["Done"]),
+    KeyInfo("streams/<id>/update", "what its client sees, put by it", how="put", takes=["StreamUpdate"]),
+    KeyInfo("streams/<id>/pieces", "pieces of motion, each with its stop", how="published", gives=["Piece"]),
+    KeyInfo("streams/<id>/state", "why an update got no piece", how="published", gives=["StreamState"]),
     KeyInfo(
         "info",
         "what the service is and does; also while it starts and ends",

@@ -108,7 +108,7 @@ class InfoReply(Reply):
         counters: What was counted since the start.
         uptime: Time since the start [s].
         latency: From a query's arrival to its answer, by the first chunk of its key.
-        memory: Resident memory of the workers [bytes].
+        memory: Resident memory of the workers, and of the streams' processes [bytes].
         keys: Every key with its parameters and messages; the names are those of the schemas.
         codes: Every code that a status or an error may have.
         limits: What it bounds, and by how much.
@@ -119,6 +119,7 @@ class InfoReply(Reply):
         payload_limit: The largest payload that is looked at [bytes]; a larger one is refused.
         identity: Who asks; null where nobody can but oneself.
         users: What users have now; for operators that of all who have any, for a user its own.
+        streams: How many streams are open.
     """
 
     version: str
@@ -141,6 +142,7 @@ class InfoReply(Reply):
     payload_limit: int = 0
     identity: Identity | None = None
     users: dict[str, UserFigures] = {}
+    streams: int = 0
     schema: int = 1
 
 

@@ -12,6 +12,7 @@ import msgspec
 from guidefield.messages.conditions import AttachedObject, JointLimits
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Positions, require_finite_positions
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
+from guidefield.messages.replies import ErrorReply
 from guidefield.messages.scene import Obstacle
 from guidefield.messages.values import (
     ORIGIN,
@@ -21,6 +22,7 @@ from guidefield.messages.values import (
     Placement,
     Positive,
     Reply,
+    RunId,
     Vector3,
     require_finite,
     require_finite_number,
@@ -28,6 +30,9 @@ from guidefield.messages.values import (
 
 MOST_OBSTACLES = 10_000
 """Most obstacles that a stream knows at once."""
+
+MOST_UPDATE_BYTES = 16 << 20
+"""The longest update that a service looks at [bytes]."""
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
@@ -105,6 +110,7 @@ class StreamOpen(Message):
         appear_speed: And moves at most so fast [m/s].
         planning_time: How long the planning of a way lasts [s]: it is taken over so long after it was asked for.
         seed: Of all randomness.
+        stream_id: What a service is to call the stream, new; null: the service makes a name.
 
     Example:
         >>> from guidefield import Box, JointsGoal, StreamObstacle, StreamOpen
@@ -140,6 +146,7 @@ class StreamOpen(Message):
     appear_speed: NonNegative = 0.0
     planning_time: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.06
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
+    stream_id: RunId | None = None
 
     def __post_init__(self) -> None:
         settle_scene(self)
@@ -186,6 +193,7 @@ class StreamUpdate(Message):
         executing: Number of the piece that the robot executes at `time`; null: the last one that has begun.
         declare: Shapes that are new, or in place of those of the same name.
         gone: Obstacles that aren't there any more.
+        schema: Version of this message.
     """
 
     time: float
@@ -194,6 +202,7 @@ class StreamUpdate(Message):
     executing: int | None = None
     declare: Annotated[list[StreamObstacle], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
     gone: Annotated[list[Name], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
+    schema: Literal[1] = 1
 
     def __post_init__(self) -> None:
         require_finite_number("time", self.time)
@@ -250,10 +259,22 @@ class Piece(Reply):
     position_names: list[str]
     trajectory: PieceTrajectory
     evaluations: int
+    schema: int = 1
 
 
 Reason = Literal[
-    "at_goal", "standing", "too_close", "no_way", "goal_taken", "late", "stale", "tracking", "stopped", "appeared"
+    "at_goal",
+    "standing",
+    "too_close",
+    "no_way",
+    "goal_taken",
+    "late",
+    "stale",
+    "tracking",
+    "stopped",
+    "appeared",
+    "refused",
+    "ended",
 ]
 
 
@@ -261,21 +282,25 @@ class StreamState(Reply):
     """Why an update got no piece; what was sent before is executed to its end.
 
     Attributes:
-        update: Time of the update [s].
+        update: Time of the update [s]; null where it couldn't be read, or there was none.
         reason: `at_goal`: the last piece ends there. `standing`: there is no goal. `too_close`: nothing could be
             proven. `no_way`: none was found to the goal. `goal_taken`: an obstacle is on it. `late`: an update before
             was later. `stale`: observations are too old. `tracking`: the robot isn't where its piece has it.
             `stopped`: a stop was asked for. `appeared`: the piece that is executed isn't proven against what was
-            observed for the first time.
+            observed for the first time. Of a service alone: `refused`: the update is ill-posed. `ended`: the stream is
+            over; no update is answered any more.
         pair: What couldn't be told apart: a link, and a link or an obstacle; null where that isn't the reason.
         time: Where that is, by the client's clock [s]; null as there.
         executing: Number of the piece that is executed.
         stops: When the robot stands [s].
+        error: Why it is `refused` or `ended`; null otherwise.
     """
 
-    update: float
+    update: float | None
     reason: Reason
     pair: tuple[str, str] | None
     time: float | None
     executing: int
     stops: float
+    error: ErrorReply | None = None
+    schema: int = 1

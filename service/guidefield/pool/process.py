@@ -95,7 +95,7 @@ _line: Line | None = None
 def prepare(setup: Setup, line: Line, memory: int) -> None:
     """Make this process a worker that may have some memory [bytes]; where that is refused, tell why and end."""
     global _answers, _line
-    _end_with_parent()
+    end_with_parent()
     line.told.setblocking(False)
     try:
         _answers, _line = setup(), line
@@ -103,10 +103,15 @@ def prepare(setup: Setup, line: Line, memory: int) -> None:
         line.told.send(error.message[:LONGEST_REASON].encode())
         logging.disable()  # the reason is told: pebble would log where in our source it was found
         raise
+    limit_memory(memory)
+
+
+def limit_memory(memory: int) -> None:
+    """Have huge allocations of this process fail at once, where it may have some memory [bytes]."""
     resource.setrlimit(resource.RLIMIT_DATA, (DATA_ROOM * memory, resource.RLIM_INFINITY))
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Have this process killed when the one that started it ends.
 
     On Linux by the system, even in the middle of a native call; elsewhere by a thread, as soon as it gets its turn.

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
+from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, UnknownObject
 from guidefield.geometry.placements import se3
 from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
 from guidefield.messages import scene as messages
-from guidefield.messages.streams import Deviation, Observation, StreamObstacle
+from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import POSED, posed
 from guidefield.scene.obstacle import Obstacle
@@ -32,12 +32,14 @@ class Known:
         shape: Its shape.
         seen: Its last observation; None: not yet, or gone.
         boxes: Boxes that stand for it, where it was seen, shape (b, 16) [m].
+        gone: Whether it was there, and isn't any more.
     """
 
     declared: StreamObstacle
     shape: JudgedShape
     seen: Observation | None = None
     boxes: np.ndarray | None = None
+    gone: bool = False
 
     @property
     def name(self) -> str:
@@ -92,6 +94,7 @@ class Obstacles:
 
         Raises:
             SceneInvalid: if it can't be used, or the name is taken.
+            RequestTooLarge: if too many are known already, and none of them is gone.
         """
         message = declared.obstacle
         if message.name in self.scene.names or message.name in set(links):
@@ -109,9 +112,24 @@ class Obstacles:
         if shape.plane is not None and declared.largest_angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_TURNS}", obstacle=message.name, path=path)
         before = self.known.get(message.name)
+        if before is None:
+            self._make_room(path)
         one = self.known[message.name] = Known(declared, shape, None if before is None else before.seen)
         one.boxes = None if one.seen is None else _turned(shape.boxes, one.seen)
         self._remade = True
+
+    def _make_room(self, path: str) -> None:
+        """Forget one that is gone, if as many as may be are known."""
+        if len(self.known) < MOST_OBSTACLES:
+            return
+        name = next((name for name, one in self.known.items() if one.gone), None)
+        if name is None:
+            raise RequestTooLarge(
+                f"`{path}`: a stream knows {MOST_OBSTACLES} obstacles at most, and none of these is gone",
+                path=path,
+                limit=MOST_OBSTACLES,
+            )
+        del self.known[name]
 
     def observe(self, seen: Observation, path: str, now: float) -> bool:
         """Take an observation; whether the obstacle wasn't there before.
@@ -140,7 +158,7 @@ class Obstacles:
         if one.seen is not None and seen.time < one.seen.time:
             return False
         fresh = one.seen is None
-        one.seen, one.boxes = seen, _turned(one.shape.boxes, seen)
+        one.seen, one.boxes, one.gone = seen, _turned(one.shape.boxes, seen), False
         self._met_changed |= fresh
         return fresh
 
@@ -154,7 +172,7 @@ class Obstacles:
         if one is None:
             raise UnknownObject(f"`{path}`: no obstacle {name!r} is declared", object=name, path=path)
         self._met_changed |= one.seen is not None
-        one.seen = None
+        one.seen, one.gone = None, True
 
     @property
     def oldest(self) -> float:

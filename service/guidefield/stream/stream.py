@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future
+from functools import partial
 from types import TracebackType
 from typing import Any, cast
 
@@ -12,9 +14,10 @@ import numpy as np
 from guidefield.errors import InvalidConfiguration, MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import Scene
 from guidefield.stream.certificate import Judge, Judgement, Told
 from guidefield.stream.commit import Commit, towards
@@ -25,6 +28,7 @@ from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import opened
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
+from guidefield.stream.takeover import Counted, TakeOver
 from guidefield.stream.ways import INSIDE, Ordered, Planner, Room
 
 KEPT = 64
@@ -44,19 +48,22 @@ class CertifiedStream:
         request: What is asked.
         robot: The robot that it names.
         scene: The scene that it names.
+        taking: When ways that are planned beside the cycle are taken over; None: counted, by `planning_time`.
 
     Raises:
         GuidefieldError: if the request is ill-posed.
     """
 
-    def __init__(self, request: StreamOpen, robot: RobotModel, scene: Scene) -> None:
+    def __init__(self, request: StreamOpen, robot: RobotModel, scene: Scene, taking: TakeOver | None = None) -> None:
         self._opened = asked = opened(request, robot, scene)
         self.request = request
         self.group = asked.group
         self.warnings = asked.warnings
         clearance = max(STREAM.resting, request.min_clearance + STREAM.resting)
         self._room = Room(asked.group, asked.joints, asked.world, clearance)
-        self._planner = Planner(Room(asked.group, asked.joints, asked.world, clearance), asked.group)
+        self._taking: TakeOver = taking or Counted()
+        beside = Room(asked.group, asked.joints, asked.world, clearance)
+        self._planner = Planner(beside, asked.group, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
         for index, one in enumerate(request.obstacles):
             self._obstacles.declare(one, f"$.obstacles[{index}]", asked.group.robot.links)
@@ -69,6 +76,8 @@ class CertifiedStream:
         self._last = 0
         self._pieces: deque[Piece] = deque()
         self._halted = False
+        self._fresh = False
+        self._sought = 0
         self._goal_number = 0
         self._goals: np.ndarray | None = None
         self._way: Way | None = None
@@ -77,7 +86,11 @@ class CertifiedStream:
         self._refused = 0
         self._unfound = False
         if request.goal is not None:
-            self.aim_for(request.goal)
+            try:
+                self.aim_for(request.goal)
+            except BaseException:
+                self.close()
+                raise
 
     def close(self) -> None:
         """End the stream; what was sent last is executed to its end."""
@@ -101,6 +114,11 @@ class CertifiedStream:
         """The commit that was sent last, as values."""
         return self._commits[self._last]
 
+    @property
+    def goal_number(self) -> int:
+        """Number of the goal that was set last; 0: there was none."""
+        return self._goal_number
+
     def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
         """Change the goal; null: to stand. Going on after a stop is asked for in the same way.
 
@@ -110,10 +128,24 @@ class CertifiedStream:
         Raises:
             GuidefieldError: if it is ill-posed, or can't be reached.
         """
-        found = None
-        if goal is not None:
-            asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
-            found = goals_of(asked, self.group, self._room, self.executing.ends, self._rng)
+        return self.take_goal(None if goal is None else self.seek(goal).result())
+
+    def seek(self, goal: StreamGoal | dict[str, Any]) -> Future[ChartPoints]:
+        """Have the configurations (k, nv) of a goal looked for beside the cycle, from where the robot will stand.
+
+        The future holds a GuidefieldError if the goal is ill-posed, or can't be reached.
+        """
+        asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
+        self._sought += 1
+        rng = np.random.default_rng([self.request.seed, self._sought])
+        return self._planner.beside(partial(_sought, asked, self.group, self.executing.ends, rng))
+
+    def take_goal(self, found: ChartPoints | None) -> int:
+        """Aim for what `seek` found, shape (k, nv), from now on; None: to stand.
+
+        Returns:
+            The goal's number, which its pieces have.
+        """
         self._goals, self._goal_number = found, self._goal_number + 1
         self._way, self._ordered, self._refused, self._unfound, self._halted = None, None, 0, False, False
         return self._goal_number
@@ -136,11 +168,11 @@ class CertifiedStream:
             update = cast(StreamUpdate, codec.convert({**(update or {}), **codec.plain_fields(fields)}, StreamUpdate))
         if update.time <= self._now:
             return self._state(update.time, "late")
+        noted, self._fresh = self._fresh, False
         measured = None if update.joints is None else self._measured(update)
-        fresh = self._seen(update)
-        if not np.isfinite(self._now):
-            self._commits[0] = Commit.standing(self._opened.start, update.time)
-        self._now = now = update.time
+        fresh = self._seen(update) or noted
+        self._begin(update.time)
+        now = update.time
         base = self._base(update)
         off = 0.0
         if measured is not None:
@@ -160,6 +192,27 @@ class CertifiedStream:
             if not told.free:
                 cycle.broken = told
         return self._answered(cycle)
+
+    def note(self, update: StreamUpdate) -> StreamState | None:
+        """Take what an update says of obstacles and answer nothing, for a newer one is there already.
+
+        Returns:
+            The state of an update that comes too late; None otherwise.
+
+        Raises:
+            GuidefieldError: as `update`.
+        """
+        if update.time <= self._now:
+            return self._state(update.time, "late")
+        self._fresh |= self._seen(update)
+        self._begin(update.time)
+        return None
+
+    def _begin(self, now: float) -> None:
+        """The client's clock is there [s]; until the first update the robot stands at its start."""
+        if not np.isfinite(self._now):
+            self._commits[0] = Commit.standing(self._opened.start, now)
+        self._now = now
 
     def judged(self, time: float) -> Told:
         """Whether what is executed is still proven from a time on [s], by what was seen last."""
@@ -313,7 +366,7 @@ class CertifiedStream:
         """The way that is followed, after what was planned is taken over and what has to be is ordered."""
         speeds = self._opened.bounds.rates[:, 0]
         goal = self._chosen(cycle, stand)
-        if self._ordered is not None and cycle.now >= self._ordered.due:
+        if self._ordered is not None and self._taking.takes(self._ordered, cycle.now):
             points = self._ordered.found.result()
             self._unfound = points is None
             if points is not None and (self._ordered.goal == goal).all():
@@ -405,6 +458,12 @@ class CertifiedStream:
         _, places, _ = self._obstacles.judged(STREAM.reserve)
         body, obstacle = places.met[told.pair - len(own)]
         return names[body], self._obstacles.names[obstacle]
+
+
+def _sought(
+    goal: StreamGoal, group: PlanningGroup, near: ChartPoint, rng: np.random.Generator, room: Room
+) -> ChartPoints:
+    return goals_of(goal, group, room, near, rng)
 
 
 class _Cycle:

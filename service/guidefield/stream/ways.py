@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,6 +23,8 @@ from guidefield.stream.settings import STREAM
 
 FAR = 0.3
 """Distances are measured up to this [m]."""
+
+_T = TypeVar("_T")
 
 INSIDE = 0.005
 """By so much what is grown is less than an end is away from it [m]."""
@@ -105,11 +112,16 @@ class Planner:
     Args:
         room: For that thread alone.
         group: The robot's planned joints.
+        niceness: By how much the thread gives way to others, where the system knows priorities of threads.
     """
 
-    def __init__(self, room: Room, group: PlanningGroup) -> None:
+    def __init__(self, room: Room, group: PlanningGroup, niceness: int = 0) -> None:
         self._room, self._group = room, group
-        self._thread = ThreadPoolExecutor(1, "guidefield-ways")
+        self._thread = ThreadPoolExecutor(1, "guidefield-ways", _give_way, (niceness,))
+
+    def beside(self, work: Callable[[Room], _T]) -> Future[_T]:
+        """Have something else done with its room, when its turn comes."""
+        return self._thread.submit(work, self._room)
 
     def order(self, due: float, z0: ChartPoint, z1: ChartPoint, boxes: np.ndarray, rng: np.random.Generator) -> Ordered:
         """Have a way planned.
@@ -143,3 +155,8 @@ class Planner:
         low = np.where(np.isfinite(group.lower), group.lower, middle - reach)
         high = np.where(np.isfinite(group.upper), group.upper, middle + reach)
         return rng.uniform(low, high, (STREAM.samples, group.nv))
+
+
+def _give_way(niceness: int) -> None:
+    if niceness and sys.platform == "linux":  # elsewhere a process has one priority for all of its threads
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)

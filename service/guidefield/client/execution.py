@@ -1,0 +1,109 @@
+"""What a robot executes of a stream: pieces that it takes, each followed by another one or executed to its stop."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from guidefield.messages.streams import Piece
+
+MOST_WAITING = 64
+"""So many pieces may wait to begin; the oldest are forgotten."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a robot is, in the order of a stream's `position_names`.
+
+    Attributes:
+        positions: [rad or m].
+        velocities: [rad/s or m/s].
+        accelerations: [rad/s^2 or m/s^2].
+    """
+
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    accelerations: tuple[float, ...]
+
+
+class Execution:
+    """The motion of a robot that takes a stream's pieces.
+
+    A piece is executed from where it begins, if it is there before, and if then the piece is executed that it follows.
+    What no piece follows is executed to its end, where the robot stands. It is not for two threads.
+
+    Args:
+        start: Where it stands [rad or m].
+
+    Attributes:
+        late: How many pieces came after they began.
+    """
+
+    def __init__(self, start: Sequence[float]) -> None:
+        self.late = 0
+        self._start = tuple(start)
+        self._piece: Piece | None = None
+        self._waiting: deque[Piece] = deque(maxlen=MOST_WAITING)
+
+    def take(self, piece: Piece, now: float) -> bool:
+        """Have a piece executed, if it begins after now [s]; whether it does, and follows what is executed then."""
+        if piece.begins < now:
+            self.late += 1
+            return False
+        self._go_on(now)
+        number = self._number
+        for waiting in self._waiting:
+            if waiting.begins <= piece.begins and waiting.follows == number:
+                number = waiting.number
+        self._waiting.append(piece)
+        return piece.follows == number
+
+    def executing(self, now: float) -> int:
+        """Number of the piece that is executed at a time [s]; 0: none was yet. Times must not go back."""
+        self._go_on(now)
+        return self._number
+
+    def stops(self) -> float | None:
+        """When what is executed ends [s]; None: the robot stands at the start."""
+        return None if self._piece is None else self._piece.stops
+
+    def stands(self, now: float) -> bool:
+        """Whether the robot stands at a time [s]. Times must not go back."""
+        self._go_on(now)
+        return self._piece is None or now >= self._piece.stops
+
+    def at_goal(self, now: float) -> bool:
+        """Whether it stands at the goal of its piece at a time [s]. Times must not go back."""
+        return self.stands(now) and self._piece is not None and self._piece.reaches_goal
+
+    def at(self, now: float) -> Motion:
+        """Where the robot is at a time [s]. Times must not go back."""
+        self._go_on(now)
+        still = (0.0,) * len(self._start)
+        if self._piece is None:
+            return Motion(self._start, still, still)
+        told = self._piece.trajectory
+        if now >= told.times[-1]:
+            return Motion(tuple(told.positions[-1]), still, still)
+        k = max(0, bisect_right(told.times, now) - 1)
+        s, span = now - told.times[k], told.times[k + 1] - told.times[k]
+        rows = zip(told.positions[k], told.velocities[k], told.accelerations[k], told.accelerations[k + 1], strict=True)
+        moved = []
+        for q, v, a, after in rows:
+            jerk = (after - a) / span
+            moved.append((q + s * (v + s * (a / 2 + s * jerk / 6)), v + s * (a + s * jerk / 2), a + s * jerk))
+        positions, velocities, accelerations = zip(*moved, strict=True)
+        return Motion(positions, velocities, accelerations)
+
+    @property
+    def _number(self) -> int:
+        return 0 if self._piece is None else self._piece.number
+
+    def _go_on(self, now: float) -> None:
+        """Begin what begins by now."""
+        while self._waiting and self._waiting[0].begins <= now:
+            piece = self._waiting.popleft()
+            if piece.follows == self._number:
+                self._piece = piece

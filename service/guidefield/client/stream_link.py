@@ -1,0 +1,194 @@
+"""A client's side of a stream: updates out, pieces and states in. It waits for nothing."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable
+from typing import Any, cast
+
+import msgspec
+import zenoh
+
+from guidefield.client import questions
+from guidefield.client.exchange import Exchange
+from guidefield.client.execution import Execution, Motion
+from guidefield.client.questions import Question
+from guidefield.errors import GuidefieldError, StreamUnknown
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.goals import Positions
+from guidefield.messages.identities import base_key
+from guidefield.messages.replies import error_of
+from guidefield.messages.stream_requests import StreamAimed, StreamReply
+from guidefield.messages.streams import MOST_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+
+KEPT = 64
+"""So many pieces wait to be asked for; the oldest are forgotten."""
+
+Answer = Piece | StreamState
+
+
+class StreamLink:
+    """A client's side of a stream.
+
+    Args:
+        exchange: Asks and is answered.
+        request: What is asked, or its fields.
+        fields: As in `StreamOpen`, instead of a request.
+        clock: The client's clock [s]; None: seconds since now.
+        changed: Is called, in a thread of the session, when something came.
+
+    Raises:
+        MalformedRequest: if that can't be asked for.
+    """
+
+    def __init__(
+        self,
+        exchange: Exchange,
+        request: StreamOpen | dict[str, Any] | None,
+        fields: dict[str, Any],
+        clock: Callable[[], float] | None,
+        changed: Callable[[], None],
+    ) -> None:
+        began = time.monotonic()
+        self.clock = clock or (lambda: time.monotonic() - began)
+        self.request = questions.stream_open(request, fields)
+        self._exchange, self._changed = exchange, changed
+        self._obstacles = {one.obstacle.name: one for one in self.request.obstacles}
+        self._subscribers: list[zenoh.Subscriber] = []
+        self._lock = threading.Lock()
+        self.reply: StreamReply | None = None
+        self._base = ""
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin with nothing."""
+        self.stream_id = self.request.stream_id or uuid.uuid4().hex
+        self.execution = Execution(())
+        self.latest: Answer | None = None
+        self.state: StreamState | None = None
+        self.ended: StreamState | None = None
+        self.asked: float | None = None
+        self._pieces: deque[Piece] = deque(maxlen=KEPT)
+
+    def opening(self) -> Question[StreamReply]:
+        """The question that opens the stream; from now on it is listened to."""
+        session, key = self._exchange.session, f"{base_key('*', self._exchange.user)}/streams/{self.stream_id}"
+        self._subscribers = [
+            session.declare_subscriber(f"{key}/pieces", self._heard_piece),
+            session.declare_subscriber(f"{key}/state", self._heard_state),
+        ]
+        return questions.open_stream(msgspec.structs.replace(self.request, stream_id=self.stream_id))
+
+    def opened(self, reply: StreamReply) -> None:
+        """The stream is open."""
+        self.reply = reply
+        self._base = f"{base_key(self._exchange.instance_of(self.stream_id), self._exchange.user)}/streams"
+        with self._lock:
+            self.execution = Execution(reply.start)
+
+    def reopening(self, start: Positions) -> Question[StreamReply]:
+        """The question that opens it again, where it has ended; what was declared is declared again."""
+        self.silence()
+        obstacles = list(self._obstacles.values())
+        self.request = msgspec.structs.replace(self.request, start=start, obstacles=obstacles, stream_id=None)
+        with self._lock:
+            self._forget()
+        return self.opening()
+
+    def silence(self) -> None:
+        """Listen no more."""
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        self._subscribers = []
+
+    def aim(self, goal: StreamGoal | dict[str, Any] | None) -> tuple[Question[StreamAimed], StreamGoal | None]:
+        """The question for another goal, and that goal."""
+        return questions.aim_stream(self.stream_id, goal)
+
+    def aimed(self, goal: StreamGoal | None) -> None:
+        """It has another goal."""
+        self.request = msgspec.structs.replace(self.request, goal=goal)
+
+    def filled(self, update: StreamUpdate | dict[str, Any] | None, fields: dict[str, Any]) -> StreamUpdate:
+        """An update of its fields; its time is now, and what is executed then, unless they say otherwise.
+
+        Raises:
+            MalformedRequest: if that is no update.
+            GuidefieldError: why the stream has ended, if it has.
+        """
+        if self.ended is not None:
+            raise self.reason()
+        if isinstance(update, StreamUpdate):
+            return update
+        given = {**(update or {}), **codec.plain_fields(fields)}
+        given.setdefault("time", self.clock())
+        if "executing" not in given:
+            with self._lock:
+                given["executing"] = self.execution.executing(given["time"])
+        return cast(StreamUpdate, codec.convert(given, StreamUpdate))
+
+    def put(self, update: StreamUpdate) -> None:
+        """Send an update. One that declares something waits until it is sent; any other is dropped on a busy link."""
+        kept = bool(update.declare or update.gone)
+        for one in update.declare:
+            self._obstacles[one.obstacle.name] = one
+        for name in update.gone:
+            if len(self._obstacles) > MOST_OBSTACLES:  # else it may be seen again
+                self._obstacles.pop(name, None)
+        with self._lock:
+            self.asked, self.latest = update.time, None
+        self._exchange.session.put(
+            f"{self._base}/{self.stream_id}/update",
+            codec.encode(update, Encoding.MSGPACK),
+            encoding=Encoding.MSGPACK.value,
+            congestion_control=zenoh.CongestionControl.BLOCK if kept else zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+    def answer(self) -> Answer | None:
+        """The answer to the last update, or that the stream has ended; None: it isn't there yet."""
+        latest = self.latest
+        if latest is None or self.asked is None:
+            return self.ended
+        if isinstance(latest, StreamState) and (latest.reason == "ended" or latest.update is None):
+            return latest
+        return latest if latest.update is not None and latest.update >= self.asked else None
+
+    def pieces(self) -> list[Piece]:
+        """The pieces that the robot takes, of those that came since they were asked for last."""
+        with self._lock:
+            found = list(self._pieces)
+            self._pieces.clear()
+        return found
+
+    def at(self, now: float) -> Motion:
+        """Where a robot that takes the pieces is at a time [s]."""
+        with self._lock:
+            return self.execution.at(now)
+
+    def reason(self) -> GuidefieldError:
+        """Why it has ended."""
+        if self.ended is None or self.ended.error is None:
+            return StreamUnknown(f"stream {self.stream_id!r} isn't open", stream=self.stream_id)
+        return error_of(self.ended.error)
+
+    def _heard_piece(self, sample: zenoh.Sample) -> None:
+        piece = msgspec.msgpack.decode(sample.payload.to_bytes(), type=Piece)
+        with self._lock:
+            if self.execution.take(piece, self.clock()):
+                self._pieces.append(piece)
+            self.latest = piece
+        self._changed()
+
+    def _heard_state(self, sample: zenoh.Sample) -> None:
+        state = msgspec.msgpack.decode(sample.payload.to_bytes(), type=StreamState)
+        with self._lock:
+            self.latest = self.state = state
+            if state.reason == "ended":
+                self.ended = state
+        self._changed()

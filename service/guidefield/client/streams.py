@@ -1,0 +1,192 @@
+"""A stream that a service answers, for a client that waits."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from guidefield.client import questions
+from guidefield.client.exchange import Exchange, awaited
+from guidefield.client.execution import Motion
+from guidefield.client.questions import Question
+from guidefield.client.stream_link import Answer, StreamLink
+from guidefield.errors import GuidefieldError
+from guidefield.messages.goals import Positions
+from guidefield.messages.stream_requests import StreamAimed, StreamReply
+from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+
+END_WITHIN = 2.0
+"""How long the answer to its end is waited for [s]."""
+
+_R = TypeVar("_R")
+
+
+class ServiceStream:
+    """A stream that a service answers; a context manager, which opens and ends it. `Client.stream` makes one.
+
+    It has the methods of `Stream`, but that an update isn't answered at once: `update` sends it, `answer` waits for
+    what comes, and iterating gives the pieces that came. It keeps count of which pieces a robot takes that executes
+    them by the client's clock: `at` says where it is. Any thread may use it.
+
+    Args:
+        exchange: Asks and is answered.
+        request: What is asked, or its fields.
+        fields: As in `StreamOpen`, instead of a request.
+        clock: The client's clock [s]; None: seconds since now.
+
+    Raises:
+        MalformedRequest: if that can't be asked for.
+    """
+
+    def __init__(
+        self,
+        exchange: Exchange,
+        request: StreamOpen | dict[str, Any] | None,
+        fields: dict[str, Any],
+        clock: Callable[[], float] | None,
+    ) -> None:
+        self._exchange = exchange
+        self._came = threading.Condition()
+        self._link = StreamLink(exchange, request, fields, clock, self._wake)
+
+    def __enter__(self) -> Self:
+        self._open(self._link.opening())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def stream_id(self) -> str:
+        """Its name."""
+        return self._link.stream_id
+
+    @property
+    def position_names(self) -> list[str]:
+        """Names of the columns of its pieces."""
+        return [] if self._link.reply is None else list(self._link.reply.position_names)
+
+    @property
+    def now(self) -> float:
+        """What the client's clock says [s]."""
+        return self._link.clock()
+
+    @property
+    def state(self) -> StreamState | None:
+        """The last state that came; None: none did."""
+        return self._link.state
+
+    @property
+    def ended(self) -> StreamState | None:
+        """What was said when it ended; None: it goes on, as far as is known."""
+        return self._link.ended
+
+    @property
+    def late(self) -> int:
+        """How many pieces came after they began, and aren't taken."""
+        return self._link.execution.late
+
+    def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
+        """Send what is seen; waits for no answer.
+
+        Args:
+            update: The message; or its fields by name.
+            fields: As in `StreamUpdate`. Without a `time` it is now; without `executing`, what a robot executes then
+                that takes the pieces.
+
+        Returns:
+            Its time [s].
+
+        Raises:
+            MalformedRequest: if it is no update.
+            GuidefieldError: why the stream has ended, if it has.
+        """
+        filled = self._link.filled(update, fields)
+        self._link.put(filled)
+        return filled.time
+
+    def answer(self, within: float) -> Answer | None:
+        """The answer to the last update, waited for so long [s]; None: none came.
+
+        It is a piece, or the state that says why there is none; also that the stream has ended.
+        """
+        deadline = time.monotonic() + within
+        with self._came:
+            self._came.wait_for(lambda: self._link.answer() is not None, max(0.0, deadline - time.monotonic()))
+            return self._link.answer()
+
+    def __iter__(self) -> Iterator[Piece]:
+        """The pieces that a robot takes, of those that came since they were asked for last."""
+        yield from self._link.pieces()
+
+    def at(self, now: float) -> Motion:
+        """Where a robot that takes the pieces is at a time of the client's clock [s]; times must not go back."""
+        return self._link.at(now)
+
+    def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
+        """Change the goal; None: to stand. Going on after a stop is asked for in the same way.
+
+        Returns:
+            The goal's number, which its pieces have.
+
+        Raises:
+            InvalidGoal: if it can't be reached.
+            GuidefieldError: if it is ill-posed otherwise, or the stream isn't open any more.
+        """
+        question, asked = self._link.aim(goal)
+        aimed: StreamAimed = self._ask(question)
+        self._link.aimed(asked)
+        return aimed.goal
+
+    def stop(self) -> None:
+        """Have no piece follow the last one, until there is a goal again: the robot stops."""
+        self._ask(questions.stop_stream(self.stream_id))
+
+    def read(self) -> StreamReply:
+        """How it is, as the service says."""
+        return self._ask(questions.read_stream(self.stream_id))
+
+    def reopen(self, start: Positions) -> None:
+        """Open it again after it has ended, with the last goal and what is declared, under another name.
+
+        Args:
+            start: Where the robot stands now, at rest.
+
+        Raises:
+            GuidefieldError: if it is refused.
+        """
+        self._open(self._link.reopening(start))
+
+    def close(self) -> None:
+        """End it; what was sent last is executed to its end."""
+        if self._link.ended is None and self._link.reply is not None:
+            self._end_quickly()
+        self._link.silence()
+
+    def _open(self, question: Question[StreamReply]) -> None:
+        try:
+            self._link.opened(self._ask(question))
+        except (KeyboardInterrupt, SystemExit):
+            self._end_quickly()
+            self._link.silence()
+            raise
+        except BaseException:
+            self._link.silence()
+            raise
+
+    def _end_quickly(self) -> None:
+        with contextlib.suppress(TimeoutError, GuidefieldError):
+            self._exchange.ask(questions.end_stream(self.stream_id)).result(END_WITHIN)
+
+    def _ask(self, question: Question[_R]) -> _R:
+        return question.read(awaited(self._exchange.ask(question)))
+
+    def _wake(self) -> None:
+        with self._came:
+            self._came.notify_all()

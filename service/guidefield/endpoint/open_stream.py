@@ -1,0 +1,229 @@
+"""One stream that a service has: what it is told and tells, from its opening to its end."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from guidefield.errors import GuidefieldError, ServerBusy, StreamUnknown, TimedOut
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import Asker
+from guidefield.messages.replies import error_of, error_reply
+from guidefield.messages.stream_requests import StreamReply
+from guidefield.messages.streams import StreamState
+from guidefield.pool.companion import Companion
+from guidefield.pool.waiting import Answer
+from guidefield.stream_worker import Aim, Answered, Halt, Open, Refused, StreamConversation, Told, Update, ended_state
+
+SILENCE = 10.0
+"""After so long without an update a stream ends [s]."""
+OPENED_WITHIN = 120.0
+"""A stream that isn't open after so long is given up [s]: the first use of a robot prepares it."""
+
+Publish = Callable[[str, bytes, Encoding], None]
+"""Publishes something on a key below the stream's."""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Who opens a stream, and with which words.
+
+    Attributes:
+        name: Whose it is, and its name.
+        asker: Who opens it; when that client is gone, it ends.
+        words: The query's encoding and payload: the same may ask again after its link broke.
+    """
+
+    name: tuple[str, str]
+    asker: Asker
+    words: tuple[Encoding, bytes]
+
+
+class OpenStream:
+    """A stream with its process.
+
+    Args:
+        opening: Who opens it.
+        conversation: What its process does.
+        memory: What that may take [bytes].
+        publish: Publishes what it tells.
+        left: Is told when it is over.
+    """
+
+    def __init__(
+        self,
+        opening: Opening,
+        conversation: StreamConversation,
+        memory: int,
+        publish: Publish,
+        left: Callable[[OpenStream], None],
+    ) -> None:
+        self.opening = opening
+        self.opened: Future[StreamReply] = Future()
+        self.opened.set_running_or_notify_cancel()
+        self._finished: Future[None] = Future()
+        self._encoding = conversation.encoding
+        self._publish, self._left = publish, left
+        self._queries: dict[int, Future[Answer]] = {}
+        self._numbers = itertools.count(1)
+        self._began = self._heard_at = time.monotonic()
+        self._updates = self._pieces = self._executing = self._goal = 0
+        self._stops: float | None = None
+        self._last: StreamState | None = None
+        self._open: Open | None = None
+        self._end: GuidefieldError | None = None
+        self._gone = False
+        self._lock = threading.Lock()
+        self._companion = Companion(conversation, memory, self._hear, self._over, self._ended)
+
+    def start(self) -> None:
+        """Have it opened; the future says when it is."""
+        self._companion.start()
+
+    @property
+    def memory(self) -> int:
+        """Resident memory of its process [bytes]."""
+        return self._companion.memory
+
+    def update(self, payload: bytes, encoding: Encoding) -> None:
+        """Take an update, unless too much waits already: then that is told as a state."""
+        with self._lock:
+            if self._open is None:
+                return
+            self._heard_at = time.monotonic()
+            self._updates += 1
+        if not self._companion.tell(Update(payload, encoding), len(payload)):
+            self.refuse(ServerBusy("too many updates wait for this stream; send fewer", retry_after=1.0))
+
+    def refuse(self, error: GuidefieldError) -> None:
+        """Tell that an update isn't taken, and why."""
+        with self._lock:
+            state = StreamState(
+                update=None,
+                reason="refused",
+                pair=None,
+                time=None,
+                executing=self._executing,
+                stops=self._stops or 0.0,
+                error=error_reply(error),
+            )
+            self._last = state
+        self._publish("state", codec.encode(state, self._encoding), self._encoding)
+
+    def aim(self, payload: bytes, encoding: Encoding) -> Future[Answer]:
+        """Have it aim for another goal."""
+        return self._asked(partial(Aim, payload=payload, encoding=encoding), len(payload))
+
+    def halt(self, encoding: Encoding) -> Future[Answer]:
+        """Have it stop its robot."""
+        return self._asked(partial(Halt, encoding=encoding), 0)
+
+    def read(self) -> StreamReply:
+        """How it is.
+
+        Raises:
+            StreamUnknown: if it isn't open yet.
+        """
+        with self._lock:
+            return self._reply()
+
+    def end(self, error: GuidefieldError) -> Future[None]:
+        """End it soon, for a reason; the future says when it is over."""
+        with self._lock:
+            self._end = self._end or error
+        return self._finished
+
+    def join(self, timeout: float) -> bool:
+        """Whether it is over within a time [s]."""
+        return self._companion.join(timeout)
+
+    def _reply(self) -> StreamReply:
+        known = self._open
+        if known is None:
+            raise StreamUnknown(f"stream {self.opening.name[1]!r} is being opened", stream=self.opening.name[1])
+        return StreamReply(
+            stream_id=self.opening.name[1],
+            robot=known.robot,
+            position_names=list(known.position_names),
+            start=list(known.start),
+            goal=self._goal,
+            executing=self._executing,
+            stops=self._stops,
+            updates=self._updates,
+            pieces=self._pieces,
+            silence=SILENCE,
+            age=time.monotonic() - self._began,
+            warnings=list(known.warnings),
+            last=self._last,
+        )
+
+    def _asked(self, made: Callable[[int], Any], size: int) -> Future[Answer]:
+        """The answer to come of the stream's process."""
+        answer: Future[Answer] = Future()
+        with self._lock:
+            if self._open is None or self._gone:
+                raise StreamUnknown(f"stream {self.opening.name[1]!r} isn't open", stream=self.opening.name[1])
+            number = next(self._numbers)
+            self._queries[number] = answer
+        if not self._companion.tell(made(number), size):
+            with self._lock:
+                self._queries.pop(number, None)
+            raise ServerBusy("too much waits for this stream already", retry_after=1.0)
+        return answer
+
+    def _hear(self, what: Any) -> None:
+        if isinstance(what, Told):
+            with self._lock:
+                self._executing, self._stops = what.executing, what.stops
+                if what.state is None:
+                    self._pieces += 1
+                else:
+                    self._last = what.state
+            self._publish(what.key, what.payload, self._encoding)
+        elif isinstance(what, Answered):
+            with self._lock:
+                answer = self._queries.pop(what.asked)
+                self._goal = what.goal
+            answer.set_result((what.is_reply, what.payload))
+        elif isinstance(what, Open):
+            with self._lock:
+                self._open, self._goal = what, what.goal
+                self._heard_at = time.monotonic()
+                reply = self._reply()
+            self.opened.set_result(reply)
+        elif isinstance(what, Refused):
+            self.end(error_of(what.error))
+
+    def _over(self) -> GuidefieldError | None:
+        now = time.monotonic()
+        with self._lock:
+            if self._end is not None:
+                return self._end
+            if self._open is None and now - self._began > OPENED_WITHIN:
+                return TimedOut(f"the stream wasn't open after {OPENED_WITHIN:g} s", seconds=OPENED_WITHIN)
+            if self._open is not None and now - self._heard_at > SILENCE:
+                return TimedOut(f"no update came for {SILENCE:g} s", seconds=SILENCE)
+        return None
+
+    def _ended(self, error: GuidefieldError) -> None:
+        with self._lock:
+            error = self._end or error
+            self._gone = True
+            queries, self._queries = list(self._queries.values()), {}
+            was_open = self._open is not None
+            state = self._last = ended_state(self._executing, self._stops or 0.0, error)
+        self._left(self)
+        if was_open:
+            self._publish("state", codec.encode(state, self._encoding), self._encoding)
+        else:
+            self.opened.set_exception(error)
+        for answer in queries:
+            answer.set_exception(error)
+        self._finished.set_result(None)

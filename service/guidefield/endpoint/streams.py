@@ -1,0 +1,255 @@
+"""The streams of a service: who opens one, what comes for it, and when it ends.
+
+Theory of operation. Each stream has a process for its life. Its updates are put by the client, and can't be answered:
+what is wrong with one is told on the stream's key ``state``. Queries about it are answered as all others are. A stream
+is its user's; whoever can't use the user's keys can neither see nor feed it.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from typing import Protocol
+
+import msgspec
+
+from guidefield.endpoint.asked import encoding_of
+from guidefield.endpoint.open_stream import Opening, OpenStream, Publish
+from guidefield.errors import (
+    GuidefieldError,
+    MalformedRequest,
+    NotAllowed,
+    Preempted,
+    QuotaExceeded,
+    RequestTooLarge,
+    ServerBusy,
+    StreamUnknown,
+)
+from guidefield.messages import codec, stream_keys
+from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN, Asker, base_key, divided
+from guidefield.messages.keys import Query
+from guidefield.messages.quotas import Quotas
+from guidefield.messages.replies import Done
+from guidefield.messages.stream_keys import (
+    AimStream,
+    EndStream,
+    HaltStream,
+    ListStreams,
+    OpenStream as Opened,
+    ReadStream,
+)
+from guidefield.messages.stream_requests import StreamReply, StreamsReply
+from guidefield.messages.streams import MOST_UPDATE_BYTES
+from guidefield.pool.waiting import Answer
+from guidefield.stores.files import checked_name
+from guidefield.stream_worker import StreamConversation
+from guidefield.worker import EngineSetup
+
+RETRY_AFTER = 1.0
+"""When to ask again for a stream where all are taken [s]."""
+ENDED_WITHIN = 5.0
+"""How long streams may take to end with the service [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+class Payload(Protocol):
+    """A payload that isn't copied before it is known how long it is."""
+
+    def __len__(self) -> int:
+        """How long it is [bytes]."""
+
+    def to_bytes(self) -> bytes:
+        """All of it."""
+
+
+class Streams:
+    """The streams of a service.
+
+    Args:
+        instance: Name of the service.
+        setup: Prepares the engine of a stream's process.
+        most: How many there may be.
+        memory: What a process may take [bytes].
+        quotas: What each user may have.
+        publish: Publishes bytes on a key, in an encoding.
+    """
+
+    def __init__(
+        self,
+        instance: str,
+        setup: EngineSetup,
+        most: int,
+        memory: int,
+        quotas: Quotas,
+        publish: Publish,
+    ) -> None:
+        self._instance, self._setup, self.most, self._memory = instance, setup, most, memory
+        self._quotas, self._publish = quotas, publish
+        self._counters = Counter(streams=0, updates=0, updates_astray=0)
+        self._open: dict[tuple[str, str], OpenStream] = {}
+        self._closed = False
+        self._lock = threading.Lock()
+
+    @property
+    def open(self) -> int:
+        """How many there are."""
+        return len(self._open)
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """How many streams were opened, and how many updates came, to none of them too."""
+        return dict(self._counters)
+
+    @property
+    def memory(self) -> int:
+        """Resident memory of their processes [bytes]."""
+        return sum(stream.memory for stream in self._all())
+
+    def ask(self, read: Query) -> Future[Answer]:
+        """The answer to a query.
+
+        Raises:
+            GuidefieldError: if it is refused at once.
+        """
+        asked = stream_keys.stream_query(read)
+        if isinstance(asked, Opened):
+            return self._opened(read, asked)
+        if isinstance(asked, ListStreams):
+            return _settled(self._list(read.owner), read.encoding)
+        if read.user not in (read.owner, PLAIN):
+            told = f"stream {asked.name[:64]!r} belongs to user {read.owner!r}, who alone may use it"
+            raise NotAllowed(told, user=read.owner, stream=asked.name[:64])
+        stream = self._named(read.owner, asked.name)
+        if isinstance(asked, ReadStream):
+            return _settled(stream.read(), read.encoding)
+        if isinstance(asked, EndStream):
+            answer: Future[Answer] = Future()
+            done = True, codec.encode(Done(done=f"stream {asked.name!r} has ended"), read.encoding)
+            over = stream.end(Preempted("it was asked to end", stream=asked.name))
+            over.add_done_callback(lambda _: answer.set_result(done))
+            return answer
+        if isinstance(asked, AimStream):
+            return stream.aim(read.payload, read.encoding)
+        assert isinstance(asked, HaltStream), "there is nothing else"
+        return stream.halt(read.encoding)
+
+    def update(self, key: str, payload: Payload, encoding: object, allow: Callable[[str], None]) -> None:
+        """Take an update that somebody put.
+
+        Args:
+            key: On which key.
+            payload: What.
+            encoding: How it is written, as Zenoh says it.
+            allow: Raises QuotaExceeded where a user sends too much.
+        """
+        self._counters["updates"] += 1
+        try:
+            user, chunks = divided(key.split("/")[2:])
+            stream = self._named(user, chunks[1])
+        except (GuidefieldError, IndexError):  # nobody is there to be told
+            self._counters["updates_astray"] += 1
+            return
+        try:
+            allow(user)
+            if len(payload) > MOST_UPDATE_BYTES:
+                told = f"the update has {len(payload)} bytes, at most {MOST_UPDATE_BYTES} are read"
+                raise RequestTooLarge(told, bytes=len(payload), limit=MOST_UPDATE_BYTES)
+            stream.update(payload.to_bytes(), encoding_of(encoding))
+        except GuidefieldError as error:
+            stream.refuse(error)
+
+    def forget(self, client: Asker) -> int:
+        """End the streams of a client that is gone; how many those were."""
+        found = [stream for stream in self._all() if stream.opening.asker == client]
+        for stream in found:
+            stream.end(Preempted("the client that opened it is gone"))
+        return len(found)
+
+    def close(self) -> None:
+        """End all of them, and open no more."""
+        with self._lock:
+            self._closed = True
+        for stream in self._all():
+            stream.end(ServerBusy("the service is shutting down"))
+        deadline = time.monotonic() + ENDED_WITHIN
+        for stream in self._all():
+            if not stream.join(deadline - time.monotonic()):
+                _log.error("stream %s of %s didn't end", *reversed(stream.opening.name))
+
+    def _opened(self, read: Query, asked: Opened) -> Future[Answer]:
+        request = asked.request
+        if request.stream_id is None:
+            request = msgspec.structs.replace(request, stream_id=uuid.uuid4().hex)
+        name = checked_name(str(request.stream_id), "stream_id")
+        opening = Opening((read.user, name), read.asker, (read.encoding, read.payload))
+        with self._lock:
+            known = self._open.get(opening.name)
+            if known is None:
+                self._require_room(read.user)
+                conversation = StreamConversation(self._setup, read.user, request, read.encoding)
+                publish = partial(self._tell, base_key(self._instance, read.user), name)
+                known = OpenStream(opening, conversation, self._memory, publish, self._left)
+                self._open[opening.name] = known
+                known.start()
+                self._counters["streams"] += 1
+            elif (known.opening.asker, known.opening.words) != (opening.asker, opening.words):
+                raise MalformedRequest(f"`stream_id`: a stream {name!r} is open already", path="$.stream_id")
+        answer: Future[Answer] = Future()
+        known.opened.add_done_callback(partial(_hand_on, answer, read.encoding))
+        return answer
+
+    def _require_room(self, user: str) -> None:
+        if self._closed:
+            raise ServerBusy("the service is shutting down")
+        if len(self._open) >= self.most:
+            told = f"{self.most} streams are open, and no more are taken (`--streams`); ask again later"
+            raise ServerBusy(told, streams=self.most, retry_after=RETRY_AFTER)
+        quota = self._quotas.of(user).streams
+        if quota is not None and sum(one == user for one, _ in self._open) >= quota:
+            told = f"this user may have {quota} streams at once; end one"
+            raise QuotaExceeded(told, streams=quota, retry_after=RETRY_AFTER)
+
+    def _tell(self, base: str, name: str, key: str, payload: bytes, encoding: Encoding) -> None:
+        self._publish(f"{base}/streams/{name}/{key}", payload, encoding)
+
+    def _left(self, stream: OpenStream) -> None:
+        with self._lock:
+            self._open.pop(stream.opening.name, None)
+
+    def _named(self, user: str, name: str) -> OpenStream:
+        with self._lock:
+            stream = self._open.get((user, name))
+        if stream is None:
+            raise StreamUnknown(f"no stream {name[:64]!r} is open", stream=name[:64])
+        return stream
+
+    def _all(self) -> list[OpenStream]:
+        with self._lock:
+            return list(self._open.values())
+
+    def _list(self, user: str) -> StreamsReply:
+        with self._lock:
+            names = [name if own == user else f"{own}:{name}" for own, name in self._open if user in (own, PLAIN)]
+        return StreamsReply(streams=sorted(names), most=self.most)
+
+
+def _settled(reply: msgspec.Struct, encoding: Encoding) -> Future[Answer]:
+    answer: Future[Answer] = Future()
+    answer.set_result((True, codec.encode(reply, encoding)))
+    return answer
+
+
+def _hand_on(answer: Future[Answer], encoding: Encoding, opened: Future[StreamReply]) -> None:
+    error = opened.exception()
+    if error is not None:
+        answer.set_exception(error)
+    else:
+        answer.set_result((True, codec.encode(opened.result(), encoding)))

@@ -1,0 +1,110 @@
+"""Keys of streams: what a query on one of them asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from guidefield.errors import MalformedRequest
+from guidefield.messages import codec
+from guidefield.messages.keys import Query
+from guidefield.messages.served import SERVED
+from guidefield.messages.streams import StreamOpen
+
+STREAMS = "streams"
+
+
+@dataclass(frozen=True)
+class OpenStream:
+    """A stream is to be opened."""
+
+    request: StreamOpen
+
+
+@dataclass(frozen=True)
+class ListStreams:
+    """Which there are."""
+
+
+@dataclass(frozen=True)
+class ReadStream:
+    """How one is."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class EndStream:
+    """One is to end."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class AimStream:
+    """One gets another goal; its payload is read by the stream."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class HaltStream:
+    """One is to stop its robot."""
+
+    name: str
+
+
+StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | HaltStream
+
+
+def is_stream(query: Query) -> bool:
+    """Whether a query is about streams."""
+    return bool(query.key) and query.key[0] == STREAMS
+
+
+def check(query: Query) -> None:
+    """Check all of a query about streams but its payload.
+
+    Raises:
+        MalformedRequest: if its key isn't served, or it has parameters or a payload that don't fit it.
+    """
+    key, payload = "/".join(query.key), bool(query.payload)
+    valid: set[str] = set()
+    match query.key[1:]:
+        case () | (_, "goal"):
+            payload = False
+        case (_,):
+            valid = {"delete"}
+        case (_, "stop"):
+            pass
+        case _:
+            raise MalformedRequest(
+                f"nothing is served at {key!r}; served are {', '.join(SERVED)}", key=key, served=list(SERVED)
+            )
+    unknown = sorted(set(query.parameters) - valid)
+    if unknown:
+        told = ", ".join(valid) or "none"
+        raise MalformedRequest(f"unknown parameter {unknown[0]!r} at {key!r}; valid: {told}", parameter=unknown[0])
+    if payload:
+        raise MalformedRequest(f"a query on {key!r} of this kind takes no payload", key=key)
+
+
+def stream_query(query: Query) -> StreamQuery:
+    """What a query about streams asks for.
+
+    Raises:
+        MalformedRequest: as `check`, and if its payload isn't what it has to be.
+        RequestTooLarge: if the payload is too long to be looked at.
+    """
+    check(query)
+    if len(query.key) == 1:
+        if not query.payload:
+            return ListStreams()
+        return OpenStream(codec.decode(query.payload, StreamOpen, query.encoding))
+    name = query.key[1]
+    if len(query.key) == 2:
+        return EndStream(name) if "delete" in query.parameters else ReadStream(name)
+    if query.key[2] == "stop":
+        return HaltStream(name)
+    if not query.payload:
+        raise MalformedRequest("a goal is asked for with a StreamAim as payload", key="/".join(query.key))
+    return AimStream(name)

@@ -1,0 +1,316 @@
+"""What runs in a stream's process: updates in, pieces and states out, each before the next one if it can be.
+
+Theory of operation. One thread answers; ways and the configurations of goals are looked for in another one, which gives
+way to it. All that has come by the time that a cycle begins is taken at once: of updates the newest is answered, from
+those before it is taken what they say of obstacles. So none is ever worked off late. Goals, stops and updates keep
+their order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import os
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import connection
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from guidefield import logs
+from guidefield.errors import GuidefieldError, ServerBusy, unforeseen
+from guidefield.first_start import compile_kernels
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import Done, ErrorReply, error_reply
+from guidefield.messages.stream_requests import StreamAim, StreamAimed
+from guidefield.messages.streams import Observation, Piece, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.values import Placement
+from guidefield.pool.companion import Taken
+from guidefield.worker import EngineSetup
+
+if TYPE_CHECKING:
+    from guidefield.stream.stream import CertifiedStream
+
+MOST_AT_ONCE = 256
+"""So much is taken at once, at most: whoever sends without end is answered all the same."""
+MOST_SOUGHT = 8
+"""For so many goals configurations may be looked for at once."""
+HURRY = -10
+"""Niceness of a stream's process, where the system allows one below 0."""
+REHEARSED = 3
+"""So many updates are answered before the first one, so that everything is loaded."""
+FAR_AWAY = Placement((0.0, 0.0, 50.0))
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Update:
+    """An update as it came."""
+
+    payload: bytes
+    encoding: Encoding
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A query for another goal, as it came; which answer it waits for."""
+
+    asked: int
+    payload: bytes
+    encoding: Encoding
+
+
+@dataclass(frozen=True)
+class Halt:
+    """A query to stop."""
+
+    asked: int
+    encoding: Encoding
+
+
+@dataclass(frozen=True)
+class Open:
+    """The stream is open.
+
+    Attributes:
+        robot: The robot's name.
+        position_names: Names of the columns.
+        start: Where it stands [rad or m].
+        goal: Number of its goal.
+        warnings: What was odd but harmless.
+    """
+
+    robot: str
+    position_names: tuple[str, ...]
+    start: tuple[float, ...]
+    goal: int
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Refused:
+    """The stream can't be opened; why."""
+
+    error: ErrorReply
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is to be published.
+
+    Attributes:
+        key: Below the stream's.
+        payload: As the client wrote what it opened the stream with.
+        executing: Number of the last piece.
+        stops: When the robot stands [s].
+        state: The state, where it is one.
+    """
+
+    key: Literal["pieces", "state"]
+    payload: bytes
+    executing: int
+    stops: float
+    state: StreamState | None = None
+
+
+@dataclass(frozen=True)
+class Answered:
+    """The answer to a query: which, whether it is a reply, the reply or error, and the goal's number by then."""
+
+    asked: int
+    is_reply: bool
+    payload: bytes
+    goal: int
+
+
+@dataclass(frozen=True)
+class StreamConversation:
+    """What a stream's process does.
+
+    Attributes:
+        setup: Prepares the engine.
+        user: Whose stream it is.
+        request: What was asked.
+        encoding: How it was written, and what is published is to be.
+    """
+
+    setup: EngineSetup
+    user: str
+    request: StreamOpen
+    encoding: Encoding
+
+    def __call__(self, line: Connection) -> None:
+        """In the process: open the stream, and answer until nobody is there."""
+        logs.configure(self.setup.log_level, json=self.setup.json_logs)
+        with contextlib.suppress(OSError):  # not everybody may
+            os.setpriority(os.PRIO_PROCESS, 0, HURRY)
+        try:
+            stream = self._opened()
+        except GuidefieldError as error:
+            line.send(Refused(error_reply(error)))
+            return
+        except Exception as error:
+            _log.exception("a stream could not be opened")
+            line.send(Refused(error_reply(unforeseen(error))))
+            return
+        line.send(_open(stream))
+        gc.collect()
+        gc.freeze()  # what is loaded stays; a collection need not look at it
+        with stream, contextlib.suppress(EOFError, BrokenPipeError):
+            _Answering(stream, self.encoding, line).answer_all()
+
+    def _opened(self) -> CertifiedStream:
+        from guidefield.stream.takeover import WhenFound
+
+        compile_kernels(_log.info)
+        engine = self.setup.engines().of(self.user)
+        with engine.stream(self.request, WhenFound()) as rehearsed:
+            _rehearse(rehearsed)
+        return engine.stream(self.request, WhenFound())
+
+
+def _open(stream: CertifiedStream) -> Open:
+    group, request = stream.group, stream.request
+    return Open(
+        robot=request.robot if isinstance(request.robot, str) else type(request.robot).__name__,
+        position_names=tuple(group.position_names),
+        start=tuple(stream.executing.ends.tolist()),
+        goal=stream.goal_number,
+        warnings=tuple(stream.warnings),
+    )
+
+
+def _rehearse(stream: CertifiedStream) -> None:
+    """Have everything loaded that the first update would wait for."""
+    for cycle in range(REHEARSED):
+        now = cycle * stream.request.period
+        seen = [Observation(one.obstacle.name, now, FAR_AWAY) for one in stream.request.obstacles[:1]]
+        answer = stream.update(StreamUpdate(now, seen))
+        for encoding in Encoding:
+            codec.encode(answer, encoding)
+
+
+class _Answering:
+    """Answers what comes.
+
+    Args:
+        stream: The stream.
+        encoding: How what is published is written.
+        line: To who asks.
+    """
+
+    def __init__(self, stream: CertifiedStream, encoding: Encoding, line: Connection) -> None:
+        self._stream, self._encoding, self._line = stream, encoding, line
+        self._sought: dict[int, tuple[Future[Any], Encoding]] = {}
+        self._woken, self._wake = os.pipe()
+
+    def answer_all(self) -> None:
+        """Answer until the line is closed."""
+        while True:
+            connection.wait([self._line, self._woken])
+            self._settle_goals()
+            asked: list[Any] = []
+            while len(asked) < MOST_AT_ONCE and self._line.poll(0.0):
+                asked.append(self._line.recv())
+            self._take(asked)
+            if asked:
+                self._line.send(Taken(len(asked)))
+
+    def _take(self, asked: Sequence[Any]) -> None:
+        newest = max((index for index, one in enumerate(asked) if isinstance(one, Update)), default=-1)
+        for index, one in enumerate(asked):
+            if isinstance(one, Update):
+                self._update(one, newest=index == newest)
+            elif isinstance(one, Aim):
+                self._answer(one.asked, one.encoding, partial(self._aim, one))
+            elif isinstance(one, Halt):
+                self._answer(one.asked, one.encoding, self._halt)
+
+    def _update(self, asked: Update, *, newest: bool) -> None:
+        time: float | None = None
+        try:
+            update: StreamUpdate = codec.decode(asked.payload, StreamUpdate, asked.encoding)
+            time = update.time
+            answer = self._stream.update(update) if newest else self._stream.note(update)
+        except GuidefieldError as error:
+            answer = self._refused(time, error)
+        if answer is not None:
+            self._tell(answer)
+        for _ in self._stream:  # pieces were told
+            pass
+
+    def _refused(self, time: float | None, error: GuidefieldError) -> StreamState:
+        commit = self._stream.executing
+        reason: Literal["refused"] = "refused"
+        return StreamState(
+            update=time,
+            reason=reason,
+            pair=None,
+            time=None,
+            executing=commit.number,
+            stops=commit.stops,
+            error=error_reply(error),
+        )
+
+    def _tell(self, answer: Piece | StreamState) -> None:
+        commit = self._stream.executing
+        state = answer if isinstance(answer, StreamState) else None
+        key: Literal["pieces", "state"] = "pieces" if state is None else "state"
+        self._line.send(Told(key, codec.encode(answer, self._encoding), commit.number, commit.stops, state))
+
+    def _answer(self, asked: int, encoding: Encoding, answered: Any) -> None:
+        """Answer a query at once, unless its answer comes later."""
+        try:
+            reply: msgspec.Struct | None = answered()
+        except GuidefieldError as error:
+            self._send_answer(asked, False, codec.encode(error_reply(error), encoding))
+            return
+        if reply is not None:
+            self._send_answer(asked, True, codec.encode(reply, encoding))
+
+    def _send_answer(self, asked: int, is_reply: bool, payload: bytes) -> None:
+        self._line.send(Answered(asked, is_reply, payload, self._stream.goal_number))
+
+    def _halt(self) -> Done:
+        self._stream.stop()
+        return Done(done="no piece follows the last one, until there is a goal again: the robot stops")
+
+    def _aim(self, asked: Aim) -> StreamAimed | None:
+        aim: StreamAim = codec.decode(asked.payload, StreamAim, asked.encoding)
+        if aim.goal is None:
+            return StreamAimed(goal=self._stream.take_goal(None))
+        if len(self._sought) >= MOST_SOUGHT:
+            raise ServerBusy(f"configurations of {MOST_SOUGHT} goals are looked for already", retry_after=0.1)
+        found = self._stream.seek(aim.goal)
+        self._sought[asked.asked] = found, asked.encoding
+        found.add_done_callback(lambda _: os.write(self._wake, b"."))
+        return None
+
+    def _settle_goals(self) -> None:
+        """Aim for what was found meanwhile, in the order in which it was asked for."""
+        if not self._sought:
+            return
+        for asked, (found, encoding) in list(self._sought.items()):
+            if not found.done():
+                return
+            os.read(self._woken, 1)
+            del self._sought[asked]
+            self._answer(asked, encoding, partial(self._found, found))
+
+    def _found(self, found: Future[Any]) -> StreamAimed:
+        return StreamAimed(goal=self._stream.take_goal(found.result()))
+
+
+def ended_state(executing: int, stops: float, error: GuidefieldError) -> StreamState:
+    """What is told of a stream that is over, where its process can't tell it any more."""
+    reason: Literal["ended"] = "ended"
+    return StreamState(
+        update=None, reason=reason, pair=None, time=None, executing=executing, stops=stops, error=error_reply(error)
+    )
