@@ -15,7 +15,8 @@ import numpy as np
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.stream.room import RoomRobot, nearest
-from guidefield.kernels.stream.way import cut_short, straight_free, way_between
+from guidefield.kernels.stream.way import Surroundings, cut_short, straight_free, way_between
+from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.robot_tables import JointRows, room_robot
@@ -58,8 +59,7 @@ class Room:
 
     def straight(self, boxes: np.ndarray, grown: np.ndarray, z0: ChartPoint, z1: ChartPoint) -> bool:
         """Whether the straight way between two points (nv,) is free of boxes (k, 16), grown by (k,) [m]."""
-        words = self._lanes.words
-        return bool(straight_free(self.robot, words, self._clearance, boxes, grown, z0, z1, STREAM.spacing))
+        return bool(straight_free(self._among(boxes, grown), z0, z1))
 
     def way(
         self,
@@ -80,15 +80,20 @@ class Room:
             samples: Points that trees grow to, shape (n, nv).
             cuts: Numbers for short cuts, shape (n, 4).
         """
-        words, spacing = self._lanes.words, STREAM.spacing
         path = np.empty((2 * len(samples) + len(cuts) + 4, len(z0)))
         z0, z1 = np.ascontiguousarray(z0, float), np.ascontiguousarray(z1, float)
-        common = (self.robot, words, self._clearance, boxes, grown)
-        count = way_between(*common, z0, z1, spacing, STREAM.longest * np.sqrt(len(z0)), samples, path)
+        among = self._among(boxes, grown)
+        count = way_between(among, z0, z1, STREAM.longest * np.sqrt(len(z0)), samples, path)
         if count == 0:
             return None
-        count = cut_short(*common, spacing, cuts, count, path)
+        count = cut_short(among, cuts, count, path)
         return path[:count].copy()
+
+    def _among(self, boxes: np.ndarray, grown: np.ndarray) -> Surroundings:
+        """The robot among what rests and boxes (k, 16), grown by (k,) [m]."""
+        words, boxes, grown = self._lanes.words.view(), boxes.view(), grown.view()
+        read_only(words, boxes, grown)
+        return Surroundings(self.robot, words, self._clearance, boxes, grown, STREAM.spacing)
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ What rests, and the robot itself, is judged by the lanes' samples; what moves by
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import boolean, int64
 
 from guidefield.kernels.collide.motion_validation import path_free_until
+from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
-    INDICES,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
@@ -22,42 +23,51 @@ from guidefield.kernels.jit.signatures import (
     compiled,
     inlined,
 )
-from guidefield.kernels.stream.room import ROOM_ROBOT, RoomRobot, blocked
+from guidefield.kernels.stream.room import RoomRobot, blocked
 
 CONNECTING = 64
 """A tree grows towards the other by so many edges at once at most."""
 
 
-@compiled(boolean(ROOM_ROBOT, INDICES, SCALAR, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR))
-def straight_free(
-    robot: RoomRobot,
-    words: Integers,
-    clearance: float,
-    boxes: Floats,
-    grown: Floats,
-    z0: Floats,
-    z1: Floats,
-    spacing: float,
-) -> bool:
-    """Whether the straight way between two points is free, by samples; the first point itself isn't looked at.
+class Surroundings(NamedTuple):
+    """A robot among what rests and what moves, and how closely ways there are looked at.
 
-    Args:
+    Attributes:
         robot: The robot, for what moves.
         words: The robot among what rests, a packed `LaneWorld`.
         clearance: What to keep from what rests [m].
         boxes: What moves, shape (k, 16) [m, world].
         grown: What to keep from each, shape (k,) [m].
+        spacing: Of the samples along a way [rad or m].
+    """
+
+    robot: RoomRobot
+    words: Indices
+    clearance: float
+    boxes: Rows
+    grown: Row
+    spacing: float
+
+
+SURROUNDINGS = numba_type(Surroundings)
+
+
+@compiled(boolean(SURROUNDINGS, VECTOR, VECTOR))
+def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
+    """Whether the straight way between two points is free, by samples; the first point itself isn't looked at.
+
+    Args:
+        among: What it is to be free of.
         z0: Coordinates of one end, shape (nv,).
         z1: Of the other, shape (nv,).
-        spacing: Of the samples, along the way [rad or m].
     """
     nv, square = z0.shape[0], 0.0
     rows = np.empty((2, nv), np.float32)
     for j in range(nv):
         square += (z1[j] - z0[j]) ** 2
         rows[0, j], rows[1, j] = z0[j], z1[j]
-    count = max(1, math.ceil(math.sqrt(square) / spacing))
-    z, least = np.empty(nv), np.empty(boxes.shape[0])
+    count = max(1, math.ceil(math.sqrt(square) / among.spacing))
+    z, least = np.empty(nv), np.empty(among.boxes.shape[0])
     # the ends of halves first: what is in the way is found sooner
     stride = 1
     while stride < count:
@@ -70,11 +80,11 @@ def straight_free(
                 share = min(1.0, at / count)
                 for j in range(nv):
                     z[j] = z0[j] + share * (z1[j] - z0[j])
-                if blocked(robot, boxes, grown, z, least):
+                if blocked(among.robot, among.boxes, among.grown, z, least):
                     return False
             at += stride
         stride //= 2
-    return bool(path_free_until(words, clearance, rows, 1.0 / spacing) == 1)
+    return bool(path_free_until(among.words, among.clearance, rows, 1.0 / among.spacing) == 1)
 
 
 @inlined
@@ -92,12 +102,7 @@ def _closest(nodes: Floats, count: int, z: Floats) -> int:
 
 @inlined
 def _grown(
-    robot: RoomRobot,
-    words: Integers,
-    clearance: float,
-    boxes: Floats,
-    grown: Floats,
-    spacing: float,
+    among: Surroundings,
     nodes: Floats,
     parents: Integers,
     size: int,
@@ -108,12 +113,7 @@ def _grown(
     """Grow a tree from its closest point towards another one, an edge after the other.
 
     Args:
-        robot: As in `straight_free`.
-        words: As there.
-        clearance: As there [m].
-        boxes: As there, shape (k, 16).
-        grown: As there, shape (k,).
-        spacing: As there.
+        among: What it is to be free of.
         nodes: The tree's points, shape (n, nv).
         parents: Shape (n,).
         size: How many there are.
@@ -136,7 +136,7 @@ def _grown(
             return size, False
         for j in range(nv):
             nodes[size, j] = nodes[at, j] + share * (towards[j] - nodes[at, j])
-        if not straight_free(robot, words, clearance, boxes, grown, nodes[at], nodes[size], spacing):
+        if not straight_free(among, nodes[at], nodes[size]):
             return size, False
         parents[size] = at
         at, size = size, size + 1
@@ -177,35 +177,14 @@ def _joined(nodes: Floats, parents: Integers, first: int, second: int, path: Flo
     return count
 
 
-@compiled(
-    int64(
-        ROOM_ROBOT, INDICES, SCALAR, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, MATRIX, MATRIX_OUT
-    )
-)  # fmt: skip
-def way_between(
-    robot: RoomRobot,
-    words: Integers,
-    clearance: float,
-    boxes: Floats,
-    grown: Floats,
-    z0: Floats,
-    z1: Floats,
-    spacing: float,
-    longest: float,
-    samples: Floats,
-    path: Floats,
-) -> int:
+@compiled(int64(SURROUNDINGS, VECTOR, VECTOR, SCALAR, MATRIX, MATRIX_OUT))
+def way_between(among: Surroundings, z0: Floats, z1: Floats, longest: float, samples: Floats, path: Floats) -> int:
     """A way between two points by two trees that grow towards each other (Kuffner and LaValle).
 
     Args:
-        robot: As in `straight_free`.
-        words: As there.
-        clearance: As there [m].
-        boxes: As there, shape (k, 16).
-        grown: As there, shape (k,).
+        among: What it is to be free of.
         z0: Coordinates of one end, shape (nv,).
         z1: Of the other, shape (nv,).
-        spacing: Of the samples along a way [rad or m].
         longest: An edge of the trees is at most so long [rad or m].
         samples: The points that they grow to, shape (n, nv).
         path: Out: the way from z0 to z1, shape (m, nv).
@@ -215,7 +194,7 @@ def way_between(
     """
     nv = z0.shape[0]
     path[0], path[1] = z0, z1
-    if straight_free(robot, words, clearance, boxes, grown, z0, z1, spacing):
+    if straight_free(among, z0, z1):
         return 2
     room = 10 * samples.shape[0] + 1
     nodes, parents = np.empty((2, room, nv)), np.empty((2, room), np.int64)
@@ -225,41 +204,22 @@ def way_between(
     for turn in range(samples.shape[0]):
         a, b = turn % 2, 1 - turn % 2
         before = sizes[a]
-        sizes[a], _ = _grown(
-            robot, words, clearance, boxes, grown, spacing, nodes[a], parents[a], before, samples[turn], longest, 1
-        )
+        sizes[a], _ = _grown(among, nodes[a], parents[a], before, samples[turn], longest, 1)
         if sizes[a] == before:
             continue
         towards = nodes[a, before]
-        sizes[b], met = _grown(
-            robot, words, clearance, boxes, grown, spacing, nodes[b], parents[b], sizes[b], towards, longest, CONNECTING
-        )
+        sizes[b], met = _grown(among, nodes[b], parents[b], sizes[b], towards, longest, CONNECTING)
         if met:
             return _joined(nodes, parents, sizes[0] - 1, sizes[1] - 1, path)
     return 0
 
 
-@compiled(int64(ROOM_ROBOT, INDICES, SCALAR, MATRIX, VECTOR, SCALAR, MATRIX, int64, MATRIX_OUT))
-def cut_short(
-    robot: RoomRobot,
-    words: Integers,
-    clearance: float,
-    boxes: Floats,
-    grown: Floats,
-    spacing: float,
-    drawn: Floats,
-    count: int,
-    path: Floats,
-) -> int:
+@compiled(int64(SURROUNDINGS, MATRIX, int64, MATRIX_OUT))
+def cut_short(among: Surroundings, drawn: Floats, count: int, path: Floats) -> int:
     """A way with straight pieces between places on it where they are free, in place; how many points it has then.
 
     Args:
-        robot: As in `straight_free`.
-        words: As there.
-        clearance: As there [m].
-        boxes: As there, shape (k, 16).
-        grown: As there, shape (k,).
-        spacing: As there.
+        among: What it is to be free of.
         drawn: Two places each to be tried, as numbers from 0 to 1, shape (n, 4).
         count: How many points the way has.
         path: The way, shape (m, nv).
@@ -278,7 +238,7 @@ def cut_short(
         for j in range(nv):
             p[j] = path[i, j] + s * (path[i + 1, j] - path[i, j])
             q[j] = path[k, j] + t * (path[k + 1, j] - path[k, j])
-        if not straight_free(robot, words, clearance, boxes, grown, p, q, spacing):
+        if not straight_free(among, p, q):
             continue
         # rows i + 1 .. k give way to p and q
         shift = 2 - (k - i)
