@@ -12,7 +12,7 @@ from rich.table import Table
 from guidefield.messages.replies import PlanReply, Timing
 
 MOTION = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
-"""What of a reply is the plan itself; the rest is measured, or names the run."""
+"""The parts of a reply that are the plan itself; the rest is measured, or names the run."""
 
 
 def motion_hash(reply: PlanReply) -> str:

@@ -21,7 +21,7 @@ SHOWN_DIGITS = 16
 """Digits of a hash that are shown."""
 
 JUDGED = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
-"""What of a reply is the judgement itself."""
+"""The parts of a reply that are the judgement itself."""
 
 out = Console()
 

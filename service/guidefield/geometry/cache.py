@@ -30,7 +30,7 @@ MOST_BYTES = 2**30
 """Size of the folder, beyond which entries are removed."""
 
 KEPT_SHARE = 0.75
-"""What of that is kept then."""
+"""Which share of that is kept then."""
 
 LOOK_SHARE = 0.01
 """A process looks at how much there is at its first entry, and when it has written this share of what is allowed."""

@@ -15,7 +15,7 @@ _PARALLEL = 1e-6
 
 
 def clipped(pieces: Pieces, plane: Floats) -> Pieces:
-    """What of triangles lies below a plane: n.p <= d.
+    """The parts of triangles that lie below a plane: n.p <= d.
 
     Args:
         pieces: The triangles.

@@ -49,7 +49,7 @@ CHUNK = 20_000
 """So many elements are looked at together."""
 
 _ROUNDING = 1.0 - 1e-9
-"""What of delta is used, so that no rounding leads beyond it."""
+"""Which share of delta is used, so that no rounding leads beyond it."""
 
 LEAST_CANDIDATES, MOST_CANDIDATES = 1_000, 8_000
 

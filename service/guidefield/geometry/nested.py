@@ -15,11 +15,11 @@ from guidefield.geometry.surfaces import Floats, Integers
 
 @dataclass(frozen=True)
 class Nested:
-    """What of a surface lies within the rest.
+    """The pieces of a surface that lie within the rest.
 
     Attributes:
-        outer: The triangles that don't, by their place among those given, ascending, shape (k,).
-        pieces: How many pieces do.
+        outer: The triangles of no such piece, by their place among those given, ascending, shape (k,).
+        pieces: How many there are.
         volume: What these enclose together, whichever way they face [m^3].
     """
 

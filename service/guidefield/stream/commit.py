@@ -121,7 +121,7 @@ def towards(
         bounds: Limits.
         begins: When it begins [s].
         piece: How long the piece lasts [s].
-        within: What of the limits is left, as a share.
+        within: The share of the limits that is left.
     """
     count = len(velocities)
     phases, counts, ends = np.zeros((count, MOST_PHASES, 5)), np.zeros(count, np.int64), np.zeros(count)

@@ -154,7 +154,7 @@ def _sides(
     covers: tuple[np.ndarray, np.ndarray],
     ranges: np.ndarray,
 ) -> list[_Side] | None:
-    """The coordinates that a meeting hangs on; None if they are more than three, or one has no end."""
+    """The coordinates that a meeting depends on; None if they are more than three, or one has no end."""
     if (joints.kinds[ways[0] + ways[1]] > SLIDING).any():
         return None
     levers: dict[int, float] = {}

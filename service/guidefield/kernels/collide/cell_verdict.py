@@ -1,4 +1,4 @@
-"""What is known of a robot's own bodies wherever in a cell of the coordinates that they hang on: one verdict a cell."""
+"""What is known of a robot's own bodies all over a cell of the coordinates that they depend on: one verdict a cell."""
 
 from __future__ import annotations
 

@@ -78,11 +78,11 @@ class LaneBodies(NamedTuple):
         covers: (groups + 1,) where the balls of each group begin in `cover`.
         inners: (n + 1,) where a body's inner balls begin in `inner`.
         roots: (n,) its root in the robot's parts.
-        pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into such as nearly are.
+        pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into nearly convex ones.
         piece_roots: (pieces,) the root of each in the robot's parts.
         meetings: (MEETING * n_meetings,) pairs of carriers, and which pairs of bodies are theirs.
-        grids: (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance hangs on
-            more coordinates.
+        grids: (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance
+            depends on more coordinates.
         pairs: (PAIR * p,) bodies that must not touch each other, and where the axes of their pairs of pieces begin.
         around: (BALL_ROW * m,) a ball about each carrier's bodies.
         bounds: (BALL_ROW * n,) a ball about each body.

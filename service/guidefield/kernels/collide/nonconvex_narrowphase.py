@@ -1,8 +1,8 @@
 """The exact decision between an obstacle and a body that isn't convex: by its pieces, in lanes as far as that goes.
 
 A piece far from the obstacle falls out by the ball about it. Points of a body's surface that lie in an obstacle are a
-certain contact. Else each lane has an axis of its own, away from what of the obstacle's primitive is nearest to the
-middle of the piece; where that doesn't separate the two, GJK begins with it.
+certain contact. Else each lane has an axis of its own, away from the point of the obstacle's primitive that is nearest
+to the middle of the piece; where that doesn't separate the two, GJK begins with it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The exact decision for bodies that may touch obstacles; each lane's separating axis is tried on all others.
 
-Before GJK each lane has an axis of its own, away from what of the obstacle is nearest to the middle of the body.
+Before GJK each lane has an axis of its own, away from the obstacle's point nearest to the middle of the body.
 """
 
 from __future__ import annotations

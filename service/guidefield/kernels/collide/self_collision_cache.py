@@ -1,11 +1,11 @@
-"""Pairs of joints whose bodies' distance hangs on few coordinates: the cells of those that keep them apart.
+"""Pairs of joints whose bodies' distance depends on few coordinates: the cells of those that keep them apart.
 
 Bodies that follow each other closely in a chain are near each other at most configurations, but how they stand to each
-other hangs on up to three coordinates. Once a cell of these is known to keep them apart, or to have them touch,
+other depends on three coordinates at most. Once a cell of these is known to keep them apart, or to have them touch,
 wherever in it a configuration is, nothing more need be asked there. A cell is judged when one of its configurations is
 met first, several of the largest together before each by itself: at its middle the bodies must keep apart by more than
-any motion within the cell moves them, or balls inside them lie deeper in each other. The verdict hangs on nothing else,
-so that no answer depends on what was asked before.
+any motion within the cell moves them, or balls inside them lie deeper in each other. The verdict depends on nothing
+else, and so no answer on what was asked before.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def positive(signed: Any) -> Any:
 
 @inlined
 def _angle(h: Any, B: Any, R: Any) -> tuple[Any, Any, Any, Any]:
-    """Half the solid angle, 1/h, and what of the angle and of R counts for the curvature.
+    """Half the solid angle, 1/h, and the parts of the angle and of R that count for the curvature.
 
     Phi - 2 Q is (2/h) angle - ... with the whole of the angle and -R, or, where the face is flat and the two would
     cancel, with the angle less x and u R, x = h B/R, u = x^2.

@@ -49,7 +49,7 @@ class Tolerances(NamedTuple):
 
     Attributes:
         allowed: Shape (6,) [m, rad], maybe infinite.
-        aimed: What of it is aimed at, no more than that, shape (6,) [m, rad].
+        aimed: The part of it that a search aims at, shape (6,) [m, rad].
     """
 
     allowed: Row

@@ -19,7 +19,7 @@ TURN, SLIDE, BALL = range(3)
 
 LANES = LANES_64
 COLUMN = 6 * LANES
-"""Numbers of a column: how its coordinate turns what comes after it, and moves what of that is at the origin."""
+"""Numbers of a column: how its coordinate turns what comes after it, and the velocity of that at the origin."""
 
 
 class TipChain(NamedTuple):

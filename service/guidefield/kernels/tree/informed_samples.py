@@ -134,8 +134,8 @@ def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
 def next_samples(sampling: Sampling, nv: int, places: Floats, way: Way, samples_out: Floats32) -> None:
     """The next sixteen points of the sequence; `pass_samples` goes on by those that are used.
 
-    Each fills a box of its own: all of the limits, or what of them is within reach of a point of the way. A coordinate
-    that turns without end has no limits but a turn's length, and goes the short way. Rotations are drawn evenly.
+    Each fills a box of its own: all of the limits, or the part within reach of a point of the way. A coordinate that
+    turns without end has no limits but a turn's length, and goes the short way. Rotations are drawn evenly.
 
     Args:
         sampling: The limits.

@@ -63,7 +63,7 @@ def convex_parts(robot: RobotModel, progress: Progress = logged) -> tuple[Decomp
 
 
 def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
-    """What of `convex_parts` is known without computing anything; None where it isn't, or there are none."""
+    """What `convex_parts` gives, where it is known without computing anything; None elsewhere, or without parts."""
     if robot in _known:
         return _known[robot]
     kept = (

@@ -110,7 +110,7 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
 
 
 def known_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
-    """What of `coverage` is known without computing anything, by shape; None where it isn't."""
+    """What `coverage` gives, as far as it is known without computing anything, by shape; None where it isn't."""
     if delta in _known.get(robot, {}):
         return _known[robot][delta].shapes
     kept = (recalled(*_question(shape.geometry, delta)) for shape in robot.geometry.geometryObjects)

@@ -27,7 +27,7 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class ChainToTip:
-    """What of a group moves its tip.
+    """The part of a group that moves its tip.
 
     Attributes:
         table: The chain; its first placement is in the world.
