@@ -35,6 +35,7 @@ ADVICE = {
     Status.SERVER_BUSY: "Wait, and ask again.",
     Status.QUOTA_EXCEEDED: "Wait as long as it says, and ask for less at once.",
     Status.NOT_ALLOWED: "Take something of your own, or tell the user: its owner can share it.",
+    Status.STREAM_UNKNOWN: "Tell the user: the stream is closed or was never open; no tool here opens one.",
     Status.MALFORMED_REQUEST: "Correct the field that is named.",
     Status.REQUEST_TOO_LARGE: "Send less: fewer points, triangles or configurations.",
     Status.DISK_REFUSED: "Tell the user: the service's disk is full or can't be written.",
