@@ -26,7 +26,7 @@ from guidefield.doctor.processors import cores, cores_found, vectors
 from guidefield.doctor.session import session
 from guidefield.doctor.storage import disk, kernels, room_found
 from guidefield.endpoint.own_session import NoAnswer, seconds_to_answer, taken
-from guidefield.first_start import compiled_mark
+from guidefield.first_start import compiled_mark, processor
 
 GIB = 2**30
 
@@ -185,6 +185,7 @@ def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: p
     compiled_mark().parent.mkdir(parents=True)
     compiled_mark().touch()
     assert kernels().state is State.FINE
+    assert processor() in kernels().found
     monkeypatch.setenv("GUIDEFIELD_PLAIN_NUMBA", "1")
     assert kernels().state is State.REMARK
     (tmp_path / "file").touch()

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from guidefield.doctor.finding import Finding, fine, remark, wrong
-from guidefield.first_start import PLAIN, cache_parent, compiled_mark, plain_numba
+from guidefield.first_start import PLAIN, cache_parent, compiled_mark, plain_numba, processor
 from guidefield.stores.runs import DEFAULT_RETENTION
 
 GIB = 2**30
@@ -52,14 +52,14 @@ def kernels() -> Finding:
     if not compiled_mark().exists():
         return remark(
             "kernels",
-            f"not compiled for this version in {folder}",
+            f"not compiled for this version and processor ({processor()}) in {folder}",
             "the first start does it, for a minute; `python -m guidefield.kernels.jit.compile_ahead` does it now",
         )
     if plain_numba():
         return remark(
             "kernels", f"compiled by plain numba, because {PLAIN} is set", f"unset {PLAIN}: plans take longer"
         )
-    return fine("kernels", f"compiled, in {folder}")
+    return fine("kernels", f"compiled for this processor ({processor()}), in {folder}")
 
 
 def _takes_files(folder: Path) -> bool:
