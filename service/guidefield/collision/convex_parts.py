@@ -12,8 +12,9 @@ import numpy as np
 
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import MeshTree, corners_of_clusters, mesh_tree, spread_points
+from guidefield.geometry.mesh_tree import MeshTree, mesh_tree, spread_points
 from guidefield.geometry.placements import moved
+from guidefield.kernels.collide.cluster_vertices import write_cluster_vertices
 from guidefield.kernels.collide.parts import (
     DISC,
     HALF_LENGTH,
@@ -112,8 +113,11 @@ class PartsTable:
         root = self._n_nodes
         links, shapes = alone.links.reshape(-1, LINK), alone.shapes.reshape(-1, SHAPE)
         self._balls.append(alone.balls)
-        self._links.append((links + np.where(links >= 0, [root, root, self._n_parts], 0)).ravel())
-        self._shapes.append((shapes + np.array([0, self._n_blocks, 0])).ravel())
+        if root:
+            links = links + np.where(links >= 0, [root, root, self._n_parts], 0)
+            shapes = shapes + np.array([0, self._n_blocks, 0])
+        self._links.append(links.ravel())
+        self._shapes.append(shapes.ravel())
         self._numbers.append(alone.numbers)
         self._vertices.append(alone.vertices)
         self._pieces[root] = root + pieces
@@ -130,14 +134,14 @@ class PartsTable:
 
         count = len(mesh.corners)
         numbers = np.zeros((count, PART))
-        numbers[:, :9] = there(mesh.corners.reshape(-1, 3)).reshape(-1, 9)
+        corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
+        numbers[:, :9] = corners.reshape(-1, 9)
         self._numbers.append(numbers.ravel())
         self._shapes.append(np.tile([TRIANGLE, 0, 0], count))
         links = mesh.links.copy()
         self._n_parts, self._n_nodes = count, len(mesh.balls)
         for nodes, members in mesh.clusters:
-            corners = corners_of_clusters(mesh.corners, members)
-            links[nodes, OWN] = self._add_clusters(there(corners.reshape(-1, 3)), len(nodes))
+            links[nodes, OWN] = self._add_clusters(corners, members)
         for node, hull in mesh.hulls.items():
             links[node, OWN] = self._add_hull(POLYTOPE, there(hull))
             if len(mesh.pieces) > 1 and node in mesh.pieces:
@@ -145,11 +149,13 @@ class PartsTable:
         self._balls.append(np.column_stack([there(mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
         self._links.append(links.ravel())
 
-    def _add_clusters(self, vertices: np.ndarray, count: int) -> np.ndarray:
-        """Add so many hulls of as many vertices each, a multiple of sixteen; which parts they are."""
-        if count == 0:
-            return np.empty(0, np.int64)
-        blocks = self._add_vertices(vertices) // count
+    def _add_clusters(self, corners: np.ndarray, members: np.ndarray) -> np.ndarray:
+        """Add the hulls of clusters (k, most) of triangles (t, 3, 3), a part each; which parts they are."""
+        count = len(members)
+        blocks = -(-3 * members.shape[1] // LANES)
+        vertices = np.empty(BLOCK * blocks * count, np.float32)
+        write_cluster_vertices(corners, np.ascontiguousarray(members, np.int64), vertices)
+        self._vertices.append(vertices)
         first = self._n_blocks + blocks * np.arange(count)
         self._shapes.append(np.column_stack([np.full(count, POLYTOPE), first, np.full(count, blocks)]).ravel())
         self._numbers.append(np.zeros(PART * count))
@@ -176,11 +182,11 @@ class PartsTable:
     def tables(self) -> Parts:
         """What was added, frozen."""
         arrays = (
-            np.concatenate([np.empty(0), *self._balls]),
-            np.concatenate([np.empty(0, np.int64), *self._links]),
-            np.concatenate([np.empty(0, np.int64), *self._shapes]),
-            np.concatenate([np.empty(0), *self._numbers]),
-            np.concatenate([np.empty(0, np.float32), *self._vertices]),
+            _behind_one_another(self._balls, float),
+            _behind_one_another(self._links, np.int64),
+            _behind_one_another(self._shapes, np.int64),
+            _behind_one_another(self._numbers, float),
+            _behind_one_another(self._vertices, np.float32),
         )
         for array in arrays:
             array.setflags(write=False)
@@ -202,6 +208,11 @@ class PartsTable:
         self._n_parts += 1
         self._n_nodes += 1
         return self._n_nodes - 1
+
+
+def _behind_one_another(arrays: list[np.ndarray], kind: type) -> np.ndarray:
+    """Arrays of one type, one behind the other; of one mesh of a million triangles they are not copied."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate([np.empty(0, kind), *arrays])
 
 
 def _mesh_alone(mesh: MeshTree, placement: Any) -> Parts:

@@ -24,12 +24,25 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     vertices = np.asarray(vertices, dtype=np.float64) + 0.0  # so that 0 and -0 are the same place
     if not np.isfinite(vertices).all():
         raise ValueError("`vertices` must be finite")
-    merged, index = np.unique(vertices, axis=0, return_inverse=True)
-    corners = index.reshape(-1)[np.asarray(triangles, dtype=np.int64).reshape(-1, 3)]
+    merged, index = _distinct(vertices)
+    corners = index[np.asarray(triangles, dtype=np.int64).reshape(-1, 3)]
     a, b, c = corners.T
     kept = np.flatnonzero((a != b) & (b != c) & (c != a))
-    used, corners = np.unique(corners[kept], return_inverse=True)
-    return merged[used], corners.reshape(-1, 3).astype(np.int64), kept
+    corners = corners[kept]
+    used = np.zeros(len(merged), bool)
+    used[corners] = True
+    return merged[used], (np.cumsum(used) - 1)[corners], kept
+
+
+def _distinct(vertices: Floats) -> tuple[Floats, Integers]:
+    """The distinct rows of vertices (v, 3) in ascending order, and which of them each row is, shape (v,)."""
+    order = np.lexsort(vertices.T[::-1])
+    rows = vertices[order]
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    index = np.empty(len(rows), np.int64)
+    index[order] = np.cumsum(new) - 1
+    return rows[new], index
 
 
 def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float]:

@@ -33,11 +33,14 @@ def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -
     loose = _loose(triangles, len(vertices))
     if not len(loose) or widest <= 0.0:
         return alone, 0.0
+    open_ = np.zeros(len(vertices), bool)
+    open_[loose] = True
+    near = triangles[open_[triangles].any(axis=1)]  # joining changes no edge but those of these
     for width in widest * np.array(_STEPS):
         joined, widths = alone.copy(), np.zeros(1)
         joined[loose], widths = _joined(vertices[loose], loose, float(width))
-        welded = joined[triangles]
-        if not len(_loose(welded[are_proper(welded)], len(vertices))):
+        welded = joined[near]
+        if not len(_loose(welded[are_proper(welded)], len(vertices), open_)):
             return joined, float(widths.max())
     return alone, 0.0
 
@@ -70,11 +73,22 @@ def are_proper(triangles: Integers) -> np.ndarray:
     return proper
 
 
-def _loose(triangles: Integers, count: int) -> Integers:
-    """Vertices of the edges that are one triangle's only, ascending, shape (n,)."""
+def _loose(triangles: Integers, count: int, among: np.ndarray | None = None) -> Integers:
+    """Vertices of the edges that are one triangle's only, ascending, shape (n,).
+
+    Args:
+        triangles: Shape (t, 3).
+        count: How many vertices there are.
+        among: Only edges with one of these count, shape (count,), bool; None: all do.
+    """
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    edges, uses = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_counts=True)
-    return np.unique(np.divmod(edges[uses == 1], count))
+    if among is not None:
+        counted = among[start] | among[end]
+        start, end = start[counted], end[counted]
+    edges = np.sort(np.minimum(start, end) * count + np.maximum(start, end))
+    new = np.ones(len(edges) + 1, bool)
+    new[1:-1] = edges[1:] != edges[:-1]
+    return np.unique(np.divmod(edges[new[:-1] & new[1:]], count))
 
 
 def _joined(points: Floats, indices: Integers, width: float) -> tuple[Integers, Floats]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
+from guidefield.kernels.cover.overlapping_boxes import swept_pairs
 
 _TOUCHING = 1e-10
 """Faces that reach through each other by less than this fraction of the mesh's size only touch."""
@@ -45,8 +46,9 @@ def crossings(vertices: Floats, triangles: Integers) -> Crossings:
         vertices: Shape (v, 3) [m], finite, no two at one place.
         triangles: Shape (t, 3).
     """
-    corners = vertices[triangles] - vertices.mean(axis=0)
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    corners = (vertices - vertices.mean(axis=0))[triangles]
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     tolerance = _TOUCHING * size + 32.0 * np.finfo(float).eps * float(np.abs(vertices).max())
     found, examined, complete = [np.empty((0, 2), np.int64)], 0, True
@@ -66,7 +68,7 @@ def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
     ends = [np.searchsorted(low[o, axis], high[o, axis], side="right") for axis, o in enumerate(orders)]
     axis = int(np.argmin([end.sum() for end in ends]))
     order, across = orders[axis], [other for other in range(3) if other != axis]
-    low, high = low[order].T.copy(), high[order].T.copy()
+    low, high = (np.ascontiguousarray(corner[order][:, across].T) for corner in (low, high))
     counts = np.maximum(ends[axis] - np.arange(len(order)) - 1, 0)
     before = np.concatenate([[0], np.cumsum(counts)])
     start = 0
@@ -75,12 +77,8 @@ def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
         if before[stop] > SWEPT:
             yield None
             return
-        own = np.repeat(np.arange(start, stop), counts[start:stop])
-        others = np.arange(len(own)) + before[start] - before[own] + own + 1
-        for side in across:  # one after the other: few are left after the first
-            near = (low[side, own] <= high[side, others]) & (low[side, others] <= high[side, own])
-            own, others = own[near], others[near]
-        yield np.column_stack([order[own], order[others]])
+        pairs = np.empty((int(before[stop] - before[start]), 2), np.int64)
+        yield order[pairs[: swept_pairs(low, high, ends[axis], start, stop, pairs)]]
         start = stop
 
 

@@ -77,11 +77,16 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
         triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
         kind: SOLID or SHEET.
     """
-    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    longest = np.maximum.reduce([((b - a) ** 2).sum(axis=1), ((c - b) ** 2).sum(axis=1), ((a - c) ** 2).sum(axis=1)])
-    used = triangles[area > _THIN * longest]
-    bounds = np.r_[vertices[used].min(axis=(0, 1)), vertices[used].max(axis=(0, 1))]
+    a, b, c = (vertices[column] for column in triangles.T)
+    sides = b - a, c - b, a - c
+    area = np.linalg.norm(np.cross(sides[0], -sides[2]), axis=1)
+    longest = np.maximum.reduce([np.einsum("ti,ti->t", side, side) for side in sides])
+    wide = area > _THIN * longest
+    used = triangles if wide.all() else triangles[wide]
+    marked = np.zeros(len(vertices), bool)
+    marked[used] = True
+    corners = vertices[marked]
+    bounds = np.r_[corners.min(axis=0), corners.max(axis=0)]
     return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used))
 
 
@@ -241,11 +246,13 @@ def _surface_tables(surfaces: dict[int, tuple[Floats, Integers]], count: int) ->
     spans = np.zeros((count, 4), np.int64)
     node = triangle = 0
     for index, (vertices, triangles) in sorted(surfaces.items()):
-        a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+        a, b, c = (vertices[column] for column in triangles.T)
         tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
         spans[index] = node, tree.leaves, triangle, len(triangles)
         nodes.append(tree.nodes)
-        corners.append(np.hstack([a, b - a, c - a])[tree.order])
+        corners.append(np.hstack([part[tree.order] for part in (a, b - a, c - a)]))
         normals.append(pseudonormals(vertices, triangles)[tree.order])
         node, triangle = node + len(tree.nodes), triangle + len(triangles)
-    return SurfaceTables(*(np.concatenate(rows) for rows in (nodes, corners, normals))), spans
+    return SurfaceTables(
+        *(rows[1] if len(rows) == 2 else np.concatenate(rows) for rows in (nodes, corners, normals))
+    ), spans

@@ -9,6 +9,7 @@ import numpy as np
 
 from guidefield.geometry.convex import convex_hull
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
+from guidefield.kernels.distance.triangle_tree_build import balls_about_runs, halve_runs
 
 MOST_VERTICES = 192
 """A hull with more gives way to a polytope about it with about as many."""
@@ -64,11 +65,8 @@ def triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lamb
 
     `before_level` is called before each level, and may raise.
     """
-    a, b, c = triangles.transpose(
-        1, 0, 2
-    )  # corner by corner, which NumPy does in a tenth of what an axis of three takes
-    centres, members = (a + b + c) / 3.0, np.arange(len(triangles))
-    boxes = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    triangles = np.ascontiguousarray(triangles, float)
+    centres, members = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3.0, np.arange(len(triangles))
     sizes = np.array([len(triangles)])
     balls, links, made = [], [np.empty((0, 3), np.int64)], 0
     above = np.array([np.iinfo(np.int64).max])
@@ -76,7 +74,8 @@ def triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lamb
     while len(sizes):  # level by level: the members of its nodes one after the other
         before_level()
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        balls.append(_balls_about(triangles, boxes, members, starts, sizes))
+        balls.append(np.empty((len(sizes), 4)))
+        balls_about_runs(triangles, members, starts, sizes, balls[-1])
         for most, nodes in zip(CLUSTERS, found, strict=True):
             first = np.flatnonzero((sizes > 1) & (sizes <= most) & (above > most))
             nodes.append((made + first, _runs(members, starts[first], sizes[first], most)))
@@ -85,7 +84,8 @@ def triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lamb
         rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
         rows[split, 2] = -1
         links.append(rows)
-        members = _halved(centres, members[np.repeat(split, sizes)], sizes[split])
+        members = members[np.repeat(split, sizes)]
+        halve_runs(centres, np.cumsum(sizes[split]) - sizes[split], sizes[split], members)
         made += len(sizes)
         above = np.repeat(sizes[split], 2)
         halves = sizes[split] // 2
@@ -126,12 +126,6 @@ def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:
     return MeshTree(corners, balls, np.concatenate([top, *links]), hulls, nodes.astype(np.int64), clusters)
 
 
-def corners_of_clusters(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """The corners of clusters of triangles (k, most), a multiple of sixteen of each; shape (k, 3 most + 1, 3)."""
-    found = corners[members].reshape(len(members), 3 * members.shape[1], 3)
-    return np.concatenate([found, found[:, :1]], axis=1)
-
-
 def spread_points(mesh: MeshTree, piece: int) -> np.ndarray:
     """Corners of a piece's triangles that are farthest along directions spread over all, (k, 3) [m], mesh's frame."""
     last = mesh.pieces[mesh.pieces > piece].min(initial=len(mesh.links))
@@ -155,37 +149,6 @@ def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int)
     """Runs of members as rows (n, most), the last of each repeated."""
     rows: np.ndarray = members[starts[:, None] + np.minimum(np.arange(most), sizes[:, None] - 1)]
     return rows
-
-
-def _balls_about(
-    triangles: np.ndarray,
-    boxes: tuple[np.ndarray, np.ndarray],
-    members: np.ndarray,
-    starts: np.ndarray,
-    sizes: np.ndarray,
-) -> np.ndarray:
-    """A ball (n, 4) about each of n runs of triangles, the members, whose corners and boxes are given."""
-    low, high = (
-        reach.reduceat(box[members], starts) for reach, box in zip((np.minimum, np.maximum), boxes, strict=True)
-    )
-    middles = 0.5 * (low + high)
-    around, apart = np.repeat(middles, sizes, axis=0), np.zeros(len(members))
-    for corner in triangles.transpose(1, 0, 2):
-        out = corner[members] - around
-        np.maximum(apart, np.einsum("ij,ij->i", out, out), out=apart)
-    return np.column_stack([middles, np.sqrt(np.maximum.reduceat(apart, starts))])
-
-
-def _halved(centres: np.ndarray, members: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """The members of runs, each run in order along the side where its centres spread most."""
-    if not len(sizes):
-        return members
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    places = centres[members]
-    widest = np.argmax(np.maximum.reduceat(places, starts) - np.minimum.reduceat(places, starts), axis=1)
-    along = places[np.arange(len(members)), np.repeat(widest, sizes)]
-    ordered: np.ndarray = members[np.lexsort((along, np.repeat(np.arange(len(sizes)), sizes)))]
-    return ordered
 
 
 def polytope_about(vertices: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,35 @@ class MeshSurface:
     warnings: tuple[str, ...]
 
 
+class Joined(NamedTuple):
+    """A mesh whose vertices at one place are one, with the cracks that could be closed.
+
+    Attributes:
+        vertices: Distinct vertices that triangles use, shape (v, 3) [m].
+        triangles: Those with three different ones, shape (t, 3).
+        given: Which of the given ones each is, shape (t,).
+        seams: For each vertex the one that it should be, shape (v,), as of `cracks.seams`.
+        width: Of the widest crack [m].
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    given: np.ndarray
+    seams: np.ndarray
+    width: float
+
+
+def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
+    """Merge a mesh's vertices, and find its cracks.
+
+    Args:
+        vertices: Shape (v, 3) [m], in any frame.
+        triangles: Indices of vertices, shape (t, 3).
+    """
+    distinct, corners, given = compact(vertices, triangles)
+    return Joined(distinct, corners, given, *seams(distinct, corners))
+
+
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     """Judge a triangle mesh; None if its triangles have no area.
 
@@ -52,10 +81,14 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
         vertices: Shape (v, 3) [m], in any frame; the result is in the same.
         triangles: Indices of vertices, shape (t, 3).
     """
-    vertices, triangles, _ = compact(vertices, triangles)
+    return surface_of(joined_mesh(vertices, triangles))
+
+
+def surface_of(mesh: Joined) -> MeshSurface | None:
+    """The same of a mesh whose vertices are merged."""
+    vertices, triangles, _, joined, width = mesh
     if not len(triangles) or _areas(vertices, triangles).max() <= 1e-12 * np.ptp(vertices, axis=0).max() ** 2:
         return None
-    joined, width = seams(vertices, triangles)
     triangles, solid, warnings = _facing_outwards(vertices, triangles, joined)
     hull = _own_hull(vertices, _welded(triangles, joined)) if solid else None
     if solid and width > 0.0:
@@ -66,17 +99,12 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
     return MeshSurface(vertices, triangles, solid, hull, tuple(warnings))
 
 
-def crossing_warnings(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str, ...]:
+def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
     """What to tell of triangles that cross each other, by the indices they are given with; nothing if none do.
 
     Those that overlap at a crack alone don't count.
-
-    Args:
-        vertices: Shape (v, 3) [m], in any frame.
-        triangles: Indices of vertices, shape (t, 3).
     """
-    distinct, corners, given = compact(vertices, triangles)
-    joined, _ = seams(distinct, corners)
+    distinct, corners, given, joined, _ = mesh
     given = given[are_proper(joined[corners])]
     found = crossings(distinct, _welded(corners, joined))
     warnings = []
@@ -103,12 +131,12 @@ def _edges(triangles: np.ndarray) -> np.ndarray:
 
 def _edge_counts(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How often each undirected edge is run through upwards, and downwards."""
-    edges = _edges(triangles)
-    _, index = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    upwards = edges[:, 0] < edges[:, 1]
-    index = index.reshape(-1)
-    count = int(index.max()) + 1
-    return np.bincount(index[upwards], minlength=count), np.bincount(index[~upwards], minlength=count)
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    count = int(triangles.max()) + 1
+    edges = np.sort(2 * (np.minimum(start, end) * count + np.maximum(start, end)) + (start < end))
+    first = np.flatnonzero(np.diff(edges >> 1, prepend=-1))
+    upwards = np.add.reduceat(edges & 1, first)
+    return upwards, np.diff(first, append=len(edges)) - upwards
 
 
 def _facing_outwards(

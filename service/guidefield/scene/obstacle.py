@@ -24,7 +24,7 @@ from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.facets import Facets
 from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MOST_FACES, MeshSurface, crossing_warnings, mesh_surface
+from guidefield.scene.mesh import MOST_FACES, MeshSurface, crossing_warnings, joined_mesh, surface_of
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
@@ -211,12 +211,12 @@ def _primitive(message: Any) -> Obstacle:
 
 
 def _mesh(message: messages.Mesh) -> Obstacle:
-    vertices, triangles = _points(message.vertices), np.array(message.triangles)
-    surface = mesh_surface(vertices, triangles)
+    mesh = joined_mesh(_points(message.vertices), np.array(message.triangles))
+    surface = surface_of(mesh)
     if surface is None:
         raise _UnusableError("the mesh has no triangle with an area", ".triangles")
     if surface.hull is None:
-        faults = crossing_warnings(vertices, triangles)
+        faults = crossing_warnings(mesh)
         surface = dataclasses.replace(surface, warnings=(*surface.warnings, *faults))
     return _surface(message, surface, se3(message.position, message.quaternion_xyzw))
 

@@ -26,6 +26,7 @@ from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import LINK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import PLACED, primitive_tables
+from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
@@ -121,16 +122,20 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
     """Tables of primitives with those of other obstacles behind them."""
     n = len(obstacles.kinds)
     sizes = np.array([(n, n, n, len(parts.vertices) // BLOCK), *(table.sizes for table in tables)])
-    first = (np.cumsum(sizes, axis=0) - sizes)[1:]
-    sizes = sizes[1:]
-    places, primitives, boxes, balls, links, shapes, numbers, vertices = (
-        np.concatenate(column) for column in list(zip(*tables, strict=True))[1:]
-    )
-    places[:, 2] += np.repeat(first[:, 1], sizes[:, 0])
-    links += (links >= 0) * np.repeat(first[:, [1, 1, 2]], sizes[:, 1], axis=0)
-    shapes[:, 1] += np.repeat(first[:, 3], sizes[:, 2])
+    first = (np.cumsum(sizes, axis=0) - sizes)[1:].tolist()
+    places = np.concatenate([table.places for table in tables])
+    places[:, 2] += np.repeat([nodes for _, nodes, _, _ in first], sizes[1:, 0])
+    links = [
+        (table.links + np.where(table.links >= 0, [nodes, nodes, shapes], 0) if nodes else table.links).ravel()
+        for table, (_, nodes, shapes, _) in zip(tables, first, strict=True)
+    ]
+    shapes = [
+        (table.shapes + np.array([0, block, 0]) if block else table.shapes).ravel()
+        for table, (_, _, _, block) in zip(tables, first, strict=True)
+    ]
     index = np.arange(n, n + len(places))
     all_boxes = obstacles.boxes.copy()
+    boxes = np.concatenate([table.boxes for table in tables])
     all_boxes.reshape(-1, 6, LANES)[index // LANES, :, index % LANES] = boxes
     return LaneObstacles(
         size=obstacles.size,
@@ -138,16 +143,21 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         whole=np.concatenate([obstacles.whole, places[:, 1]]),
         roots=np.concatenate([obstacles.roots, places[:, 2]]),
         tested=obstacles.tested,
-        primitives=np.concatenate([obstacles.primitives, primitives.ravel()]),
+        primitives=np.concatenate([obstacles.primitives, *(table.primitives.ravel() for table in tables)]),
         boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
     ), Parts(
-        balls=np.concatenate([parts.balls, balls]),
-        links=np.concatenate([parts.links, links.ravel()]),
-        shapes=np.concatenate([parts.shapes, shapes.ravel()]),
-        numbers=np.concatenate([parts.numbers, numbers]),
-        vertices=np.concatenate([parts.vertices, vertices]),
+        balls=_behind(parts.balls, [table.balls for table in tables]),
+        links=_behind(parts.links, links),
+        shapes=_behind(parts.shapes, shapes),
+        numbers=_behind(parts.numbers, [table.numbers for table in tables]),
+        vertices=_behind(parts.vertices, [table.vertices for table in tables]),
     )
+
+
+def _behind(first: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
+    """Arrays one behind the other; one that is alone isn't copied: of a million triangles it is large."""
+    return others[0] if len(others) == 1 and not len(first) else np.concatenate([first, *others])
 
 
 def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> None:
@@ -243,12 +253,12 @@ def _clusters(corners: np.ndarray, table: PartsTable, step: Callable[[], None]) 
     nodes, members = tree.clusters[CLUSTER]
     if len(corners) == 1:
         nodes, members = np.zeros(1, np.int64), np.zeros((1, 1), np.int64)
-    points = corners[members].reshape(len(nodes), -1, 3)
-    centres = points.mean(axis=1)
-    local = points - centres[:, None]
-    axes = np.linalg.eigh(np.einsum("kpi,kpj->kij", local, local))[1].swapaxes(1, 2)
-    along = np.matmul(local, axes.swapaxes(1, 2))
-    low, high = along.min(axis=1), along.max(axis=1)
+    corners, members = np.ascontiguousarray(corners, float), np.ascontiguousarray(members, np.int64)
+    centres, spreads = np.empty((len(nodes), 3)), np.empty((len(nodes), 3, 3))
+    cluster_spreads(corners, members, centres, spreads)
+    axes, reaches = np.linalg.eigh(spreads)[1].swapaxes(1, 2).copy(), np.empty((len(nodes), 2, 3))
+    cluster_reaches(corners, members, centres, axes, reaches)
+    low, high = reaches[:, 0], reaches[:, 1]
     rows = np.zeros((len(nodes), PRIMITIVE))
     rows[:, :CENTRE] = axes.reshape(-1, 9)
     rows[:, CENTRE:HALVES] = centres + np.einsum("ki,kij->kj", 0.5 * (low + high), axes)
