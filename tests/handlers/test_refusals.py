@@ -20,16 +20,26 @@ MOVING = {"name": "moving", "obstacles": [DOOR]}
 STILL: dict[str, Any] = {"name": "still", "obstacles": []}
 JOINTS = {"type": "joints", "positions": {}}
 PLANE = {"type": "guide_plane"}
+GATE = {"name": "gate", "vertices": ((0.6, 0, 0.5), (0.6, 0.2, 0.5), (0.6, 0.2, 0.7))}
 
 
 @pytest.mark.parametrize(
     ("fields", "error", "words"),
     [
-        ({"scene": MOVING, "goal": JOINTS}, MalformedRequest, r"move \('door'\).*give one of type 'guide_plane'"),
         (
-            {"scene": MOVING, "goal": PLANE, "limits": {"elbow_joint": {"jerk": 9.0}}},
+            {"scene": MOVING, "goal": JOINTS, "guide_planes": "auto"},
             MalformedRequest,
-            r"`limits\.jerk` is not served: leave it out",
+            r"move \('door'\) `guide_planes` is not served: give them as \[\]",
+        ),
+        (
+            {"scene": MOVING, "goal": JOINTS, "start_velocities": {"elbow_joint": 0.1}},
+            MalformedRequest,
+            r"`start_velocities` is not served: leave them out",
+        ),
+        (
+            {"scene": {**MOVING, "guide_planes": [GATE]}, "goal": PLANE, "limits": {"elbow_joint": {"jerk": 9.0}}},
+            MalformedRequest,
+            r"`limits\.jerk` is not served on the way to a guide plane: leave it out",
         ),
         ({"scene": STILL, "goal": PLANE}, InvalidGoal, "the scene has none; give some in `guide_planes`"),
         ({"scene": STILL, "goal": PLANE, "guide_planes": []}, InvalidGoal, "is empty; null takes the scene's"),

@@ -45,13 +45,13 @@ def problem_of(
             is ill-posed.
         MalformedRequest: if it asks for what this version doesn't serve.
     """
-    _require_served(request, scene)
     robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group, request)
     planes = given_planes(request, scene)
+    _require_served(request, scene, planes)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
     if in_motion(request):
@@ -81,26 +81,27 @@ def problem_of(
     return problem, (*robot.warnings, *scene.warnings, *warnings, *many_turns_warnings(request, robot))
 
 
-def _require_served(request: PlanRequest, scene: Scene) -> None:
+def _require_served(request: PlanRequest, scene: Scene, planes: tuple[GuidePlane, ...]) -> None:
     """Refuse what is part of the wire but not served among obstacles that move, by name."""
     if not scene.moves:
         return
+    guided = isinstance(request.goal, requests.GuidePlaneGoal)
+    asks_for_planes = request.guide_planes == "auto" and request.planner != "tree"
+    jerk = any(limits.jerk is not None for limits in request.limits.values())
+    to_planes = "leave it out, or give a goal of another type"
     unserved = {
-        "path_constraints": (bool(request.path_constraints), "leave them out"),
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
-        "goal": (
-            not isinstance(request.goal, requests.GuidePlaneGoal),
-            "give one of type 'guide_plane', the last of the `guide_planes`",
-        ),
         "start_velocities": (in_motion(request), "leave them out, and accelerations and `end_velocities`"),
-        "limits.jerk": (any(limits.jerk is not None for limits in request.limits.values()), "leave it out"),
+        "guide_planes": (not guided and (bool(planes) or asks_for_planes), "give them as [], or the last as the goal"),
+        "limits.jerk": (guided and jerk, to_planes),
+        "path_constraints": (guided and bool(request.path_constraints), to_planes),
     }
     moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
     for what, (asked, instead) in unserved.items():
         if asked:
-            such = "such a `goal`" if what == "goal" else f"`{what}`"
+            towards = " on the way to a guide plane" if instead is to_planes else ""
             raise MalformedRequest(
-                f"among obstacles that move ({moving}) {such} is not served: {instead}", unserved=what
+                f"among obstacles that move ({moving}) `{what}` is not served{towards}: {instead}", unserved=what
             )
 
 

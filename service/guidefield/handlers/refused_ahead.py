@@ -52,7 +52,7 @@ def _refusal(problem: Problem) -> Plan | None:
 
 def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan | None:
     """Prepare the scene, and the robot if it connects; the plan if time was up before, None if it wasn't."""
-    if problem.scene.moves:
+    if problem.scene.moves and not connects(request):
         return None
     robot = problem.group.robot if connects(request) else None
     field = bool(problem.guide_planes) or request.guide_planes == "auto"

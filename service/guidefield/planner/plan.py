@@ -24,6 +24,7 @@ from guidefield.planner.task.problem import Problem, TipGoal
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
+from guidefield.planner.timed_goal import reach_in_time
 from guidefield.planner.timed_guide import cross_planes_timed
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
@@ -112,7 +113,7 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
         except StageFailed as failed:
             return _not_begun(problem, failed.ending, stages)
     if problem.scene.moves:
-        return finish_timed(problem, cross_planes_timed(problem, stages, attempts), stages)
+        return _in_time(problem, goals, stages, attempts)
     found = PathSoFar.at_start(problem)
     if planner is not Planner.TREE:
         found = _cross_planes(problem, found, stages, planner, attempts)
@@ -123,6 +124,13 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
     return _to_goal(problem, found, goals, stages)
 
 
+def _in_time(problem: Problem, goals: ChartPoints | None, stages: Stages, attempts: Sequence[Attempt]) -> Finished:
+    """Among obstacles that move: to a goal, or through guide planes if there is none but the last of them."""
+    if goals is not None:
+        return reach_in_time(problem, goals, stages)
+    return finish_timed(problem, cross_planes_timed(problem, stages, attempts), stages)
+
+
 def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
     """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes.
 
@@ -130,10 +138,12 @@ def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | N
         StageFailed: as `check_start`; as `goal_points`, where no guide planes lead to the goal.
     """
     with stages.entered("ends", "start and goal") as stage:
-        check_start(problem)
+        check_start(problem.at(0.0))
         try:
-            goals = goal_points(problem)
+            goals = goal_points(problem.at(problem.scene.end))
         except StageFailed as failed:
+            if problem.scene.moves:
+                raise _once_all_rest(problem, failed) from None
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
             unreached = failed.ending.status is Status.NO_IK_SOLUTION
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
@@ -145,6 +155,13 @@ def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | N
         else:
             stage.outcome = f"start free, free configurations at the goal: {len(goals)}"
     return goals
+
+
+def _once_all_rest(problem: Problem, failed: StageFailed) -> StageFailed:
+    """Why a goal is none among obstacles that move: it is judged as they stand once they have come to rest."""
+    end, ending = problem.scene.end, failed.ending
+    message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
+    return StageFailed(ending.status, message, **{**ending.details, "time": end})
 
 
 def _cross_planes(

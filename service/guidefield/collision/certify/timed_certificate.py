@@ -7,6 +7,7 @@ the robot by `MotionBound`, the obstacle by its largest speed.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -122,6 +123,12 @@ def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float]:
     return np.asarray(obstacle.motion.placements[0].actInv(centre)), max(reach)
 
 
+def _largest_speeds(obstacle: Obstacle, centre: np.ndarray, radius: float) -> tuple[list[float], list[float]]:
+    """When an obstacle is on its placements [s], and the largest speed of a ball about it from each to the next."""
+    assert obstacle.motion is not None, "only what moves is judged here"
+    return obstacle.motion.times.tolist(), obstacle.motion.rates(centre, radius)[0][1:-1].tolist()
+
+
 @dataclass(frozen=True, eq=False)
 class _TimedSegment(ReadOnly):
     """A part of a piece: control points, parameters on the piece, times, and the pairs that are left."""
@@ -157,6 +164,9 @@ class _Judge:
         self.kept = min_clearance
         self.floor = floor
         self.evaluations = 0
+        movers = list({id(one): k for k, one in enumerate(worlds.obstacles)}.values())
+        self._mover_of = [[id(worlds.obstacles[k]) for k in movers].index(id(one)) for one in worlds.obstacles]
+        self._speeds = [_largest_speeds(worlds.obstacles[k], *worlds.balls[k]) for k in movers]
 
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
         """Why a segment is refused, or None; the first half is judged before the second."""
@@ -166,10 +176,7 @@ class _Judge:
         low, high = segment.control.min(axis=0), segment.control.max(axis=0)
         time, half = 0.5 * (segment.since + segment.until), 0.5 * (segment.until - segment.since)
         bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))
-        for k in segment.pairs:
-            motion, (centre, radius) = self.worlds.obstacles[k].motion, self.worlds.balls[k]
-            assert motion is not None, "only what moves is judged here"
-            bounds[k] += half * motion.speed(segment.since, segment.until, centre, radius)
+        bounds += half * self._speeds_between(segment.since, segment.until)
         left = [k for k in segment.pairs if self._within(k, time, with_coal_error(self.kept + bounds[k]))]
         if not left:
             return None
@@ -178,6 +185,14 @@ class _Judge:
         if refused is not None:
             return refused
         return self.refusal(first) or self.refusal(second)
+
+    def _speeds_between(self, since: float, until: float) -> np.ndarray:
+        """The largest speed between two times of any point of each pair's obstacle [m/s]."""
+        found = []
+        for times, speeds in self._speeds:
+            first, last = bisect_right(times, since) - 1, bisect_left(times, until)
+            found.append(max(speeds[max(first, 0) : last], default=0.0))
+        return np.array(found)[self._mover_of]
 
     def _bounds(self, middle: ChartPoint, half_widths: ChartPoint) -> np.ndarray:
         """How much closer the robot alone brings each pair within a box of the chart [m]; places it at its middle."""

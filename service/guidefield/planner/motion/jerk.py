@@ -73,7 +73,7 @@ def _averaged(
     knots = fine[:: JERK.samples].copy()
     positions = spline.evaluate(np.clip(share, 0.0, spline.knots[-1]))[0]
     positions[0], positions[-1] = spline.waypoints[0], spline.waypoints[-1]
-    positions, velocities = _smooth(knots, positions)
+    positions, velocities = smooth(knots, positions)
     changed = leaving(knots, positions, velocities, spline.lower, spline.upper)
     if changed.any():
         limits = spline.lower[changed], spline.upper[changed]
@@ -98,7 +98,7 @@ def _integral(s: np.ndarray, times: np.ndarray, rates: np.ndarray, at: np.ndarra
     return integral
 
 
-def _smooth(times: np.ndarray, positions: ChartPoints) -> tuple[ChartPoints, ChartRates]:
+def smooth(times: np.ndarray, positions: ChartPoints) -> tuple[ChartPoints, ChartRates]:
     """Positions and velocities (n, nv) of the C² cubic through points at even times, at rest at both ends.
 
     No acceleration at an end takes away the freedom of the point next to it, which moves a little. With step h and

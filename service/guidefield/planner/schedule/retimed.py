@@ -1,0 +1,108 @@
+"""The motion that keeps a schedule: along the same path at other times, within the limits of rates exactly."""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+import numpy as np
+
+from guidefield.planner.motion.jerk import smooth
+from guidefield.planner.motion.limit_load import TOLERANCE, limit_load
+from guidefield.planner.motion.settings import TIMING
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.within_limits import bounded_slopes, leaving, smoothly_within
+from guidefield.planner.schedule.schedule import Schedule
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
+
+KNOTS = 8
+"""Knots in a step."""
+
+Knots = tuple[np.ndarray, ChartPoints, ChartRates]
+
+
+def retimed(problem: Problem, schedule: Schedule) -> Trajectory | None:
+    """The motion of a schedule, from time 0 on; None where its changes of rate exceed a limit.
+
+    Where the rate never changes it is the schedule's motion later, and perhaps slower, bit for bit the same curve.
+    Else the rate is averaged over a step, so that accelerations are continuous where those of the schedule's motion
+    are.
+
+    Args:
+        problem: Whose limits.
+        schedule: When to be where.
+    """
+    motion = schedule.motion
+    if schedule.constant:
+        rate = float(schedule.rates[0])
+        return _later(
+            schedule.departure, (motion.times - motion.times[0]) / rate, motion.positions, motion.velocities * rate
+        )
+    knots = (
+        _through_samples(problem, schedule) if problem.jerk_limits is not None else _through_knots(problem, schedule)
+    )
+    group = problem.group
+    jerks = cast(ChartRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
+    if limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerks) > 1.0 + TOLERANCE:
+        return None
+    return _later(schedule.departure, *knots)
+
+
+def _sampled(schedule: Schedule, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
+    """Chart points and velocities at times since the departure, shape (n, nv) each."""
+    motion = schedule.motion
+    own, rates = schedule.at(times, schedule.step)
+    own = np.clip(own * (motion.duration / own[-1]), 0.0, motion.duration) + motion.times[0]
+    positions, velocities, _ = motion.evaluate(own)
+    return positions, cast(ChartRates, velocities * rates[:, None])
+
+
+def _through_knots(problem: Problem, schedule: Schedule) -> Knots:
+    """The cubic Hermite curve through the motion's own knots, and where the rate begins to change or ends to."""
+    motion, step = schedule.motion, schedule.step
+    even = np.arange(0.0, schedule.duration, step / KNOTS)
+    fine = np.linspace(0.0, schedule.duration, 4 * len(even) + 1)
+    own = np.maximum.accumulate(schedule.at(fine, step)[0])
+    among = np.interp(motion.times - motion.times[0], own, fine)
+    times = np.unique(np.concatenate([even, among, [0.0, schedule.duration]]))
+    kept = np.r_[True, np.diff(times) > TIMING.shortest_step]
+    kept[-1] = True
+    times = times[kept]
+    if len(times) > 2 and times[-1] - times[-2] <= TIMING.shortest_step:
+        times = np.delete(times, -2)
+    positions, velocities = _sampled(schedule, times)
+    velocities[[0, -1]] = 0.0
+    lower, upper = problem.group.lower, problem.group.upper
+    changed = leaving(times, positions, velocities, lower, upper)
+    if changed.any():
+        velocities[:, changed] = bounded_slopes(
+            times, positions[:, changed], velocities[:, changed], lower[changed], upper[changed]
+        )
+    return times, positions, velocities
+
+
+def _through_samples(problem: Problem, schedule: Schedule) -> Knots:
+    """The cubic spline through even samples that is twice continuously differentiable, at rest at both ends."""
+    count = max(8, math.ceil(KNOTS * schedule.duration / schedule.step))
+    times = np.linspace(0.0, schedule.duration, count + 1)
+    positions, velocities = smooth(times, _sampled(schedule, times)[0])
+    lower, upper = problem.group.lower, problem.group.upper
+    changed = leaving(times, positions, velocities, lower, upper)
+    if changed.any():
+        positions[:, changed], velocities[:, changed] = smoothly_within(
+            times, positions[:, changed], velocities[:, changed], lower[changed], upper[changed]
+        )
+    return times, positions, velocities
+
+
+def _later(departure: float, times: np.ndarray, positions: ChartPoints, velocities: ChartRates) -> Trajectory:
+    """The same motion, after the robot has waited until a departure [s]."""
+    if departure <= 0.0:
+        return Trajectory(times, positions, velocities)
+    still = np.zeros_like(velocities[:1])
+    return Trajectory(
+        np.concatenate([[0.0], departure + times]),
+        cast(ChartPoints, np.concatenate([positions[:1], positions])),
+        cast(ChartRates, np.concatenate([still, velocities])),
+    )

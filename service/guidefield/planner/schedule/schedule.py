@@ -1,0 +1,230 @@
+"""When to be where along a path: the earliest schedule that meets nothing that moves and keeps the limits of rates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.kernels.timing import earliest_schedule as kernel
+from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.schedule.occupancy import Occupancy
+from guidefield.planner.schedule.settings import SCHEDULE
+from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
+from guidefield.robot.group.group import PlanningGroup
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule(ReadOnly):
+    """At which of a motion's own times the robot is when.
+
+    Attributes:
+        motion: The motion along the path, perhaps slower than it was found.
+        departure: Until then the robot waits where it starts [s].
+        duration: How long it is on its way then [s].
+        step: Length of a step [s].
+        rates: At the beginning of each step since the departure, and at the end of the last one, shape (k + 1,).
+    """
+
+    motion: Trajectory
+    departure: float
+    duration: float
+    step: float
+    rates: np.ndarray
+
+    @property
+    def arrival(self) -> float:
+        """When it arrives [s]."""
+        return self.departure + self.duration
+
+    @property
+    def constant(self) -> bool:
+        """Whether its rate never changes."""
+        return bool(np.all(self.rates == self.rates[0]))
+
+    def at(self, times: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
+        """At which of the motion's own times it is, and at what rate, averaged over a window of time.
+
+        Args:
+            times: Since the departure, shape (k,) [s].
+            window: No longer than a step [s].
+
+        Returns:
+            Both of shape (k,) [s and 1].
+        """
+        (before, sums_before), (after, sums_after) = (self._moments(times + side * window) for side in (-0.5, 0.5))
+        return (sums_after - sums_before) / window, (after - before) / window
+
+    def _moments(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The motion's own times and their integral since the departure; it goes on evenly before and after."""
+        h, rates = self.step, self.rates
+        change = np.diff(rates)
+        places = np.r_[0.0, np.cumsum(h * (rates[:-1] + 0.5 * change))]
+        sums = np.r_[0.0, np.cumsum(h * (places[:-1] + h * (rates[:-1] / 2.0 + change / 6.0)))]
+        index = np.clip(np.floor(times / h).astype(np.int64), 0, len(change) - 1)
+        t = times - index * h
+        # beyond the ends no rate changes: the first and the last step are even
+        share = change[index] / h
+        v = rates[index]
+        place = places[index] + t * (v + 0.5 * t * share)
+        return place, sums[index] + t * (places[index] + t * (0.5 * v + t * share / 6.0))
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """Where a search for a schedule ended that did not arrive.
+
+    Attributes:
+        cell: The farthest cell that was reached.
+        spent: Whether there was no more time.
+    """
+
+    cell: int
+    spent: bool = False
+
+
+def step_of(group: PlanningGroup) -> float:
+    """How long a step of schedules lasts for a group [s]."""
+    slowest = float((group.velocity_limits / group.acceleration_limits).max())
+    wanted = SCHEDULE.braking / SCHEDULE.rates * slowest
+    return float(np.clip(wanted, SCHEDULE.shortest_step, SCHEDULE.longest_step))
+
+
+def slices_in(step: float) -> int:
+    """Into how many slices a step is divided."""
+    return math.ceil(step / SCHEDULE.slice_length)
+
+
+def at_one_rate(problem: Problem, motion: Trajectory, occupancy: Occupancy) -> Schedule | Stuck:
+    """The earliest schedule that waits at the start and then goes along the path at one rate.
+
+    Args:
+        problem: Limits, budget.
+        motion: The motion along the path, within the limits.
+        occupancy: Where it can be when.
+    """
+    places = _places(motion, step_of(problem.group))
+    none = np.zeros((places, SCHEDULE.rates + 1), np.int64)
+    return _searched(problem, motion, occupancy, none, none)
+
+
+def at_any_rate(
+    problem: Problem, motion: Trajectory, room: float, occupancy: Occupancy, by: float = np.inf
+) -> Schedule | Stuck:
+    """The earliest schedule that changes its rate within the limits of acceleration and jerk.
+
+    Args:
+        problem: Limits, budget.
+        motion: The motion along the path, within the limits.
+        room: Share of the limits' rates that it uses as stretched in time; the rest is for changes of rate.
+        occupancy: Where the motion can be when.
+        by: A schedule that arrives later is of no use [s].
+    """
+    slower = Trajectory(motion.times / room, motion.positions, motion.velocities * room)
+    return _searched(problem, slower, occupancy, *_changes(problem, slower), room, by)
+
+
+def after(motion: Trajectory, departure: float, step: float) -> Schedule:
+    """The schedule that waits until a departure [s], and then goes as the motion goes; a step is so long [s]."""
+    return Schedule(motion, departure, motion.duration, step, np.ones(math.ceil(motion.duration / step) + 1))
+
+
+def _places(motion: Trajectory, step: float) -> int:
+    return math.ceil(motion.duration / _spacing(step) * (1.0 - 1e-12))
+
+
+def _spacing(step: float) -> float:
+    """Between two places [s]."""
+    return 0.5 * step / SCHEDULE.rates
+
+
+def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """By how many rates a schedule may change in a step: least and most, at each place at each rate.
+
+    With the motion's own time s, its rate v and its change u the robot's acceleration is q'' v^2 + q' u, and its jerk
+    q''' v^3 + 3 q'' v u + q' du/dt, where u changes within a step by no more than twice what it may be.
+    """
+    group, step = problem.group, step_of(problem.group)
+    at = _spacing(step) * np.arange(_places(motion, step))
+    _, first, second = motion.evaluate(at)
+    rates = np.arange(SCHEDULE.rates + 1)[:, None] / SCHEDULE.rates
+    unit = 1.0 / SCHEDULE.rates / step
+    along = np.abs(first)[:, None] * unit
+    curved = np.sign(first)[:, None] * second[:, None] * rates**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = ((group.acceleration_limits - curved) / along).min(axis=2, initial=SCHEDULE.changes)
+        least = ((-group.acceleration_limits - curved) / along).max(axis=2, initial=-SCHEDULE.changes)
+        if problem.jerk_limits is not None:
+            start, end = piece_accelerations(motion.times, motion.positions, motion.velocities)
+            jerk = (end - start) / np.diff(motion.times)[:, None]
+            third = np.abs(jerk[np.clip(np.searchsorted(motion.times, at, side="right") - 1, 0, len(jerk) - 1)])
+            needed = 3.0 * np.abs(second)[:, None] * rates * unit + 2.0 * along / step
+            allowed = ((problem.jerk_limits - third[:, None] * rates**3) / needed).min(axis=2, initial=np.inf)
+            most, least = np.minimum(most, allowed), np.maximum(least, -allowed)
+    changes = [np.fix(np.nan_to_num(one)).astype(np.int64) for one in (np.minimum(least, 0.0), np.maximum(most, 0.0))]
+    for one in changes:
+        one[0] = 0
+    return changes[0], changes[1]
+
+
+def _searched(
+    problem: Problem,
+    motion: Trajectory,
+    occupancy: Occupancy,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    room: float = 1.0,
+    by: float = np.inf,
+) -> Schedule | Stuck:
+    """The earliest schedule whose rates change by no more than they may."""
+    step = step_of(problem.group)
+    spacing, per_step = _spacing(step), slices_in(step)
+    cells = occupancy.cells(spacing * room * np.arange(len(lowest)))
+    horizon = min(max(problem.scene.end, 0.0) + SCHEDULE.slack * motion.duration + 1.0, by)
+    costs = np.full((len(lowest), SCHEDULE.rates + 1), kernel.UNREACHED)
+    if occupancy.leave_by <= 0.0:
+        return Stuck(0)
+    costs[0] = 0
+    scratch, arrival, parents = np.empty_like(costs), np.array([-1, 0, 0, 0]), []
+    most = min(SCHEDULE.most_steps, SCHEDULE.most_states // costs.size)
+    for begin in range(0, min(math.ceil(horizon / step), most), SCHEDULE.steps_at_once):
+        if problem.budget.spent():
+            return Stuck(int(cells[arrival[3]]), spent=True)
+        free = occupancy.free(begin * per_step, (begin + SCHEDULE.steps_at_once) * per_step)
+        parents.append(np.zeros((SCHEDULE.steps_at_once, *costs.shape), np.int8))
+        kernel.earliest_schedule(
+            cells,
+            lowest,
+            highest,
+            free,
+            per_step,
+            motion.duration / spacing,
+            occupancy.arrive_from / step,
+            begin,
+            costs,
+            scratch,
+            parents[-1],
+            arrival,
+        )
+        if arrival[0] >= 0:
+            steps, place, rate = begin + int(arrival[0]), int(arrival[1]), int(arrival[2])
+            return _traced(motion, step, steps, place, rate, np.concatenate(parents))
+        if not (costs < kernel.UNREACHED).any():
+            break
+    return Stuck(int(cells[arrival[3]]))
+
+
+def _traced(motion: Trajectory, step: float, steps: int, place: int, rate: int, parents: np.ndarray) -> Schedule:
+    """The schedule that arrives in a step from a place at a rate, traced back to where it departs."""
+    last = (motion.duration / _spacing(step) - place) / (2.0 * rate)
+    rates = [rate, rate]
+    at = steps
+    while place > 0:
+        at -= 1
+        change = int(parents[at, place, rate])
+        place, rate = place - 2 * rate + change, rate - change
+        rates.append(rate)
+    way = (steps - at + last) * step
+    return Schedule(motion, at * step, way, step, np.array(rates[::-1]) / SCHEDULE.rates)

@@ -1,0 +1,156 @@
+"""Obstacles that move, held where they are at some moments: for lanes by slices of time, and for ways among them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.collision.pairs import Pairs
+from guidefield.collision.world import World
+from guidefield.messages import scene as messages
+from guidefield.planner.schedule.settings import SCHEDULE
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.margin import MARGIN
+from guidefield.scene import obstacle as obstacles
+from guidefield.scene.motion import posed
+from guidefield.scene.obstacle import Obstacle
+
+Moments = Mapping[int, Sequence[float]]
+"""At which times [s] each obstacle of a scene, by its index, stands; one that rests, at any single one."""
+
+
+def held(problem: Problem, moments: Moments) -> World:
+    """The robot among some obstacles of its scene, each standing where it is at one or more times.
+
+    What may touch an obstacle may touch all of these.
+
+    Args:
+        problem: Robot and obstacles.
+        moments: Which obstacles stand when.
+    """
+    return _world(problem, moments, problem.world.pairs.own)
+
+
+def _world(problem: Problem, moments: Moments, own: np.ndarray) -> World:
+    """The same, with some of the robot's own pairs (k, 2)."""
+    standing, of = [], []
+    for index, times in moments.items():
+        one = problem.scene.obstacles[index]
+        standing += [one] if one.motion is None else [_standing(one, time) for time in times]
+        of += [index] * (1 if one.motion is None else len(times))
+    names = _distinct([one.name for one in standing])
+    standing = [_named(one, name) for one, name in zip(standing, names, strict=True)]
+    message = msgspec.structs.replace(problem.scene.message, obstacles=[one.message for one in standing])
+    scene = dataclasses.replace(problem.scene, message=message, obstacles=tuple(standing), warnings=())
+    return World(problem.group, scene, _pairs(problem.world.pairs, np.array(of, np.int64), own))
+
+
+def _named(one: Obstacle, name: str) -> Obstacle:
+    """The obstacle by a name; itself if it has it, with all that is known about it."""
+    if one.name == name:
+        return one
+    return dataclasses.replace(one, message=msgspec.structs.replace(one.message, name=name))
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """The names, with strokes where one has been before."""
+    given, taken = set(names), dict[str, None]()
+    for name in names:
+        distinct = name
+        while distinct in taken or (distinct != name and distinct in given):
+            distinct += "'"
+        taken[distinct] = None
+    return list(taken)
+
+
+def _pairs(pairs: Pairs, of: np.ndarray, own: np.ndarray) -> Pairs:
+    """The pairs with obstacles that stand for some of those that `pairs` knows, shape (n,)."""
+    rows, left_out = np.divmod(pairs.left_out, max(1, pairs.obstacles))
+    found = [
+        int(row) * len(of) + int(at)
+        for row, one in zip(rows, left_out, strict=True)
+        for at in np.flatnonzero(of == one)
+    ]
+    return Pairs(own, pairs.links, pairs.moving, len(of), np.array(sorted(found), np.int64))
+
+
+def _standing(one: Obstacle, time: float) -> Obstacle:
+    """An obstacle that moves, at rest where it is at a time [s]; one of very many triangles, the box about it."""
+    assert one.motion is not None, "it moves"
+    message = posed(one.message, one.motion.at(time))
+    many = isinstance(one.message, messages.Mesh) and len(one.message.triangles) > SCHEDULE.most_triangles
+    if message is None or many:
+        message = _box_about(one, time)
+    return obstacles.build(message, 0)
+
+
+def _box_about(one: Obstacle, time: float) -> messages.Box:
+    """The box about an obstacle that moves, along the axes of its own frame, where it is at a time [s]."""
+    low, high = one.box
+    placement = one.placement_at(time) * pin.SE3(np.eye(3), 0.5 * (low + high))
+    return messages.Box(
+        name=one.name,
+        size=tuple(np.maximum(high - low, 1e-6).tolist()),
+        position=tuple(placement.translation.tolist()),
+        quaternion_xyzw=tuple(pin.Quaternion(placement.rotation).normalized().coeffs().tolist()),
+    )
+
+
+class Slices:
+    """A robot among the obstacles that move, in slices of time of one length.
+
+    In a slice an obstacle stands where it is at one moment, or at several if it is fast, and is kept from by as much
+    more as it moves about them. From when all have come to rest on, they stand where they are.
+
+    Args:
+        problem: Robot, obstacles and what to keep from them.
+        length: Of a slice [s].
+    """
+
+    def __init__(self, problem: Problem, length: float) -> None:
+        self._problem = problem
+        self.length = length
+        self.resting_from = math.ceil(max(problem.scene.end, 0.0) / length)
+        movers = [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
+        first = {index: k for k, index in reversed(list(enumerate(_obstacles_of(problem))))}
+        self._balls = {index: problem.timed_world.balls[first[index]] for index in movers if index in first}
+        self._kept: dict[int, tuple[BatchCollision, float]] = {}
+
+    def touching(self, index: int, zs: np.ndarray) -> np.ndarray:
+        """Which chart points (n, nv) may touch in a slice, by its index; shape (n,), bool."""
+        index = min(index, self.resting_from)
+        if index not in self._kept:
+            while len(self._kept) >= SCHEDULE.kept_slices:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[index] = self._slice(index)
+        lanes, clearance = self._kept[index]
+        self._problem.counters.collision_checks += len(zs)
+        return lanes.touching(zs, clearance)
+
+    def _slice(self, index: int) -> tuple[BatchCollision, float]:
+        """The robot among what moves in a slice, and what it has to keep [m]."""
+        kept, begin, end = self._problem.min_clearance, index * self.length, (index + 1) * self.length
+        moments, moves = {}, 0.0
+        for mover, ball in self._balls.items():
+            motion = self._problem.scene.obstacles[mover].motion
+            assert motion is not None, "it moves"
+            way = 0.0 if index >= self.resting_from else 0.5 * motion.speed(begin, end, *ball) * self.length
+            copies = int(np.clip(math.ceil(way / SCHEDULE.finest), 1, SCHEDULE.most_copies))
+            moments[mover] = (begin + (np.arange(copies) + 0.5) / copies * self.length).tolist()
+            moves = max(moves, way / copies)
+        if index < self.resting_from:
+            kept += MARGIN + moves
+        return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept
+
+
+def _obstacles_of(problem: Problem) -> list[int]:
+    """The obstacle of each pair of the world in time, by its index in the scene."""
+    pairs = problem.timed_world.moving.pairs
+    found: list[int] = (pairs.bodies(problem.timed_world.pairs)[:, 1] - pairs.links).tolist()
+    return found

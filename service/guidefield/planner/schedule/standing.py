@@ -1,0 +1,68 @@
+"""Until when a robot that stands meets nothing that moves, and from when on: by the certificate of motions in time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from guidefield.collision.certify.timed_certificate import certify_moving
+from guidefield.collision.certify.verdict import Verdict
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import ChartPoint
+
+KNOWN_TO = 0.01
+"""How exactly it is found until when, and from when on, a place is free [s]."""
+
+
+def met(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
+    """Until when a robot may stand at a chart point (nv,) from time 0 on [s]; infinite if always.
+
+    Returns:
+        The time, and the refusal of what comes after it; None if nothing comes.
+    """
+    end = problem.scene.end
+    if end <= 0.0:
+        return math.inf, None
+    verdict = _stands(problem, z, 0.0, end)
+    if verdict.free or verdict.free_until is None or verdict.parameter is None:
+        return math.inf, None
+    first, last = verdict.free_until[1] * end, verdict.parameter * end
+    while last - first > KNOWN_TO and not problem.budget.spent():
+        middle = 0.5 * (first + last)
+        if _stands(problem, z, first, middle).free:
+            first = middle
+        else:
+            last = middle
+    return first, verdict
+
+
+def free_from(problem: Problem, z: ChartPoint) -> float:
+    """From when on a robot may stand at a chart point (nv,) for good [s].
+
+    It is free once all obstacles have come to rest.
+    """
+    last = max(problem.scene.end, 0.0)
+    if last <= 0.0 or _stands(problem, z, 0.0, last).free:
+        return 0.0
+    first = 0.0
+    while last - first > KNOWN_TO and not problem.budget.spent():
+        middle = 0.5 * (first + last)
+        if _stands(problem, z, middle, problem.scene.end).free:
+            last = middle
+        else:
+            first = middle
+    return last
+
+
+def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdict:
+    """Whether a robot may stand at a chart point from one time to another [s]."""
+    verdict = certify_moving(
+        problem.timed_world,
+        np.repeat(z[None, None], 4, axis=1),
+        np.array([begin, end]),
+        problem.min_clearance,
+        stopped=problem.budget.spent,
+    )
+    problem.counters.collision_checks += verdict.evaluations
+    return verdict

@@ -1,0 +1,271 @@
+"""Plans to configurations and poses among obstacles that move: ways first, then when to be where along each.
+
+A way is found among obstacles that are held in one of several manners, optimised and certified there, and a schedule
+along it is looked for that meets nothing that moves. The way that may be arrived on first is tried first. Where the
+certificate in time refuses a motion, it is looked for another that isn't there then. Where all else fails the robot
+waits until the obstacles have come to rest, if it may wait, and goes as the planner among obstacles at rest goes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.timed_certificate import certify_moving
+from guidefield.collision.certify.verdict import Verdict, first_refused
+from guidefield.collision.clearance import clearance_at
+from guidefield.errors import Status
+from guidefield.planner.finish import Finished, finish, found_motion, soonest_along
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.schedule.occupancy import Occupancy
+from guidefield.planner.schedule.retimed import retimed
+from guidefield.planner.schedule.schedule import Schedule, Stuck, after, at_any_rate, at_one_rate, slices_in, step_of
+from guidefield.planner.schedule.settings import SCHEDULE, WAYS
+from guidefield.planner.schedule.slices import Slices
+from guidefield.planner.schedule.standing import free_from, met
+from guidefield.planner.start_enclosure import enclosed_start
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.trace import Note
+from guidefield.planner.timed_ways import Way, quick_ways, thorough_way
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+
+def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
+    """Bring a robot to one of several goals among obstacles that move.
+
+    Args:
+        problem: Robot, obstacles, limits, budget.
+        goals: Chart points, shape (m, nv), free once all obstacles have come to rest.
+        stages: Where time is counted.
+
+    Returns:
+        The motion, from time 0 on, with the wait before it; its end stays free until all obstacles rest.
+    """
+    search = _Search(problem, goals, stages)
+    finished = search.by_quick_ways() if not problem.path_constraints else None
+    finished = finished or search.by_thorough_ways()
+    if finished is not None:
+        return finished
+    failed = PathSoFar.at_start(problem).failed(search.why())
+    return _at_the_start(problem, failed, stages)
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """About when a way may be arrived on.
+
+    Attributes:
+        way: The way.
+        arrival: When [s].
+        unhindered: How long it takes if nothing moves [s].
+    """
+
+    way: Way
+    arrival: float
+    unhindered: float
+
+
+class _Search:
+    """What is known by now: until when the start is free, when goals are, and where schedules ended."""
+
+    def __init__(self, problem: Problem, goals: ChartPoints, stages: Stages) -> None:
+        self._problem, self._goals, self._stages = problem, goals, stages
+        self._slices = Slices(problem, step_of(problem.group) / slices_in(step_of(problem.group)))
+        self._free_from: dict[bytes, float] = {}
+        self._farthest: tuple[float, ChartPoint] | None = None
+        self._ending: Ending | None = None
+
+    @cached_property
+    def leave_by(self) -> tuple[float, Verdict | None]:
+        """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
+        return met(self._problem, self._problem.z_start)
+
+    def by_quick_ways(self) -> Finished | None:
+        """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
+        with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
+            estimates = list(self._estimates())
+            stage.outcome = f"{len(estimates)} ways can be gone"
+        for estimate in sorted(estimates, key=lambda one: one.arrival):
+            if self._problem.budget.spent():
+                return None
+            self._problem.tell(Note(f"a way {estimate.way.name} may arrive at {estimate.arrival:.2f} s"))
+            if (finished := self._along(estimate.way)) is not None:
+                return finished
+        return None
+
+    def by_thorough_ways(self) -> Finished | None:
+        """The motion along the way of the planner among obstacles at rest; None if there is none."""
+        for prove in (False, True):
+            if self._problem.budget.spent():
+                return None
+            way = thorough_way(self._problem, self._goals, self._stages, prove=prove)
+            if way.found.failure is not None:
+                self._ending = self._ending or way.found.failure
+                return None
+            if (finished := self._along(way)) is not None:
+                return finished
+        return None
+
+    def why(self) -> Ending:
+        """Why there is no motion."""
+        problem, (leave_by, refusal) = self._problem, self.leave_by
+        if (spent := problem.budget.spent()) is not None:
+            why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
+            return Ending(spent, f"{why} before a motion among the obstacles that move was found", {"stage": "connect"})
+        if refusal is not None:
+            names = " and ".join(refusal.pair or ("a link", "an obstacle"))
+            message = (
+                f"at {leave_by:.2f} s {names} meet where the robot starts, and no way was found that leaves before"
+            )
+            details = {"stage": "start", "time": leave_by, "pair": list(refusal.pair) if refusal.pair else None}
+            return Ending(Status.START_STATE_INVALID, message, details)
+        end = problem.scene.end
+        if self._ending is not None:
+            message = f"among the obstacles as they stand from {end:.2f} s on: {self._ending.message}"
+            return Ending(self._ending.status, message, {**self._ending.details, "time": end})
+        if self._farthest is None:
+            message = "no motion to the goal was certified among the obstacles that move"
+            return Ending(Status.PLANNING_FAILED, message, {"stage": "connect"})
+        return self._blocked(*self._farthest)
+
+    def _blocked(self, _: float, z: ChartPoint) -> Ending:
+        """What is in the way where the schedule that came farthest ended."""
+        problem = self._problem
+        resting = problem.at(problem.scene.end)
+        found = clearance_at(resting.world, problem.group.expand_from_chart(z))
+        pair = list(found.obstacle_pair) if found.obstacle_pair else None
+        names = " and ".join(pair) if pair else "what moves"
+        message = f"no schedule along a way to the goal passes where {names} come near; the robot waited there in vain"
+        return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": problem.scene.end})
+
+    def _estimates(self) -> Iterator[_Estimate]:
+        """The quick ways with a schedule along each; no more once one is not hindered, or a share of the time is up."""
+        now = time.monotonic()
+        until = now + WAYS.share * max(self._problem.budget.deadline - now, 0.0)
+        for way in quick_ways(self._problem, self._goals):
+            if length_of(way.found.path) == 0.0:
+                continue
+            motion = soonest_along(way.problem, way.found.path)
+            chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
+            if not chosen and time.monotonic() >= until:
+                return
+            if not chosen:
+                continue
+            yield _Estimate(way, chosen[0].arrival, motion.duration)
+            if chosen[0].arrival <= WAYS.unhindered * motion.duration or time.monotonic() >= until:
+                return
+
+    def _along(self, way: Way) -> Finished | None:
+        """The certified motion along a way; None where there is none."""
+        finished = finish(way.problem, way.found, self._stages)
+        if finished.trajectory is None or not finished.verdict.free:
+            return None
+        if finished.trajectory.duration == 0.0:
+            return self._staying(finished)
+        occupancy = self._occupancy(finished.trajectory, at_rest=way.at_rest)
+        for _ in range(1 + SCHEDULE.repairs):
+            with self._stages.entered("parameterize", "when to be where, among what moves") as stage:
+                schedules = self._earliest(finished.trajectory, occupancy, SCHEDULE.rooms)
+                motions = ((one, retimed(self._problem, one)) for one in schedules)
+                found = next(((one, motion) for one, motion in motions if motion is not None), None)
+                stage.outcome = "blocked" if found is None else f"departs at {found[0].departure:.2f} s"
+            if found is None:
+                return None
+            schedule, motion = found
+            made = self._certified(finished, motion)
+            if made.verdict.free:
+                return made
+            if self._problem.budget.spent() or made.verdict.piece is None:
+                return None
+            self._take_out(occupancy, finished.trajectory, schedule, motion, made.verdict)
+        return None
+
+    def _staying(self, finished: Finished) -> Finished | None:
+        """The motion that goes nowhere, as the goal is where the robot starts; None if that is not free for good."""
+        assert finished.trajectory is not None, "it was found"
+        made = self._certified(finished, finished.trajectory)
+        return made if made.verdict.free and self._from(finished.trajectory.positions[-1]) <= 0.0 else None
+
+    def _occupancy(self, motion: Trajectory, *, at_rest: bool) -> Occupancy:
+        """Where a motion may be when."""
+        return Occupancy(
+            self._problem.group,
+            motion,
+            self._slices,
+            self.leave_by[0],
+            self._from(motion.positions[-1]),
+            free_at_rest=at_rest,
+        )
+
+    def _from(self, goal: ChartPoint) -> float:
+        """From when on a goal stays free [s]."""
+        key = goal.tobytes()
+        if key not in self._free_from:
+            self._free_from[key] = free_from(self._problem, goal)
+        return self._free_from[key]
+
+    def _earliest(self, motion: Trajectory, occupancy: Occupancy, rooms: Sequence[float]) -> list[Schedule]:
+        """Schedules along a motion, the one that arrives first in front; at any rate, with some rooms for changes."""
+        problem, even = self._problem, at_one_rate(self._problem, motion, occupancy)
+        found, by = [even], even.arrival if isinstance(even, Schedule) else np.inf
+        found += [at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by]
+        if isinstance(even, Stuck) and occupancy.free_at_rest and occupancy.leave_by == np.inf:
+            found.append(after(motion, problem.scene.end, step_of(problem.group)))
+        schedules = sorted((one for one in found if isinstance(one, Schedule)), key=lambda one: one.arrival)
+        if not schedules:
+            cell = max(one.cell for one in found if isinstance(one, Stuck))
+            share = cell / occupancy.count
+            if self._farthest is None or share > self._farthest[0]:
+                self._farthest = share, occupancy.point(min(cell + 1, occupancy.count - 1))
+        return schedules
+
+    def _certified(self, finished: Finished, motion: Trajectory) -> Finished:
+        """A motion among the obstacles, judged in time."""
+        problem = self._problem
+        with self._stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
+            verdict = _judged(problem, motion)
+            problem.counters.collision_checks += verdict.evaluations
+            stage.outcome = verdict.reason.value
+        return replace(finished, verdict=verdict, trajectory=motion)
+
+    def _take_out(
+        self, occupancy: Occupancy, along: Trajectory, schedule: Schedule, motion: Trajectory, verdict: Verdict
+    ) -> None:
+        """Don't be at a place again when the certificate refused it."""
+        assert verdict.piece is not None, "it was refused somewhere"
+        assert verdict.parameter is not None, "it was refused somewhere"
+        begin, end = motion.times[verdict.piece], motion.times[verdict.piece + 1]
+        when = float(begin + verdict.parameter * (end - begin))
+        since = np.array([max(when - schedule.departure, 0.0)])
+        own = float(schedule.at(since, schedule.step)[0][0]) * along.duration / schedule.motion.duration
+        self._problem.tell(Note(f"refused at {when:.2f} s: {verdict.reason.value}"))
+        occupancy.take_out(when, min(max(own, 0.0), along.duration))
+
+
+def _judged(problem: Problem, motion: Trajectory) -> Verdict:
+    """Whether a motion is free of what rests and what moves, and keeps the path constraints."""
+    pieces, times, stopped = motion.bezier(), motion.piece_times(), problem.budget.spent
+    if (inside := enclosed_start(problem, pieces[0, 0])) is not None:
+        return inside
+    verdict = certify(problem.timed_world.resting, pieces, problem.min_clearance, stopped=stopped)
+    moving = certify_moving(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
+    verdict = first_refused(verdict, moving)
+    if verdict.free and problem.path_constraints:
+        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, stopped)
+        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+    return verdict
+
+
+def _at_the_start(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """A plan that failed: nothing but the start, at time 0."""
+    return found_motion(problem.at(0.0), found, stages)

@@ -1,0 +1,101 @@
+"""Ways to goals among obstacles that move: among what rests alone, and with the others held where they are at times."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.planner.connect.quickest import quickest_way
+from guidefield.planner.fallback_connection import connect_to_goal
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.schedule.settings import WAYS
+from guidefield.planner.schedule.slices import held
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stages
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoints
+
+
+@dataclass(frozen=True, eq=False)
+class Way(ReadOnly):
+    """A way to a goal among obstacles that are held.
+
+    Attributes:
+        name: How the obstacles that move were held, in words.
+        problem: The problem among the obstacles as they were held.
+        found: The way.
+        at_rest: Whether they were held where they come to rest.
+    """
+
+    name: str
+    problem: Problem
+    found: PathSoFar
+    at_rest: bool = False
+
+
+def quick_ways(problem: Problem, goals: ChartPoints) -> Iterator[Way]:
+    """Ways that a few motions find, one after the other.
+
+    Args:
+        problem: Robot, obstacles and budget.
+        goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
+    """
+    for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
+        if problem.budget.spent():
+            return
+        touching = among.lanes.touching(np.vstack([problem.z_start, goals]), problem.min_clearance)
+        if touching[0] or touching[1:].all():
+            continue
+        near = np.array([problem.group.unwrapped(goal, problem.z_start) for goal in goals[~touching[1:]]])
+        way = quickest_way(among, problem.z_start, near, np.random.default_rng([problem.seed, 5, draw]))
+        if way is not None:
+            found = PathSoFar.at_start(among).extended(way.path, proven=False, others=way.others)
+            yield Way(name, among, found, at_rest)
+
+
+def thorough_way(problem: Problem, goals: ChartPoints, stages: Stages, *, prove: bool) -> Way:
+    """The way of the planner among obstacles at rest, once they have come to rest; failed if there is none.
+
+    Args:
+        problem: Robot, obstacles and budget.
+        goals: Chart points, shape (m, nv), as there.
+        stages: Where time is counted.
+        prove: Whether the way is to be certified.
+    """
+    resting = problem.at(problem.scene.end)
+    certified = ", certified" if prove else ""
+    with stages.entered("connect", f"to the goal, among the obstacles once they rest{certified}") as stage:
+        found = connect_to_goal(resting, PathSoFar.at_start(resting), goals, stage, prove=prove)
+    return Way("where they come to rest", resting, found, at_rest=True)
+
+
+def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
+    """The problem among obstacles that are held in some ways: in words, and whether where they come to rest."""
+    end = problem.scene.end
+    yield "among what rests", _among(problem, {}), False
+    resting = problem.at(end)
+    yield "where they come to rest", resting, True
+    for share in WAYS.moments:
+        yield f"where they are at {share * end:.2f} s", problem.at(share * end), False
+    times = (np.arange(WAYS.swept) + 0.5) / WAYS.swept
+    for until in (0.5 * end, end):
+        moments = (until * times).tolist()
+        yield f"wherever they are until {until:.2f} s", _among(problem, dict.fromkeys(_movers(problem), moments)), False
+    for _ in range(WAYS.draws - 1):
+        yield "among what rests, again", _among(problem, {}), False
+
+
+def _movers(problem: Problem) -> list[int]:
+    return [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
+
+
+def _among(problem: Problem, moments: dict[int, Sequence[float]]) -> Problem:
+    """The problem among what rests, and some of the others, held at times."""
+    at_rest = {index: (0.0,) for index, one in enumerate(problem.scene.obstacles) if one.motion is None}
+    world = held(problem, {**at_rest, **moments})
+    return dataclasses.replace(
+        problem, scene=world.scene, world=world, robot_field=problem.robot_field.among(world.scene)
+    )

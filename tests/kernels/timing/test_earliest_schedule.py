@@ -1,0 +1,92 @@
+"""The earliest schedule against one that tries all, and what its steps keep."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from guidefield.kernels.timing import earliest_schedule as kernel
+
+RATES = 3
+
+
+def found(cells, lowest, highest, free, per_step, length, earliest):
+    costs = np.full((len(cells), RATES + 1), kernel.UNREACHED)
+    costs[0] = 0
+    steps = len(free) // per_step
+    parents, arrival = np.zeros((steps, *costs.shape), np.int8), np.array([-1, 0, 0, 0])
+    kernel.earliest_schedule(
+        cells, lowest, highest, free, per_step, length, earliest, 0, costs, np.empty_like(costs), parents, arrival
+    )
+    return arrival, parents
+
+
+def passes(cells, free, per_step, step, place, rate, change):
+    """Whether every cell from the one where a part begins to the one where it ends is free in it; by small parts."""
+    for part in range(per_step):
+        a, b = (place + 2 * rate * t + change * t * t for t in (part / per_step, (part + 1) / per_step))
+        first, last = (cells[min(one, len(cells) - 1)] for one in (int(a), int(b) + 1))
+        if not free[step * per_step + part, first : last + 1].all():
+            return False
+    return True
+
+
+def first_arrival(cells, lowest, highest, free, per_step, length, earliest):
+    """The first step in which the end is reached; -1 if in none: all states, step by step."""
+    states = {(0, rate) for rate in range(RATES + 1)}
+    for step in range(len(free) // per_step):
+        for place, rate in states:
+            arrives = rate and place + 2 * rate >= length and step + (length - place) / (2 * rate) >= earliest
+            if arrives and passes(cells, free, per_step, step, place, rate, 0):
+                return step
+        after = set()
+        for (place, rate), change in product(states, range(-RATES, RATES + 1)):
+            new = place + 2 * rate + change, rate + change
+            inside = new[0] < len(cells) and 0 <= new[1] <= RATES and not (rate and place + 2 * rate >= length)
+            may = inside and all(lowest[at] <= change <= highest[at] for at in ((place, rate), new))
+            if may and new not in after and passes(cells, free, per_step, step, place, rate, change):
+                after.add(new)
+        states = after | ({(0, rate) for rate in range(RATES + 1)} if (0, 0) in after else set())
+    return -1
+
+
+def drawn(seed):
+    rng = np.random.default_rng(seed)
+    places, steps, per_step = int(rng.integers(8, 30)), 24, int(rng.integers(1, 4))
+    cells = np.sort(np.r_[0, rng.integers(0, 7, places - 2), 6])
+    lowest = -rng.integers(0, RATES + 1, (places, RATES + 1))
+    highest = rng.integers(0, RATES + 1, (places, RATES + 1))
+    lowest[0] = highest[0] = 0
+    free = (rng.random((steps * per_step, 7)) < rng.choice([0.7, 0.85, 0.97])).astype(np.uint8)
+    free[:, 0] = 1
+    return cells, lowest, highest, free, per_step, places - rng.random(), float(rng.choice([0.0, 9.5]))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_it_arrives_in_the_first_step_in_which_any_schedule_does(seed):
+    problem = drawn(seed)
+    assert found(*problem)[0][0] == first_arrival(*problem)
+
+
+def test_both_ways_it_may_end_are_among_them():
+    arrivals = [first_arrival(*drawn(seed)) for seed in range(40)]
+    assert {-1} < set(arrivals)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_steps_lead_back_to_where_it_departs_and_each_of_them_passes(seed):
+    cells, lowest, highest, free, per_step, length, earliest = drawn(seed)
+    (step, place, rate, _), parents = found(cells, lowest, highest, free, per_step, length, earliest)
+    if step < 0:
+        return
+    assert passes(cells, free, per_step, step, place, rate, 0)
+    while place > 0:
+        step -= 1
+        change = int(parents[step, place, rate])
+        assert lowest[place, rate] <= change <= highest[place, rate]
+        place, rate = place - 2 * rate + change, rate - change
+        assert passes(cells, free, per_step, step, place, rate, change)
+    assert place == 0
+    assert all(passes(cells, free, per_step, before, 0, 0, 0) for before in range(step)), "it waits at the start"

@@ -1,0 +1,244 @@
+"""Plans to configurations and poses among obstacles that move: free at dense times, or told what meets when."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import guidefield
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
+from guidefield.collision.world import World
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.messages.goals import JointsGoal
+from guidefield.messages.requests import AttachedObject, PlanRequest
+from guidefield.planner.plan import Plan, plan
+from guidefield.planner.schedule.settings import SCHEDULE
+from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
+from guidefield.robot.group.path_constraints import Cone
+from guidefield.robot.ik.pose_target import PoseTarget
+from tests.planner.problems import problem, scene_of, to_configuration
+from tests.planner.schedule.test_schedule import flight, require_within
+from tests.robots import group, rest
+
+PANDA = group("panda")
+REST = PANDA.chart(rest(PANDA))
+LEFT, RIGHT = (REST + np.array([sign * 0.8, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0]) for sign in (1.0, -1.0))
+
+DOOR = messages.Box(
+    name="door", size=(1.4, 0.05, 1.6), trajectory=flight([2.0, 3.0], (0.85, 0.0, 0.8), (2.6, 0.0, 0.8))
+)
+"""Between left and right until it slides away."""
+
+
+def asked(*obstacles: messages.Obstacle, goal: Any = RIGHT, start: np.ndarray = LEFT, **options: Any) -> Problem:
+    goal = to_configuration(goal, PANDA) if isinstance(goal, np.ndarray) else goal
+    return problem(PANDA, scene_of(*obstacles), goal, PANDA.from_chart(start), planes=(), **options)
+
+
+def require_free(made: Problem, found: Plan, step: float = 0.02) -> None:
+    """Certified, within limits, from the start to the goal, and free of all as it stands at dense times."""
+    assert found.status is Status.SUCCESS, found.message
+    assert found.verdict.free
+    motion = found.trajectory
+    assert motion is not None
+    assert motion.times[0] == 0.0
+    np.testing.assert_array_equal(motion.positions[0], made.z_start)
+    require_within(made, motion)
+    until = max(float(motion.times[-1]), made.scene.end) + step
+    for now in np.arange(0.0, until, step):  # beyond its end it stands at the goal
+        z = motion.evaluate(np.array([now]))[0][0]
+        world = World.build(made.group, made.scene.at(now), made.allowed_collisions)
+        assert not contacts_at(world, made.group.expand_from_chart(z)), now
+        if made.min_clearance:
+            apart = clearance_at(world, made.group.expand_from_chart(z)).obstacle_distance
+            assert apart >= made.min_clearance - 1e-5
+
+
+@pytest.mark.parametrize("jerk", [None, 300.0])
+def test_it_waits_for_a_door_and_arrives_sooner_than_if_it_waited_until_all_rest(jerk: float | None) -> None:
+    slow = messages.Sphere(name="slow", radius=0.05, trajectory=flight([0.0, 9.0], (0.0, 1.5, 0.5), (0.0, 2.5, 0.5)))
+    limits = None if jerk is None else np.full(7, jerk)
+    made = asked(DOOR, slow, min_clearance=0.01, jerk_limits=limits)
+    found = plan(made)
+    require_free(made, found)
+    np.testing.assert_allclose(found.trajectory.positions[-1], RIGHT, atol=1e-12)
+    assert 2.0 < found.trajectory.times[-1] < 6.0
+
+
+def test_what_comes_to_where_it_waits_is_met_by_leaving_before() -> None:
+    """A bar sweeps over the start; behind it, where it rests in the end, the way would be closed."""
+    bar = messages.Box(
+        name="bar", size=(0.9, 0.1, 1.2), trajectory=flight([0.6, 2.5], (0.8, 1.4, 0.6), (0.8, 0.35, 0.6))
+    )
+    made = asked(bar)
+    found = plan(made)
+    require_free(made, found)
+    assert found.trajectory.times[-1] < 2.5
+
+
+def test_a_goal_that_something_passes_later_is_reached_when_it_has_passed() -> None:
+    late = messages.Sphere(name="late", radius=0.1, trajectory=flight([2.0, 3.0], (0.4, -2.0, 0.6), (0.4, 0.5, 1.9)))
+    bar = messages.Box(
+        name="bar", size=(1.5, 0.1, 1.5), trajectory=flight([2.0, 4.0], (0.8, -2.0, 0.6), (2.5, -0.3, 0.6))
+    )
+    made = asked(bar, late)
+    found = plan(made)
+    require_free(made, found)
+
+
+def test_where_the_search_ends_before_all_rest_it_waits_until_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    shortened = dataclasses.replace(SCHEDULE, most_steps=8)
+    monkeypatch.setattr("guidefield.planner.schedule.schedule.SCHEDULE", shortened)
+    made = asked(DOOR)
+    found = plan(made)
+    require_free(made, found)
+    assert found.trajectory.times[1] == made.scene.end
+
+
+def test_poses_and_sets_are_goals() -> None:
+    placement = made_tip(RIGHT)
+    made = asked(DOOR, goal=TipGoal(PoseTarget(placement, np.full(3, 1e-3), np.full(3, 1e-2))))
+    found = plan(made)
+    require_free(made, found)
+    reached = made_tip(found.trajectory.positions[-1])
+    assert np.linalg.norm(reached.translation - placement.translation) <= 2e-3
+    others = (PANDA.from_chart(RIGHT), PANDA.from_chart(LEFT + 0.3 * np.eye(7)[0]))
+    near = plan(asked(DOOR, goal=ConfigurationGoal(others)))
+    require_free(asked(DOOR), near)
+    np.testing.assert_allclose(near.trajectory.positions[-1], PANDA.chart(others[1]), atol=1e-9)
+    assert near.trajectory.times[-1] < 2.0, "the one on this side of the door"
+
+
+def made_tip(z: np.ndarray) -> Any:
+    return asked(DOOR).kinematics.frame_placement(PANDA.expand_from_chart(z), PANDA.tip_id)
+
+
+def test_the_same_again_is_the_same_bit_for_bit() -> None:
+    first, second = (plan(asked(DOOR, seed=3)) for _ in range(2))
+    np.testing.assert_array_equal(first.trajectory.times, second.trajectory.times)
+    np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+
+
+# ---- refusals
+
+
+def test_what_runs_into_the_waiting_robot_is_told_with_its_time() -> None:
+    """A wall sweeps through all that the arm can reach, and the only way opens after that."""
+    wall = messages.Box(
+        name="wall", size=(0.1, 4.0, 3.0), trajectory=flight([1.0, 3.0], (2.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
+    )
+    late = msgspec.structs.replace(DOOR, trajectory=flight([8.0, 9.0], (0.85, 0.0, 0.8), (2.6, 0.0, 0.8)))
+    made = asked(wall, late)
+    found = plan(made)
+    assert found.status is Status.START_STATE_INVALID, found.message
+    assert found.details["pair"][1] == "wall"
+    times = np.arange(1.0, 3.0, 0.02)
+    met_at = next(t for t in times if contacts_at(made.at(t).world, PANDA.expand_from_chart(made.z_start)))
+    assert met_at - 0.1 <= found.details["time"] <= met_at
+    assert "wall" in found.message
+    assert found.trajectory is None
+    assert found.verdict.free, "where it starts, at time 0"
+
+
+def test_a_goal_in_which_something_comes_to_rest_is_refused() -> None:
+    at = made_tip(RIGHT).translation
+    inside = messages.Sphere(
+        name="ball", radius=0.1, trajectory=flight([0.0, 5.0], (0.4, -2.0, 0.6), tuple(at.tolist()))
+    )
+    found = plan(asked(inside))
+    assert found.status is Status.GOAL_IN_COLLISION, found.message
+    assert "ball" in found.message
+    assert "5.00 s" in found.message
+
+
+def test_a_start_that_is_free_at_first_is_judged_as_it_is_at_time_0() -> None:
+    """The obstacle began elsewhere, before time 0: there it would touch the robot, or wouldn't."""
+    at = tuple(made_tip(LEFT).translation.tolist())
+    gone = messages.Sphere(name="ball", radius=0.1, trajectory=flight([-2.0, -1.0], at, (0.0, 3.0, 0.5)))
+    require_free(asked(gone), plan(asked(gone)))
+    come = messages.Sphere(name="ball", radius=0.1, trajectory=flight([-2.0, -1.0], (0.0, 3.0, 0.5), at))
+    assert plan(asked(come)).status is Status.START_STATE_IN_COLLISION
+
+
+def test_time_that_is_up_and_a_cancelled_run_are_told() -> None:
+    assert plan(asked(DOOR, budget=Budget(deadline=time.monotonic() - 1.0))).status is Status.TIMED_OUT
+    assert plan(asked(DOOR, budget=Budget(cancelled=lambda: True))).status is Status.PREEMPTED
+
+
+# ---- what is kept besides
+
+
+def test_path_constraints_are_kept_all_along() -> None:
+    """The hand stays upright while it waits for the door and swings past."""
+    start, goal = (REST + sign * 0.7 * np.eye(7)[0] for sign in (1.0, -1.0))
+    axis = made_tip(REST).rotation.T @ np.array([0.0, 0.0, 1.0])
+    upright = Cone(PANDA.tip, axis, np.array([0.0, 0.0, 1.0]), 0.2)
+    made = asked(DOOR, start=start, goal=goal, path_constraints=(upright,))
+    found = plan(made)
+    require_free(made, found)
+    for z in found.trajectory.evaluate(np.linspace(0.0, found.trajectory.times[-1], 300))[0]:
+        assert np.arccos(np.clip((made_tip(z).rotation @ axis)[2], -1.0, 1.0)) <= 0.2 + 1e-9
+    assert found.trajectory.times[-1] > 2.0
+
+
+def test_pairs_that_may_touch_may_touch_as_they_move() -> None:
+    names = tuple((link, "ball") for link in PANDA.robot.links)
+    at = tuple(made_tip(LEFT).translation.tolist())
+    ball = messages.Sphere(name="ball", radius=0.1, trajectory=flight([0.0, 4.0], at, (0.3, -0.5, 0.6)))
+    scene = scene_of(ball, DOOR)
+    made = dataclasses.replace(
+        problem(PANDA, scene, to_configuration(RIGHT, PANDA), PANDA.from_chart(LEFT), planes=()),
+        allowed_collisions=names,
+        world=World.build(PANDA, scene, names),
+    )
+    require_free(made, plan(made))
+
+
+def test_what_is_held_is_kept_free_and_the_recording_has_the_motion(tmp_path: Path) -> None:
+    rod = messages.Capsule(name="rod", radius=0.02, length=0.3, position=(0.0, 0.0, 0.15))
+    ends = [dict(zip(PANDA.position_names, PANDA.wire_positions(z), strict=True)) for z in (LEFT, RIGHT)]
+    request = PlanRequest(
+        robot="panda",
+        scene=scene_of(DOOR).message,
+        start=ends[0],
+        goal=JointsGoal(ends[1]),
+        attached_objects=[AttachedObject(link="panda_hand", obstacle=rod)],
+        allowed_planning_time=600.0,
+    )
+    reply = guidefield.answer(request, record_to=tmp_path / "run.rrd")
+    assert reply.status.name == "SUCCESS", reply.status
+    assert reply.certificate.collision_free
+    assert reply.clearance.minimum > 0.0
+    assert reply.trajectory.times[-1] > 2.0
+    bare = guidefield.answer(msgspec.structs.replace(request, attached_objects=[]))
+    assert bare.status.name == "SUCCESS"
+    assert reply.trajectory.positions != bare.trajectory.positions, "what is held counts"
+    recorded = guidefield.run_arrays(tmp_path / "run.rrd")
+    np.testing.assert_allclose(recorded.times, reply.trajectory.times)
+
+
+# ---- random scenes, as `tools/bench timed` draws them
+
+
+@pytest.mark.parametrize("seed", [5, 26])
+def test_wherever_the_planner_among_obstacles_at_rest_finds_a_motion_there_is_one_in_time(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "tools"))
+    from benchmarks import timed
+
+    drawn = timed.problem_of("panda", seed, 600.0)
+    replies = [timed.measured(request)[0] for request in (drawn.resting, drawn.request)]
+    assert [reply.status.name for reply in replies] == ["SUCCESS", "SUCCESS"]
+    assert replies[1].certificate.collision_free
+    assert not timed.touches(drawn, replies[1])
+    assert replies[1].metrics.duration <= drawn.scene.end + replies[0].metrics.duration + 0.5

@@ -1,0 +1,213 @@
+"""Plans among obstacles that move as is known: success and motion times beside waiting until all rest, and CPU time.
+
+Usage: tools/bench timed [--runs N] [--first N] [--robots panda,ur5] [--time S] [--jerk] [--each]
+
+Random scenes from fixed seeds: two to five bodies of several kinds move and come to rest within 10 s, and never touch
+the robot where it starts; one to three rest. Goals are random configurations that are free once all rest. *still* is
+how many of them the planner among obstacles at rest solves then. *of them* is how many of these are solved in time, and
+*others* how many more. *arrival* is the median of when the robot arrives over when it would, had it waited until all
+rest; *CPU* is the processor time of a plan, median and 95th percentile; *still CPU* that of the still planner. Every
+motion is judged by an outside judge: dense samples of Pinocchio and Coal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+import guidefield
+from guidefield.collision.contact import contacts_at
+from guidefield.collision.world import World
+from guidefield.messages import scene as messages
+from guidefield.messages.conditions import JointLimits
+from guidefield.messages.goals import JointsGoal
+from guidefield.messages.requests import PlanRequest
+from guidefield.messages.values import Placement
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.reduced_model import select
+from guidefield.scene.scene import Scene, build
+
+LATEST = 10.0
+"""By then all obstacles rest [s]."""
+
+SLOWEST = 0.8
+"""At least so long is a body on its way from one place to the next [s]."""
+
+SAMPLES = 0.02
+"""Between two samples of the outside judge [s]."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A random problem: the request among what moves, and the same once all rest."""
+
+    request: PlanRequest
+    resting: PlanRequest
+    group: PlanningGroup
+    scene: Scene
+
+
+def run(arguments: list[str]) -> None:
+    """Run what is asked for, and print a row for each robot."""
+    parser = argparse.ArgumentParser(prog="tools/bench timed", description=__doc__.splitlines()[0])
+    parser.add_argument("--robots", default="panda,ur5")
+    parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--time", type=float, default=60.0)
+    parser.add_argument("--jerk", action="store_true")
+    parser.add_argument("--each", action="store_true")
+    asked = parser.parse_args(arguments)
+    print(
+        f"{'':10s}{'runs':>6s}{'still':>7s}{'of them':>9s}{'others':>8s}{'arrival':>9s}{'waited':>8s}{'CPU ms':>8s}"
+        f"{'95 %':>8s}{'still CPU':>11s}{'contacts':>10s}"
+    )
+    for robot in asked.robots.split(","):
+        solved, others, ratios, waited, spent, still_spent, contacts, still = 0, 0, [], 0, [], [], 0, 0
+        for seed in range(asked.first, asked.first + asked.runs):
+            drawn = problem_of(robot, seed, asked.time, jerk=asked.jerk)
+            guidefield.answer(drawn.resting)  # what is loaded once is not measured
+            reply, seconds = measured(drawn.request)
+            at_rest, still_seconds = measured(drawn.resting)
+            good, possible = reply.status.name == "SUCCESS", at_rest.status.name == "SUCCESS"
+            still, solved, others = still + possible, solved + (good and possible), others + (good and not possible)
+            spent.append(1e3 * seconds)
+            still_spent.append(1e3 * still_seconds)
+            if good:
+                contacts += touches(drawn, reply)
+                waited += bool(reply.trajectory.times[1] > 0.3)
+            if good and possible:
+                ratios.append(reply.metrics.duration / (drawn.scene.end + at_rest.metrics.duration))
+            if asked.each or good < possible:
+                told = f"{reply.metrics.duration:.2f} s" if good else f"{reply.status.name}: {reply.status.message}"
+                print(f"   {robot} {seed}: end {drawn.scene.end:.2f} s, {1e3 * seconds:.0f} ms, {told}", flush=True)
+        print(
+            f"{robot:10s}{asked.runs:6d}{still:7d}{solved:9d}{others:8d}{np.median(ratios or [np.nan]):9.2f}{waited:8d}"
+            f"{np.median(spent):8.0f}{np.percentile(spent, 95):8.0f}{np.median(still_spent):11.0f}{contacts:10d}",
+            flush=True,
+        )
+
+
+def measured(request: PlanRequest) -> tuple[Any, float]:
+    """A request's answer, and the processor time it took [s]."""
+    begin = time.process_time()
+    reply = guidefield.answer(request)
+    return reply, time.process_time() - begin
+
+
+def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False) -> Drawn:
+    """The random problem of a seed."""
+    model = Catalog().load(robot)
+    group = select(model, None, None, model.rest, pin.SE3.Identity())
+    rng = np.random.default_rng([seed, 19])
+    start = group.part_of(model.rest)
+    while True:
+        obstacles = [moving(rng, f"mover{k}") for k in range(rng.integers(2, 6))]
+        obstacles += [
+            body(rng, f"rest{k}", rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0])) for k in range(rng.integers(1, 4))
+        ]
+        scene = build(messages.Scene("timed", obstacles=obstacles))
+        if touched(group, scene, start):
+            continue
+        last = build(messages.Scene("rested", obstacles=scene._posed(scene.end)))
+        world = World.build(group, last)
+        goal = next(
+            (z for z in (group.random(rng) for _ in range(50)) if not contacts_at(world, group.expand_from_chart(z))),
+            None,
+        )
+        if goal is not None:
+            break
+    names = group.position_names
+    fields = {
+        "robot": robot,
+        "start": dict(zip(names, group.wire_positions(group.chart(start)), strict=True)),
+        "goal": JointsGoal(dict(zip(names, group.wire_positions(goal), strict=True))),
+        "guide_planes": [],
+        "allowed_planning_time": seconds,
+        "limits": {joint.name: JointLimits(jerk=300.0) for joint in group.joints} if jerk else {},
+        "seed": seed,
+    }
+    return Drawn(PlanRequest(scene=scene.message, **fields), PlanRequest(scene=last.message, **fields), group, scene)
+
+
+def moving(rng: np.random.Generator, name: str) -> messages.Obstacle:
+    """A body that goes through two to four places and comes to rest."""
+    count, times = int(rng.integers(2, 5)), np.zeros(2)
+    while np.diff(times).min() < SLOWEST:
+        times = np.sort(rng.uniform(0.0, LATEST, count))
+    places = rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.1], (count, 3))
+    placements = [Placement(position=tuple(place.tolist()), quaternion_xyzw=turn(rng)) for place in places]
+    return body(rng, name, places[0], messages.ObstacleTrajectory(times=times.tolist(), placements=placements))
+
+
+def body(
+    rng: np.random.Generator, name: str, at: np.ndarray, trajectory: messages.ObstacleTrajectory | None = None
+) -> messages.Obstacle:
+    """A body of a random kind at a place (3,)."""
+    size, place = rng.uniform(0.08, 0.35, 3), {"name": name, "position": tuple(at.tolist()), "trajectory": trajectory}
+    kinds = [
+        lambda: messages.Box(size=tuple(size.tolist()), quaternion_xyzw=turn(rng), **place),
+        lambda: messages.Sphere(radius=0.5 * size[0], **place),
+        lambda: messages.Capsule(radius=0.3 * size[0], length=size[1], quaternion_xyzw=turn(rng), **place),
+        lambda: messages.Cylinder(radius=0.4 * size[0], length=size[1], quaternion_xyzw=turn(rng), **place),
+    ]
+    return kinds[int(rng.integers(len(kinds)))]()
+
+
+def turn(rng: np.random.Generator) -> Any:
+    """A random rotation."""
+    quaternion = rng.normal(size=4)
+    return tuple((quaternion / np.linalg.norm(quaternion)).tolist())
+
+
+def touches(drawn: Drawn, reply: Any) -> bool:
+    """Whether a sample of a reply's motion touches an obstacle as it stands then."""
+    times, group = np.array(reply.trajectory.times), drawn.group
+    positions = np.array(reply.trajectory.positions)
+    velocities = np.array(reply.trajectory.velocities)
+    data, scratch = group.model.createData(), group.geometry.createData()
+    for now in np.arange(0.0, times[-1], SAMPLES):
+        k = int(np.clip(np.searchsorted(times, now, side="right") - 1, 0, len(times) - 2))
+        h = times[k + 1] - times[k]
+        s = (now - times[k]) / h
+        wire = (
+            (1 + 2 * s) * (1 - s) ** 2 * positions[k]
+            + s * (1 - s) ** 2 * h * velocities[k]
+            + s * s * (3 - 2 * s) * positions[k + 1]
+            + s * s * (s - 1) * h * velocities[k + 1]
+        )
+        if _touches_at(drawn.scene, group, group.expand(wire), now, data, scratch):
+            return True
+    return False
+
+
+def touched(group: PlanningGroup, scene: Scene, q: Any) -> bool:
+    """Whether any obstacle touches a robot at a configuration (nq,), or comes within 30 mm of it, as it passes."""
+    data, scratch = group.model.createData(), group.geometry.createData()
+    times = np.arange(0.0, scene.end + SAMPLES, SAMPLES)
+    return any(_touches_at(scene, group, group.expand(q), now, data, scratch, 0.03) for now in times)
+
+
+def _touches_at(
+    scene: Scene, group: PlanningGroup, q: Any, now: float, data: Any, scratch: Any, margin: float = 0.0
+) -> bool:
+    pin.updateGeometryPlacements(group.model, data, group.geometry, scratch, q)
+    for body_index, link in enumerate(group.geometry.geometryObjects):
+        if not link.parentJoint:
+            continue
+        here = coal.Transform3s(scratch.oMg[body_index].rotation, scratch.oMg[body_index].translation)
+        for one in scene.obstacles:
+            there = one.placement_at(now)
+            request, result = coal.CollisionRequest(), coal.CollisionResult()
+            request.security_margin = margin
+            if coal.collide(
+                link.geometry, here, one.shape, coal.Transform3s(there.rotation, there.translation), request, result
+            ):
+                return True
+    return False
