@@ -88,10 +88,43 @@ def test_who_got_enough_of_the_processors_waits_until_it_counts_less(monkeypatch
     assert begun / (clock.now - 1_000.0) * 60.0 == pytest.approx(6.0, rel=0.1)
 
 
+@given(st.floats(1e6, 1e8), st.lists(st.tuples(st.floats(0.0, 5.0), st.integers(1, 2**26)), min_size=1, max_size=40))
+def test_payloads_come_at_the_rate_and_no_faster(rate: float, sent: list[tuple[float, int]]) -> None:
+    """In any stretch of time the rate times it, what may come at once, and the last one, which may be in debt."""
+    with pytest.MonkeyPatch.context() as patch:
+        clock = _Clock(patch)
+        allowances = Allowances(Quotas(default=Quota(payload_per_second=rate)), Waiting(Limits()))
+        let_in: list[tuple[float, int]] = []
+        for pause, size in sent:
+            clock.now += pause
+            try:
+                allowances.ask("alice", size)
+            except QuotaExceeded as refused:
+                allowances.ask("alice")  # what has no payload
+                clock.now += refused.details["retry_after"] + 0.001
+                allowances.ask("alice", size)
+            let_in.append((clock.now, size))
+        for first in range(len(let_in)):
+            for last in range(first, len(let_in)):
+                before = sum(size for _, size in let_in[first:last])
+                assert before <= rooms.AT_ONCE + rate * (let_in[last][0] - let_in[first][0]) + 1.0
+
+
+def test_a_query_that_is_refused_costs_no_payload(monkeypatch: pytest.MonkeyPatch) -> None:
+    _Clock(monkeypatch)
+    quota = Quota(per_second=1.0, payload_per_second=1.0)
+    allowances = Allowances(Quotas(default=quota, users={"bob": quota}), Waiting(Limits()))
+    allowances.ask("alice", rooms.AT_ONCE - 1)
+    with pytest.raises(QuotaExceeded, match="1 queries a second"):
+        allowances.ask("alice", 100)
+    allowances.ask("bob", rooms.AT_ONCE)
+    assert allowances._payloads.left("alice", 1.0, rooms.AT_ONCE, 1_000.0) == 1.0
+
+
 def test_who_is_idle_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = _Clock(monkeypatch)
     allowances = Allowances(Quotas(default=Quota(per_second=1.0)), Waiting(Limits()))
     for number in range(3 * rooms.MOST_USERS):
         clock.now += 0.1
         allowances.ask(f"user{number}")
-    assert len(allowances._left) <= rooms.MOST_USERS + 1
+    assert len(allowances._queries) <= rooms.MOST_USERS + 1

@@ -12,7 +12,8 @@ import msgspec
 import pytest
 
 from guidefield.endpoint.asked import Asked
-from guidefield.errors import MalformedRequest, ServerBusy, WorkerCrashed
+from guidefield.errors import MalformedRequest, QuotaExceeded, RequestTooLarge, ServerBusy, WorkerCrashed
+from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
 
@@ -20,6 +21,9 @@ from guidefield.messages.identities import Asker
 class _Payload:
     def __init__(self, data: bytes) -> None:
         self._data = data
+
+    def __len__(self) -> int:
+        return len(self._data)
 
     def to_bytes(self) -> bytes:
         return self._data
@@ -157,3 +161,25 @@ def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:
         assert [json.loads(payload)["name"] for payload, _ in query.errors] == ([name] if name else [])
         assert counted == ["refused" if name else "dropped"]
         assert query.dropped == dropped
+
+
+@pytest.mark.parametrize("refuses", [True, False])
+def test_a_payload_that_is_refused_is_not_copied(refuses: bool) -> None:
+    """While a long one was copied, nobody else was answered."""
+
+    class Uncopied(_Payload):
+        def __len__(self) -> int:
+            return codec.MAX_REQUEST_BYTES + 1
+
+        def to_bytes(self) -> bytes:
+            raise AssertionError("it is copied")
+
+    def let_in(told: keys.Query, size: int) -> None:
+        assert (told.key, told.user, size) == (("plan",), "alice", codec.MAX_REQUEST_BYTES + 1)
+        if refuses:
+            raise QuotaExceeded("enough")
+
+    query = _Query("guidefield/local/as/alice/plan", b"")
+    query.payload = Uncopied(b"")
+    with pytest.raises(QuotaExceeded if refuses else RequestTooLarge):
+        _asked(query).read(let_in)

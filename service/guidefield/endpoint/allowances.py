@@ -16,6 +16,8 @@ MOST_USERS = 1_000
 MINUTE = 60.0
 STEADY = HALVED_IN / math.log(2.0)
 """What is counted of a user who gets a processor second each second, for long [s]."""
+AT_ONCE = 256 * 2**20
+"""So much payload may come at once [bytes]."""
 SHORTEST = 0.001
 """The shortest time after which somebody is told to ask again [s]."""
 
@@ -31,27 +33,34 @@ class Allowances:
     def __init__(self, quotas: Quotas, waiting: Waiting) -> None:
         self._quotas = quotas
         self._waiting = waiting
-        self._left: dict[str, tuple[float, float]] = {}
+        self._queries, self._payloads = _Refilled(), _Refilled()
         self._lock = threading.Lock()
 
-    def ask(self, user: str) -> None:
+    def ask(self, user: str, size: int = 0) -> None:
         """A user asks something.
 
+        Args:
+            user: Who.
+            size: How long the payload is [bytes]. Whoever has anything left may send a long one, and waits longer for
+                the next.
+
         Raises:
-            QuotaExceeded: if it asks too often.
+            QuotaExceeded: if it asks too often, or sent too much.
         """
-        rate = self._quotas.of(user).per_second
-        if rate is None:
-            return
-        now, most = time.monotonic(), max(1.0, rate)
+        quota = self._quotas.of(user)
+        rate, flow, now = quota.per_second or math.inf, quota.payload_per_second or math.inf, time.monotonic()
+        most, most_bytes = max(1.0, rate), float(AT_ONCE)
         with self._lock:
-            left, at = self._left.get(user, (most, now))
-            left = min(most, left + rate * (now - at))
-            self._left[user] = (left - 1.0 if left >= 1.0 else left), now
-            if len(self._left) > MOST_USERS:
-                self._forget_idle(now)
+            left = self._queries.left(user, rate, most, now)
+            room = self._payloads.left(user, flow, most_bytes, now) if size else most_bytes
+            if left >= 1.0 and room > 0.0:
+                self._queries.keep(user, left - 1.0, rate, most, now)
+                self._payloads.keep(user, room - size, flow, most_bytes, now)
         if left < 1.0:
             raise _exceeded(f"{rate:g} queries a second", (1.0 - left) / rate, per_second=rate)
+        if room <= 0.0:
+            told = f"{flow / 2**20:g} MiB of payload a second"
+            raise _exceeded(told, (1.0 - room) / flow, payload_per_second=flow)
 
     def work(self, user: str) -> None:
         """A user asks for something that takes a worker.
@@ -70,12 +79,30 @@ class Allowances:
                 told = f"{most:g} s of a processor in a minute"
                 raise _exceeded(told, HALVED_IN * math.log2(over), processor_per_minute=most)
 
-    def _forget_idle(self, now: float) -> None:
-        """Forget those who may ask as often at once as anybody."""
-        for user, (left, at) in list(self._left.items()):
-            rate = self._quotas.of(user).per_second
-            if rate is None or left + rate * (now - at) >= max(1.0, rate):
-                del self._left[user]
+
+class _Refilled:
+    """What is left to each user of something of which more comes each second, up to a most."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, tuple[float, float, float]] = {}
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def left(self, user: str, rate: float, most: float, now: float) -> float:
+        """What is left at a time [s], where so much comes each second."""
+        if user not in self._kept:
+            return most
+        left, at, _ = self._kept[user]
+        return min(most, left + rate * (now - at))
+
+    def keep(self, user: str, left: float, rate: float, most: float, now: float) -> None:
+        """So much is left; it is forgotten once that is the most again, where very many are kept."""
+        full = now + (most - left) / rate
+        if full > now:
+            self._kept[user] = left, now, full
+        if len(self._kept) > MOST_USERS:
+            self._kept = {name: kept for name, kept in self._kept.items() if kept[2] > now}
 
 
 def _exceeded(what: str, again: float, **quota: float) -> QuotaExceeded:

@@ -7,6 +7,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 
 import zenoh
@@ -35,6 +36,10 @@ Post = Callable[[Asker, int, Callable[[], None]], bool]
 def _at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
     send()
     return True
+
+
+def _anybody(_told: keys.Query, _size: int) -> None:
+    pass
 
 
 def _unread() -> ServerBusy:
@@ -77,11 +82,16 @@ class Asked:
         self._post = post
         self._open = threading.Lock()
 
-    def read(self) -> keys.Query:
+    def read(self, let_in: Callable[[keys.Query, int], None] = _anybody) -> keys.Query:
         """What the query says.
+
+        Args:
+            let_in: Is told all but the payload, and how long that is [bytes], and raises what the query is refused
+                with. The payload is copied after that: while a long one is, nobody else is answered.
 
         Raises:
             MalformedRequest: if its encoding is unknown, or its key has wildcards or names nobody who can be a user.
+            RequestTooLarge: if its payload is too long to be looked at.
         """
         self._encoding = encoding_of(self._query.encoding)
         chunks = self._key.split("/")
@@ -89,17 +99,21 @@ class Asked:
             raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)
         self._user, below = divided(chunks[2:])
         owner, key = owned(self._user, below)
-        payload = self._query.payload
-        return keys.Query(
+        told = keys.Query(
             key=key,
             parameters=dict(self._query.parameters),
-            payload=b"" if payload is None else payload.to_bytes(),
+            payload=b"",
             encoding=self._encoding,
             user=self._user,
             owner=owner,
             client=self._client(),
             names_owner=key != below,
         )
+        payload = self._query.payload
+        size = 0 if payload is None else len(payload)
+        let_in(told, size)
+        codec.require_readable(size)
+        return told if payload is None else replace(told, payload=payload.to_bytes())
 
     def _client(self) -> str:
         """Who asks: the query's attachment, a name that the client gave itself."""

@@ -124,11 +124,7 @@ class Endpoint:
         asked = Asked(query, self._instance, count, self._outbox.post)
         self._meter.count("asked")
         with asked.answering_failures():
-            read = asked.read()
-            if read.user != PLAIN:
-                self._pool.stand_by()
-            if not keys.is_cancel(read):  # that gives something back
-                self._allowances.ask(read.user)
+            read = asked.read(self._let_in)
             if stream_keys.is_stream(read):
                 self._ask_stream(asked, read)
                 return
@@ -144,6 +140,13 @@ class Endpoint:
                 self._hand_over(asked, read, received)
             else:
                 self._look_up(asked, read)
+
+    def _let_in(self, told: keys.Query, size: int) -> None:
+        """Refuse a user's query, with a payload of a size [bytes], if the user has no more of its quota."""
+        if told.user != PLAIN:
+            self._pool.stand_by()
+        if not keys.is_cancel(told):  # that gives something back
+            self._allowances.ask(told.user, size)
 
     def _ask_stream(self, asked: Asked, read: keys.Query) -> None:
         if self._streams is None:

@@ -80,16 +80,26 @@ def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
         RequestTooLarge: if the payload is longer than `MAX_REQUEST_BYTES`.
         MalformedRequest: if it isn't such a message; names the path of the first fault.
     """
-    if len(data) > MAX_REQUEST_BYTES:
-        raise RequestTooLarge(
-            f"the request has {len(data)} bytes, at most {MAX_REQUEST_BYTES} are read",
-            bytes=len(data),
-            limit=MAX_REQUEST_BYTES,
-        )
+    require_readable(len(data))
     try:
         return _decoder(kind, encoding).decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise _malformed(error, data, kind, encoding) from None
+
+
+def require_readable(size: int) -> None:
+    """Refuse a payload that is too long to be looked at.
+
+    Args:
+        size: How long it is [bytes].
+
+    Raises:
+        RequestTooLarge: if it is longer than `MAX_REQUEST_BYTES`.
+    """
+    if size > MAX_REQUEST_BYTES:
+        raise RequestTooLarge(
+            f"the request has {size} bytes, at most {MAX_REQUEST_BYTES} are read", bytes=size, limit=MAX_REQUEST_BYTES
+        )
 
 
 def decode_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:

@@ -18,6 +18,7 @@ class Quota(Message):
     Attributes:
         waiting: How many requests may wait.
         per_second: How many queries a second are answered; as many may come at once.
+        payload_per_second: How much comes with them a second in the long run; 256 MiB may come at once [bytes].
         processor_per_minute: Seconds of a processor in a minute, in the long run [s].
         bytes: What kept runs may take, and what stored robots and scenes may take together [bytes].
         streams: How many streams may be open.
@@ -25,18 +26,19 @@ class Quota(Message):
 
     waiting: Annotated[int, msgspec.Meta(ge=1)] | None = None
     per_second: Positive | None = 1_000.0
+    payload_per_second: Positive | None = None
     processor_per_minute: Positive | None = None
     bytes: Annotated[int, msgspec.Meta(ge=1)] | None = None
     streams: Annotated[int, msgspec.Meta(ge=1)] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("per_second", "processor_per_minute"):
+        for name in ("per_second", "payload_per_second", "processor_per_minute"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise ValueError(f"`{name}` must be a finite number, got {value}")
 
 
-OF_USERS = Quota(bytes=4 * 2**30)
+OF_USERS = Quota(payload_per_second=16 * 2**20, bytes=4 * 2**30)
 
 
 class Quotas(Message):
