@@ -85,6 +85,19 @@ def test_what_comes_to_where_it_waits_is_met_by_leaving_before() -> None:
     assert found.trajectory.times[-1] < 2.5
 
 
+def test_where_it_may_not_wait_it_gives_way_and_waits_elsewhere() -> None:
+    """A post comes to the start and goes again, long before the door opens."""
+    x, y, _ = made_tip(LEFT).translation
+    way = flight([1.0, 2.0, 2.5, 3.5], (x, y + 1.2, 0.8), (x, y, 0.8), (x, y, 0.8), (x, y + 1.2, 0.8))
+    bar = messages.Box(name="bar", size=(0.12, 0.12, 1.6), trajectory=way)
+    late = msgspec.structs.replace(DOOR, trajectory=flight([6.0, 7.0], (0.85, 0.0, 0.8), (2.6, 0.0, 0.8)))
+    made = asked(bar, late)
+    assert any(contacts_at(made.at(t).world, PANDA.expand_from_chart(LEFT)) for t in np.arange(1.0, 3.1, 0.05))
+    found = plan(made)
+    require_free(made, found)
+    assert 6.0 < found.trajectory.times[-1] < 10.0
+
+
 def test_a_goal_that_something_passes_later_is_reached_when_it_has_passed() -> None:
     late = messages.Sphere(name="late", radius=0.1, trajectory=flight([2.0, 3.0], (0.4, -2.0, 0.6), (0.4, 0.5, 1.9)))
     bar = messages.Box(

@@ -1,13 +1,14 @@
 """Plans among obstacles that move as is known: success and motion times beside waiting until all rest, and CPU time.
 
-Usage: tools/bench timed [--runs N] [--first N] [--robots panda,ur5] [--time S] [--jerk] [--each]
+Usage: tools/bench timed [--runs N] [--first N] [--robots panda,ur5] [--time S] [--jerk] [--met] [--each]
 
 Random scenes from fixed seeds: two to five bodies of several kinds move and come to rest within 10 s, and never touch
-the robot where it starts; one to three rest. Goals are random configurations that are free once all rest. *still* is
-how many of them the planner among obstacles at rest solves then. *of them* is how many of these are solved in time, and
-*others* how many more. *arrival* is the median of when the robot arrives over when it would, had it waited until all
-rest; *CPU* is the processor time of a plan, median and 95th percentile; *still CPU* that of the still planner. Every
-motion is judged by an outside judge: dense samples of Pinocchio and Coal.
+the robot where it starts, or do with --met; one to three rest. Goals are random configurations that are free once all
+rest. *still* is how many of them the planner among obstacles at rest solves then. *of them* is how many of these are
+solved in time, and *others* how many more. *arrival* is the median of when the robot arrives over when it would, had it
+waited until all rest; *waited* is how many departed later than 0.3 s; *CPU* is the processor time of a plan, median and
+95th percentile; *still CPU* that of the still planner. Every motion is judged by an outside judge: dense samples of
+Pinocchio and Coal.
 """
 
 from __future__ import annotations
@@ -62,6 +63,7 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--time", type=float, default=60.0)
     parser.add_argument("--jerk", action="store_true")
+    parser.add_argument("--met", action="store_true")
     parser.add_argument("--each", action="store_true")
     asked = parser.parse_args(arguments)
     print(
@@ -71,7 +73,7 @@ def run(arguments: list[str]) -> None:
     for robot in asked.robots.split(","):
         solved, others, ratios, waited, spent, still_spent, contacts, still = 0, 0, [], 0, [], [], 0, 0
         for seed in range(asked.first, asked.first + asked.runs):
-            drawn = problem_of(robot, seed, asked.time, jerk=asked.jerk)
+            drawn = problem_of(robot, seed, asked.time, jerk=asked.jerk, met=asked.met)
             guidefield.answer(drawn.resting)  # what is loaded once is not measured
             reply, seconds = measured(drawn.request)
             at_rest, still_seconds = measured(drawn.resting)
@@ -101,8 +103,8 @@ def measured(request: PlanRequest) -> tuple[Any, float]:
     return reply, time.process_time() - begin
 
 
-def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False) -> Drawn:
-    """The random problem of a seed."""
+def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False, met: bool = False) -> Drawn:
+    """The random problem of a seed; with `met` one in which something comes to the robot where it starts."""
     model = Catalog().load(robot)
     group = select(model, None, None, model.rest, pin.SE3.Identity())
     rng = np.random.default_rng([seed, 19])
@@ -113,10 +115,11 @@ def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False) -> 
             body(rng, f"rest{k}", rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0])) for k in range(rng.integers(1, 4))
         ]
         scene = build(messages.Scene("timed", obstacles=obstacles))
-        if touched(group, scene, start):
-            continue
         last = build(messages.Scene("rested", obstacles=scene._posed(scene.end)))
-        world = World.build(group, last)
+        world, first = World.build(group, last), World.build(group, scene.at(0.0))
+        ends_free = not any(contacts_at(one, group.expand(start)) for one in (world, first))
+        if not ends_free or touched(group, scene, start) != met:
+            continue
         goal = next(
             (z for z in (group.random(rng) for _ in range(50)) if not contacts_at(world, group.expand_from_chart(z))),
             None,

@@ -36,7 +36,7 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note
-from guidefield.planner.timed_ways import Way, quick_ways, thorough_way
+from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 
@@ -52,7 +52,7 @@ def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finis
         The motion, from time 0 on, with the wait before it; its end stays free until all obstacles rest.
     """
     search = _Search(problem, goals, stages)
-    finished = search.by_quick_ways() if not problem.path_constraints else None
+    finished = None if problem.path_constraints else search.by_quick_ways() or search.by_detours()
     finished = finished or search.by_thorough_ways()
     if finished is not None:
         return finished
@@ -93,8 +93,22 @@ class _Search:
     def by_quick_ways(self) -> Finished | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
         with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
-            estimates = list(self._estimates())
+            estimates = list(self._estimates(quick_ways(self._problem, self._goals)))
             stage.outcome = f"{len(estimates)} ways can be gone"
+        return self._first(estimates)
+
+    def by_detours(self) -> Finished | None:
+        """The motion by a place to wait at, where the robot may not wait where it starts; None without any."""
+        if self.leave_by[0] == np.inf or self._problem.budget.spent():
+            return None
+        with self._stages.entered("connect", "ways by places to wait at") as stage:
+            ways = detours(self._problem, self._goals, self._slices, self.leave_by[0])
+            estimates = list(self._estimates(ways))
+            stage.outcome = f"{len(estimates)} ways can be gone"
+        return self._first(estimates)
+
+    def _first(self, estimates: Sequence[_Estimate]) -> Finished | None:
+        """The motion along the first of some ways that has one; that may be arrived on first is tried first."""
         for estimate in sorted(estimates, key=lambda one: one.arrival):
             if self._problem.budget.spent():
                 return None
@@ -148,11 +162,11 @@ class _Search:
         message = f"no schedule along a way to the goal passes where {names} come near; the robot waited there in vain"
         return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": problem.scene.end})
 
-    def _estimates(self) -> Iterator[_Estimate]:
-        """The quick ways with a schedule along each; no more once one is not hindered, or a share of the time is up."""
+    def _estimates(self, ways: Iterator[Way]) -> Iterator[_Estimate]:
+        """Those of some ways that have a schedule; no more once one is not hindered, or a share of the time is up."""
         now = time.monotonic()
         until = now + WAYS.share * max(self._problem.budget.deadline - now, 0.0)
-        for way in quick_ways(self._problem, self._goals):
+        for way in ways:
             if length_of(way.found.path) == 0.0:
                 continue
             motion = soonest_along(way.problem, way.found.path)
@@ -166,8 +180,14 @@ class _Search:
                 return
 
     def _along(self, way: Way) -> Finished | None:
-        """The certified motion along a way; None where there is none."""
-        finished = finish(way.problem, way.found, self._stages)
+        """The certified motion along a way, optimised or else as it was found; None where there is none."""
+        made = None if way.detour else self._scheduled(way, finish(way.problem, way.found, self._stages))
+        if made is not None or self._problem.budget.spent():
+            return made
+        return self._scheduled(way, found_motion(way.problem, way.found, self._stages))
+
+    def _scheduled(self, way: Way, finished: Finished) -> Finished | None:
+        """The certified motion that is at the places of another when nothing is there; None where there is none."""
         if finished.trajectory is None or not finished.verdict.free:
             return None
         if finished.trajectory.duration == 0.0:

@@ -12,7 +12,7 @@ from guidefield.planner.connect.quickest import quickest_way
 from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.settings import WAYS
-from guidefield.planner.schedule.slices import held
+from guidefield.planner.schedule.slices import Slices, held
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly
@@ -28,12 +28,14 @@ class Way(ReadOnly):
         problem: The problem among the obstacles as they were held.
         found: The way.
         at_rest: Whether they were held where they come to rest.
+        detour: Whether it goes by a place to wait at, so that it may not be made shorter.
     """
 
     name: str
     problem: Problem
     found: PathSoFar
     at_rest: bool = False
+    detour: bool = False
 
 
 def quick_ways(problem: Problem, goals: ChartPoints) -> Iterator[Way]:
@@ -54,6 +56,44 @@ def quick_ways(problem: Problem, goals: ChartPoints) -> Iterator[Way]:
         if way is not None:
             found = PathSoFar.at_start(among).extended(way.path, proven=False, others=way.others)
             yield Way(name, among, found, at_rest)
+
+
+def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) -> Iterator[Way]:
+    """Ways by places at which the robot may wait, as it can't where it starts; those that are free longest first.
+
+    Args:
+        problem: Robot, obstacles and budget.
+        goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
+        slices: The robot among what moves.
+        since: From when on it has to be somewhere else [s].
+    """
+    rng, among, last = np.random.default_rng([problem.seed, 6]), _among(problem, {}), problem.at(problem.scene.end)
+    places = _places(among, rng)
+    if not len(places):
+        return
+    times = range(int(since / slices.length), slices.resting_from + 1)
+    blocked = sum(slices.touching(index, places).astype(int) for index in times)
+    for place in places[np.argsort(blocked, kind="stable")[: WAYS.detours]]:
+        if problem.budget.spent():
+            return
+        there = quickest_way(among, problem.z_start, place[None], rng)
+        near = np.array([problem.group.unwrapped(goal, place) for goal in goals])
+        onward = (
+            None if there is None else quickest_way(last, place, near, rng) or quickest_way(among, place, near, rng)
+        )
+        if there is not None and onward is not None:
+            found = PathSoFar.at_start(among).extended(there.path, proven=False).extended(onward.path, proven=False)
+            yield Way("by a place to wait at", among, found, detour=True)
+
+
+def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
+    """Random chart points (n, nv) that are free among what rests, half of them about the start."""
+    group, half = among.group, WAYS.places // 2
+    aside = rng.normal(scale=WAYS.aside, size=(half, group.nv)) * group.units
+    anywhere = np.array([group.chart(group.random(rng)) for _ in range(half)])
+    drawn = np.clip(np.concatenate([among.z_start + aside, anywhere]), group.lower, group.upper)
+    free: ChartPoints = drawn[~among.lanes.touching(drawn, among.min_clearance)]
+    return free
 
 
 def thorough_way(problem: Problem, goals: ChartPoints, stages: Stages, *, prove: bool) -> Way:

@@ -69,6 +69,10 @@ class WaySettings:
         moments: Shares of the time until all obstacles rest, at which they are held for a way among them. A choice.
         swept: At how many moments of a motion each obstacle stands for a way that avoids what it passes. A choice.
         draws: Ways among what rests alone. A choice.
+        places: Random places that are looked at, where the robot has to wait elsewhere. A choice.
+        aside: How far from the start half of them lie, as a standard deviation [rad, or the group's unit of length]. A
+            choice.
+        detours: By how many of them a way is tried. A choice.
         rooms: As those of a schedule, where a way is but estimated. A choice.
         share: Share of the time that is left for ways that a few motions find; the rest is for the planner among
             obstacles at rest. A choice.
@@ -79,6 +83,9 @@ class WaySettings:
     moments: tuple[float, ...] = (0.0, 0.33, 0.67)
     swept: int = 8
     draws: int = 3
+    places: int = 256
+    aside: float = 0.7
+    detours: int = 12
     rooms: tuple[float, ...] = (0.85,)
     share: float = 0.5
     unhindered: float = 1.05
