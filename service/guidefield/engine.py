@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from guidefield.scene.scene import Scene
     from guidefield.stream.stream import CertifiedStream
     from guidefield.stream.takeover import TakeOver
+    from guidefield.stream.watching import Watching
 
 MAX_CACHED_SCENES = 16
 """Scenes kept built."""
@@ -333,19 +334,22 @@ class Engine:
         """
         return self._robot(name)
 
-    def stream(self, request: StreamOpen, taking: TakeOver | None = None) -> CertifiedStream:
+    def stream(
+        self, request: StreamOpen, taking: TakeOver | None = None, watching: Watching | None = None
+    ) -> CertifiedStream:
         """A stream in this process, of which nothing is kept here.
 
         Args:
             request: What is asked.
             taking: When ways that are planned beside the cycle are taken over; None: counted.
+            watching: Who hears what it is asked and answers; None: nobody.
 
         Raises:
             GuidefieldError: if the request is ill-posed.
         """
         from guidefield.stream.stream import CertifiedStream
 
-        return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking)
+        return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking, watching)
 
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
         from guidefield.handlers.allowance import Allowance

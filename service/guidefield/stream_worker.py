@@ -13,9 +13,9 @@ import gc
 import logging
 import os
 from collections.abc import Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,7 +24,7 @@ import msgspec
 
 from guidefield import logs
 from guidefield.errors import GuidefieldError, ServerBusy, unforeseen
-from guidefield.first_start import compile_kernels
+from guidefield.first_start import compile_kernels, processor
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import Done, ErrorReply, error_reply
@@ -35,7 +35,8 @@ from guidefield.pool.companion import Taken
 from guidefield.worker import EngineSetup
 
 if TYPE_CHECKING:
-    from guidefield.stream.stream import CertifiedStream
+    from guidefield.stream.journal import Journal
+    from guidefield.stream.stream import CertifiedStream, Sought
 
 MOST_AT_ONCE = 256
 """So much is taken at once, at most: whoever sends without end is answered all the same."""
@@ -151,8 +152,9 @@ class StreamConversation:
         logs.configure(self.setup.log_level, json=self.setup.json_logs)
         with contextlib.suppress(OSError):  # not everybody may
             os.setpriority(os.PRIO_PROCESS, 0, HURRY)
+        journal = self._journal()
         try:
-            stream = self._opened()
+            stream = self._opened(journal)
         except GuidefieldError as error:
             line.send(Refused(error_reply(error)))
             return
@@ -165,15 +167,32 @@ class StreamConversation:
         gc.freeze()  # what is loaded stays; a collection need not look at it
         with stream, contextlib.suppress(EOFError, BrokenPipeError):
             _Answering(stream, self.encoding, line).answer_all()
+        if journal is not None:
+            journal.close()
 
-    def _opened(self) -> CertifiedStream:
+    def _journal(self) -> Journal | None:
+        """Where the stream is kept; None where it isn't, because nobody wants it or the disk refuses."""
+        from guidefield.stream import kept_streams
+        from guidefield.stream.journal import Journal
+
+        if self.request.recording == "off":
+            return None
+        try:
+            folder = kept_streams.begin(self.setup.engines().stores.streams_of(self.user), str(self.request.stream_id))
+        except OSError as error:
+            _log.warning("a stream can't be kept: %s", error.strerror)
+            return None
+        made_with = {"guidefield": version("guidefield"), "processor": processor()}
+        return Journal(folder, self.request, self.user, made_with)
+
+    def _opened(self, journal: Journal | None) -> CertifiedStream:
         from guidefield.stream.takeover import WhenFound
 
         compile_kernels(_log.info)
         engine = self.setup.engines().of(self.user)
         with engine.stream(self.request, WhenFound()) as rehearsed:
             _rehearse(rehearsed)
-        return engine.stream(self.request, WhenFound())
+        return engine.stream(self.request, WhenFound(), journal)
 
 
 def _open(stream: CertifiedStream) -> Open:
@@ -208,7 +227,7 @@ class _Answering:
 
     def __init__(self, stream: CertifiedStream, encoding: Encoding, line: Connection) -> None:
         self._stream, self._encoding, self._line = stream, encoding, line
-        self._sought: dict[int, tuple[Future[Any], Encoding]] = {}
+        self._sought: dict[int, tuple[Sought, Encoding]] = {}
         self._woken, self._wake = os.pipe()
 
     def answer_all(self) -> None:
@@ -288,24 +307,24 @@ class _Answering:
             return StreamAimed(goal=self._stream.take_goal(None))
         if len(self._sought) >= MOST_SOUGHT:
             raise ServerBusy(f"configurations of {MOST_SOUGHT} goals are looked for already", retry_after=0.1)
-        found = self._stream.seek(aim.goal)
-        self._sought[asked.asked] = found, asked.encoding
-        found.add_done_callback(lambda _: os.write(self._wake, b"."))
+        sought = self._stream.seek(aim.goal)
+        self._sought[asked.asked] = sought, asked.encoding
+        sought.found.add_done_callback(lambda _: os.write(self._wake, b"."))
         return None
 
     def _settle_goals(self) -> None:
         """Aim for what was found meanwhile, in the order in which it was asked for."""
         if not self._sought:
             return
-        for asked, (found, encoding) in list(self._sought.items()):
-            if not found.done():
+        for asked, (sought, encoding) in list(self._sought.items()):
+            if not sought.found.done():
                 return
             os.read(self._woken, 1)
             del self._sought[asked]
-            self._answer(asked, encoding, partial(self._found, found))
+            self._answer(asked, encoding, partial(self._found, sought))
 
-    def _found(self, found: Future[Any]) -> StreamAimed:
-        return StreamAimed(goal=self._stream.take_goal(found.result()))
+    def _found(self, sought: Sought) -> StreamAimed:
+        return StreamAimed(goal=self._stream.take_goal(sought))
 
 
 def ended_state(executing: int, stops: float, error: GuidefieldError) -> StreamState:

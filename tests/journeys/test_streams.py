@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import signal
 import sys
 from collections.abc import Iterator
@@ -16,8 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import coal
+import msgspec
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from guidefield import (
     AsyncClient,
@@ -32,10 +35,13 @@ from guidefield import (
     StreamUnknown,
     WorkerCrashed,
 )
+from guidefield.cli import app
 from guidefield.client.streams import ServiceStream
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import MOST_UPDATE_BYTES, StreamOpen
 from guidefield.scene.scene import build
+from guidefield.stream.journal import Updated
+from guidefield.stream.replay import read
 from guidefield.stream.stream import CertifiedStream
 from tests.journeys.service import (
     ANSWERED_WITHIN,
@@ -189,6 +195,30 @@ def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(service: Ser
     assert client.streams() == []
     with pytest.raises(StreamUnknown):
         stream.read()
+    _is_repeated(service, stream, client.info().version)
+
+
+def _is_repeated(service: Service, stream: ServiceStream, version: str) -> None:
+    """What was kept of a stream is done again, in this process: the same pieces, to the last bit."""
+    command = ["replay", stream.stream_id, "--data", str(service.data)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    told = re.fullmatch(r"\w+/000001\.stream: bit-identical: (\d+) updates, (\d+) pieces\s", done.output)
+    assert told, done.output
+    assert int(told[1]) > int(told[2]) > 20
+    (file,) = (service.data / "streams" / stream.stream_id).iterdir()
+    begun, entries = read(file)
+    assert begun.versions["guidefield"] == version
+    piece = next(k for k, one in enumerate(entries) if isinstance(one, Updated) and one.piece is not None)
+    changed = msgspec.structs.replace(entries[piece], took=True, piece=None)
+    with file.open("wb") as write:
+        for one in (begun, *entries[:piece], changed, *entries[piece + 1 :]):
+            payload = msgspec.msgpack.encode(one)
+            write.write(len(payload).to_bytes(4, "little") + payload)
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 1
+    assert "not the same: the answer to the update at" in done.output
+    assert "then: nothing" in done.output
 
 
 def test_a_worker_that_dies_says_so_and_a_client_that_comes_back_goes_on(service: Service, client: Client) -> None:

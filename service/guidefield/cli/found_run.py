@@ -20,6 +20,12 @@ from guidefield.stores.runs import RunStore
 
 Data = Annotated[Path | None, typer.Option(help="The service's data folder; else ~/.local/share/guidefield/NAME.")]
 Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
+StreamName = Annotated[
+    str,
+    typer.Argument(
+        help="Id of a kept run or stream, a recording's file, which ends with .rrd, or a stream's, with .stream."
+    ),
+]
 RunName = Annotated[str, typer.Argument(help="Id of a kept run, or a recording's file, which ends with .rrd.")]
 
 

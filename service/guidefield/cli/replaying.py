@@ -10,7 +10,8 @@ import typer
 from rich.console import Console
 
 from guidefield.cli.comparison import differing, largest_step, motion_hash
-from guidefield.cli.found_run import Data, RunName, Service, data_folder, find_run
+from guidefield.cli.found_run import Data, Service, StreamName, data_folder, find_run
+from guidefield.cli.stream_replaying import replay_stream, stream_files
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import CertifyReply, PlanReply
@@ -30,15 +31,18 @@ Packages = Annotated[
 ]
 
 
-def replay(run: RunName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
+def replay(run: StreamName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
 
     A run of another version of guidefield, or of another kind of processor, counts as any other: where its plan
     differs, 1, and it is said which version planned it, and where. 2 where no plan came of it: there is no such run, or
     its request is refused now.
 
-    Robots and scenes that a client stored are looked for in the data folder.
+    Robots and scenes that a client stored are looked for in the data folder. A stream is done again, each file that is
+    kept of it: whether the same pieces come of it.
     """
+    if files := stream_files(run, data_folder(data, name)):
+        raise typer.Exit(replay_stream(files, data_folder(data, name), packages or (), _say, _made_by))
     before = find_run(run, data, name)
     folder = data_folder(data, name)
     there = folder.is_dir()  # looking leaves no folder behind
@@ -79,6 +83,10 @@ def _judged_again(run: str, before: CertifyReply, now: CertifyReply, versions: d
     _say(f"{run}: {made_on(versions) or 'not judged as before: '}it differs in {', '.join(parts)}")
     _say(f"then: {before.status.name}, {before.status.message}\nnow:  {now.status.name}, {now.status.message}")
     return 1
+
+
+def _made_by(before: dict[str, str]) -> str:
+    return f"{made_on(before) or 'not the same: '}{planned_by(before)}"
 
 
 def made_on(before: dict[str, str]) -> str:

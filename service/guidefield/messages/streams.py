@@ -110,6 +110,7 @@ class StreamOpen(Message):
         appear_speed: And moves at most so fast [m/s].
         planning_time: How long the planning of a way lasts [s]: it is taken over so long after it was asked for.
         seed: Of all randomness.
+        recording: Whether a service keeps what is asked and answered, so that it can be done again.
         stream_id: What a service is to call the stream, new; null: the service makes a name.
 
     Example:
@@ -146,6 +147,7 @@ class StreamOpen(Message):
     appear_speed: NonNegative = 0.0
     planning_time: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.06
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
+    recording: Literal["full", "off"] = "full"
     stream_id: RunId | None = None
 
     def __post_init__(self) -> None:

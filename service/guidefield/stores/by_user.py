@@ -60,6 +60,10 @@ class StoresByUser:
                 self._open.popitem(last=False)
             return stores
 
+    def streams_of(self, user: str) -> Path:
+        """The folder of a user's streams; it may not be there."""
+        return self._folder(user) / "streams"
+
     def users(self) -> list[str]:
         """Who has stores, in alphabetical order; `PLAIN` is not among them."""
         users = self._data / "users"

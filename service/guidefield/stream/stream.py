@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from guidefield.errors import InvalidConfiguration, MalformedRequest
+from guidefield.errors import GuidefieldError, InvalidConfiguration, MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.robot.group.group import PlanningGroup
@@ -28,8 +29,12 @@ from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import opened
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
+from guidefield.stream.snapshot import KeptCommit, KeptObstacle, Rows, Snapshot, random_state, restore_random
 from guidefield.stream.takeover import Counted, TakeOver
+from guidefield.stream.watching import Unwatched, Watching
 from guidefield.stream.ways import INSIDE, Ordered, Planner, Room
+
+_A = TypeVar("_A", bound=Piece | StreamState | None)
 
 KEPT = 64
 """So many commits are remembered: the one that is executed and the last ones."""
@@ -41,6 +46,19 @@ SLACK = 1e-6
 """Joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]."""
 
 
+@dataclass(frozen=True)
+class Sought:
+    """Configurations of a goal that are looked for.
+
+    Attributes:
+        number: As the n-th of a stream.
+        found: They, shape (k, nv).
+    """
+
+    number: int
+    found: Future[ChartPoints]
+
+
 class CertifiedStream:
     """A stream of pieces, each of which ends in a proven stop. It reads no clock: the same updates get the same bits.
 
@@ -49,12 +67,20 @@ class CertifiedStream:
         robot: The robot that it names.
         scene: The scene that it names.
         taking: When ways that are planned beside the cycle are taken over; None: counted, by `planning_time`.
+        watching: Who hears what it is asked and answers; None: nobody.
 
     Raises:
         GuidefieldError: if the request is ill-posed.
     """
 
-    def __init__(self, request: StreamOpen, robot: RobotModel, scene: Scene, taking: TakeOver | None = None) -> None:
+    def __init__(
+        self,
+        request: StreamOpen,
+        robot: RobotModel,
+        scene: Scene,
+        taking: TakeOver | None = None,
+        watching: Watching | None = None,
+    ) -> None:
         self._opened = asked = opened(request, robot, scene)
         self.request = request
         self.group = asked.group
@@ -76,8 +102,9 @@ class CertifiedStream:
         self._last = 0
         self._pieces: deque[Piece] = deque()
         self._halted = False
-        self._fresh = False
-        self._sought = 0
+        self._fresh = self._took = False
+        self._sought = self._seeking = 0
+        self._watching: Watching = Unwatched()
         self._goal_number = 0
         self._goals: np.ndarray | None = None
         self._way: Way | None = None
@@ -91,6 +118,8 @@ class CertifiedStream:
             except BaseException:
                 self.close()
                 raise
+        self._watching = watching or Unwatched()
+        self._rest_if_wanted()
 
     def close(self) -> None:
         """End the stream; what was sent last is executed to its end."""
@@ -128,31 +157,41 @@ class CertifiedStream:
         Raises:
             GuidefieldError: if it is ill-posed, or can't be reached.
         """
-        return self.take_goal(None if goal is None else self.seek(goal).result())
+        return self.take_goal(None if goal is None else self.seek(goal))
 
-    def seek(self, goal: StreamGoal | dict[str, Any]) -> Future[ChartPoints]:
-        """Have the configurations (k, nv) of a goal looked for beside the cycle, from where the robot will stand.
+    def seek(self, goal: StreamGoal | dict[str, Any]) -> Sought:
+        """Have the configurations of a goal looked for beside the cycle, from where the robot will stand.
 
-        The future holds a GuidefieldError if the goal is ill-posed, or can't be reached.
+        What is given back has to be taken, in the order in which it was asked for, also where it failed.
         """
         asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
-        self._sought += 1
+        self._sought, self._seeking = self._sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, self._sought])
-        return self._planner.beside(partial(_sought, asked, self.group, self.executing.ends, rng))
+        work = partial(_sought, asked, self.group, self.executing.ends, rng)
+        self._watching.sought(asked)
+        return Sought(self._sought, self._planner.beside(work))
 
-    def take_goal(self, found: ChartPoints | None) -> int:
-        """Aim for what `seek` found, shape (k, nv), from now on; None: to stand.
+    def take_goal(self, sought: Sought | None) -> int:
+        """Aim for what `seek` found from now on, and wait for it; None: to stand.
 
         Returns:
             The goal's number, which its pieces have.
+
+        Raises:
+            GuidefieldError: if the goal is ill-posed, or can't be reached; then the one before stays.
         """
-        self._goals, self._goal_number = found, self._goal_number + 1
+        if sought is not None:
+            self._seeking -= 1
+        self._goals = None if sought is None else sought.found.result()
+        self._watching.aimed(None if sought is None else sought.number)
+        self._goal_number += 1
         self._way, self._ordered, self._refused, self._unfound, self._halted = None, None, 0, False, False
         return self._goal_number
 
     def stop(self) -> None:
         """Have no piece follow the last one, until there is a goal again: the robot stops."""
         self._halted = True
+        self._watching.halted()
 
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> Piece | StreamState:
         """Tell what is seen, and get the next piece, or why there is none.
@@ -166,14 +205,31 @@ class CertifiedStream:
         """
         if not isinstance(update, StreamUpdate):
             update = cast(StreamUpdate, codec.convert({**(update or {}), **codec.plain_fields(fields)}, StreamUpdate))
+        return self._heard(update, self._answer, noted=False)
+
+    def _heard(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
+        """What comes of an update, which whoever watches hears of."""
+        self._watching.begun()
+        self._took = False
+        try:
+            answer = work(update)
+        except GuidefieldError as error:
+            self._watching.updated(update, None, error, noted=noted, took=self._took)
+            raise
+        self._watching.updated(update, answer, None, noted=noted, took=self._took)
+        self._rest_if_wanted()
+        return answer
+
+    def _answer(self, update: StreamUpdate) -> Piece | StreamState:
+        """The answer to an update."""
         if update.time <= self._now:
             return self._state(update.time, "late")
-        noted, self._fresh = self._fresh, False
         measured = None if update.joints is None else self._measured(update)
-        fresh = self._seen(update) or noted
+        self._fresh |= self._seen(update)
         self._begin(update.time)
         now = update.time
         base = self._base(update)
+        fresh, self._fresh = self._fresh, False
         off = 0.0
         if measured is not None:
             if now >= base.stops:
@@ -202,11 +258,64 @@ class CertifiedStream:
         Raises:
             GuidefieldError: as `update`.
         """
+        return self._heard(update, self._noted, noted=True)
+
+    def _noted(self, update: StreamUpdate) -> StreamState | None:
         if update.time <= self._now:
             return self._state(update.time, "late")
         self._fresh |= self._seen(update)
         self._begin(update.time)
         return None
+
+    def _rest_if_wanted(self) -> None:
+        if not self._seeking:
+            self._watching.may_rest(self.snapshot, planning=self._ordered is not None)
+
+    def snapshot(self) -> Snapshot:
+        """What it goes on from. A way that is being planned is given up, and planned again in the next cycle."""
+        if self._ordered is not None:
+            self._ordered, self._refused = None, STREAM.refused
+        known = self._obstacles.known.values()
+        return Snapshot(
+            now=self._now if np.isfinite(self._now) else None,
+            commits=tuple(KeptCommit.of(one) for one in self._commits.values()),
+            last=self._last,
+            halted=self._halted,
+            fresh=self._fresh,
+            sought=self._sought,
+            goal=self._goal_number,
+            goals=None if self._goals is None else Rows.of(self._goals),
+            way=None if self._way is None else Rows.of(self._way.points),
+            place=self._place,
+            refused=self._refused,
+            unfound=self._unfound,
+            random=random_state(self._rng),
+            obstacles=tuple(KeptObstacle(one.declared, one.seen, one.gone) for one in known),
+        )
+
+    def resume(self, kept: Snapshot) -> None:
+        """Go on from a snapshot of a stream that was opened with the same request, but for its goal and obstacles.
+
+        Raises:
+            GuidefieldError: if an obstacle of it can't be used here.
+        """
+        self._now = -np.inf if kept.now is None else kept.now
+        self._commits = {one.number: one.commit() for one in kept.commits}
+        self._last, self._halted, self._fresh = kept.last, kept.halted, kept.fresh
+        self._sought, self._goal_number = kept.sought, kept.goal
+        self._goals = None if kept.goals is None else kept.goals.array()
+        speeds = self._opened.bounds.rates[:, 0]
+        self._way = None if kept.way is None else Way(kept.way.array(), speeds)
+        self._place, self._refused, self._unfound = kept.place, kept.refused, kept.unfound
+        self._ordered = None
+        restore_random(self._rng, kept.random)
+        self._obstacles.known.clear()
+        for index, one in enumerate(kept.obstacles):
+            path = f"$.obstacles[{index}]"
+            self._obstacles.declare(one.declared, path, self.group.robot.links)
+            if one.seen is not None:
+                self._obstacles.observe(one.seen, path, one.seen.time)
+            self._obstacles.known[one.declared.obstacle.name].gone = one.gone
 
     def _begin(self, now: float) -> None:
         """The client's clock is there [s]; until the first update the robot stands at its start."""
@@ -367,6 +476,7 @@ class CertifiedStream:
         speeds = self._opened.bounds.rates[:, 0]
         goal = self._chosen(cycle, stand)
         if self._ordered is not None and self._taking.takes(self._ordered, cycle.now):
+            self._took = True
             points = self._ordered.found.result()
             self._unfound = points is None
             if points is not None and (self._ordered.goal == goal).all():

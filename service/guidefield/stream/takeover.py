@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Protocol
 
-from guidefield.stream.ways import Ordered
-
-YIELDING = 10
-"""By how much planning beside the cycle is nicer than the cycle, where a clock decides; as Linux counts."""
+from guidefield.stream.ways import YIELDING, Ordered
 
 
 class TakeOver(Protocol):

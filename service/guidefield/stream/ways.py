@@ -27,6 +27,9 @@ FAR = 0.3
 
 _T = TypeVar("_T")
 
+YIELDING = 10
+"""By how much what is done beside the cycle is nicer than the cycle, where a clock decides."""
+
 INSIDE = 0.005
 """By so much what is grown is less than an end is away from it [m]."""
 
@@ -122,7 +125,7 @@ class Planner:
 
     def __init__(self, room: Room, group: PlanningGroup, niceness: int = 0) -> None:
         self._room, self._group = room, group
-        self._thread = ThreadPoolExecutor(1, "guidefield-ways", _give_way, (niceness,))
+        self._thread = ThreadPoolExecutor(1, "guidefield-ways", give_way, (niceness,))
 
     def beside(self, work: Callable[[Room], _T]) -> Future[_T]:
         """Have something else done with its room, when its turn comes."""
@@ -162,6 +165,7 @@ class Planner:
         return rng.uniform(low, high, (STREAM.samples, group.nv))
 
 
-def _give_way(niceness: int) -> None:
+def give_way(niceness: int = YIELDING) -> None:
+    """Have this thread be nicer than the others of its process by so much, as Linux counts."""
     if niceness and sys.platform == "linux":  # elsewhere a process has one priority for all of its threads
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)

@@ -1,0 +1,96 @@
+"""`guidefield replay` of a stream: its journal done again, file by file, and whether the same pieces come of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from guidefield.engine import Engine
+from guidefield.engines import Engines
+from guidefield.errors import UnknownObject
+from guidefield.messages.identities import PLAIN, checked_user
+from guidefield.messages.streams import Piece, StreamState
+from guidefield.stores.by_user import StoresByUser
+
+ENDING = ".stream"
+
+
+def stream_files(name: str, folder: Path) -> list[Path]:
+    """The files of a stream's journal that an argument means, the oldest first; none: it means something else.
+
+    Args:
+        name: A file, a folder of such files, or a kept stream, another user's as `user:id`.
+        folder: The service's data folder.
+
+    Raises:
+        UnknownObject: if it names a file that isn't there.
+    """
+    if name.endswith(ENDING):
+        if not Path(name).is_file():
+            raise UnknownObject(f"there is no file {name!r}", path=name)
+        return [Path(name)]
+    if Path(name).is_dir():
+        return sorted(Path(name).glob(f"*{ENDING}"))
+    user, colon, own = name.partition(":")
+    if not colon:
+        user, own = PLAIN, name
+    if "/" in own or own in ("", ".", ".."):
+        return []
+    streams = folder if user == PLAIN else folder / "users" / checked_user(user)
+    return sorted((streams / "streams" / own).glob(f"*{ENDING}"))
+
+
+def replay_stream(
+    files: Sequence[Path],
+    folder: Path,
+    packages: Sequence[Path],
+    say: Callable[[str], None],
+    made_by: Callable[[dict[str, str]], str],
+) -> int:
+    """Do the files of a journal again, and say what came of each.
+
+    Args:
+        files: They.
+        folder: The service's data folder: there are the robots and scenes that its users stored.
+        packages: Folders of packages with robots' meshes.
+        say: Says a line.
+        made_by: What a sentence about what is another now begins with, given the versions that made it.
+
+    Returns:
+        Exit code: 0 if everything is the same to the last bit, else 1.
+
+    Raises:
+        MalformedRequest: if a file isn't one of a stream.
+        GuidefieldError: if what it was opened with is refused now.
+    """
+    from guidefield.first_start import compile_kernels
+    from guidefield.stream.replay import read, replayed
+
+    compile_kernels(say)
+    code = 0
+    for file in files:
+        begun, _ = read(file)
+        done = replayed(file, _engine(begun.user, folder, packages).stream)
+        name = f"{file.parent.name}/{file.name}"
+        if done.same:
+            say(f"{name}: bit-identical: {done.updates} updates, {done.pieces} pieces")
+            continue
+        code = 1
+        say(f"{name}: {made_by(begun.versions)}the answer to the update at {done.first} s differs")
+        say(f"then: {_in_short(done.was)}\nnow:  {_in_short(done.now)}")
+    return code
+
+
+def _engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
+    """The engine of a user, on what is stored in a data folder; looking leaves no folder behind."""
+    if not folder.is_dir():
+        return Engine(packages=packages)
+    return Engines("local", StoresByUser(folder), packages).of(user)
+
+
+def _in_short(answer: Piece | StreamState | str | None) -> str:
+    if isinstance(answer, Piece):
+        return f"piece {answer.number}, {answer.leads_to}, stops at {answer.stops} s"
+    if isinstance(answer, StreamState):
+        return f"no piece: {answer.reason}"
+    return "nothing" if answer is None else f"refused: {answer}"

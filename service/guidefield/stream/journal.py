@@ -1,0 +1,272 @@
+"""A stream's journal: everything that it is asked and answers, in files that can each be replayed to the last bit.
+
+Theory of operation. A file begins with what the stream was opened with and with what it goes on from there, and has one
+entry after the other: so the oldest files can be dropped. The stream's own thread hands entries over and waits for
+nothing; another thread, which gives way to it, writes them. Where that one can't keep up, or the disk refuses, a file
+ends, and the next one begins when there is room again.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from guidefield.errors import GuidefieldError
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import ErrorReply, error_reply
+from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.stream.snapshot import Snapshot
+from guidefield.stream.ways import give_way
+
+ENDING = ".stream"
+"""Of the files."""
+FILE_BYTES = 8 << 20
+"""A file whose entries are as large ends, and another one begins [bytes]."""
+MOST_FILES = 16
+"""So many files are kept of a stream; the oldest go first."""
+MOST_WAITING = 2_000
+"""So many entries may wait to be written."""
+TRIED_AGAIN = 10.0
+"""So long after the disk refused another file is begun [s]."""
+LONGEST_ENTRY = 1 << 30
+"""A longer entry is none [bytes]."""
+_LENGTH = struct.Struct("<I")
+
+_log = logging.getLogger(__name__)
+
+
+class Begun(msgspec.Struct, frozen=True, tag="begun"):
+    """What a file begins with.
+
+    Attributes:
+        request: What the stream was opened with.
+        user: Whose it is.
+        index: The file's number, from 1.
+        wall: When it began [s since 1970].
+        versions: Of what it was made with.
+        snapshot: What the stream goes on from.
+    """
+
+    request: StreamOpen
+    user: str
+    index: int
+    wall: float
+    versions: dict[str, str]
+    snapshot: Snapshot
+
+
+class Updated(msgspec.Struct, frozen=True, tag="updated"):
+    """An update, and what came of it.
+
+    Attributes:
+        update: It.
+        noted: Whether it was noted only.
+        took: Whether a way was taken over.
+        wall: When it came, since the file's beginning [s].
+        seconds: How long it was worked on [s].
+        piece, state, refused: What was answered; none of them where it was noted.
+    """
+
+    update: StreamUpdate
+    noted: bool
+    took: bool
+    wall: float
+    seconds: float
+    piece: Piece | None = None
+    state: StreamState | None = None
+    refused: ErrorReply | None = None
+
+
+class SoughtGoal(msgspec.Struct, frozen=True, tag="sought"):
+    """Configurations of a goal are looked for."""
+
+    goal: StreamGoal
+
+
+class Aimed(msgspec.Struct, frozen=True, tag="aimed"):
+    """The goal is what was looked for as the n-th; null: to stand."""
+
+    number: int | None
+
+
+class Halted(msgspec.Struct, frozen=True, tag="halted"):
+    """A stop was asked for."""
+
+
+Entry = Begun | Updated | SoughtGoal | Aimed | Halted
+
+_decoder = msgspec.msgpack.Decoder(Entry)
+
+
+class Journal:
+    """Writes a stream's journal; one of a stream's watchers.
+
+    Args:
+        folder: Where its files go.
+        request: What the stream was opened with.
+        user: Whose it is.
+        versions: Of what it is made with.
+        file_bytes: How large a file may be [bytes].
+        most_files: How many are kept.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        request: StreamOpen,
+        user: str,
+        versions: dict[str, str],
+        file_bytes: int = FILE_BYTES,
+        most_files: int = MOST_FILES,
+    ) -> None:
+        self._folder, self._request, self._user, self._versions = folder, request, user, versions
+        self._file_bytes, self._most_files = file_bytes, most_files
+        self._entries: queue.Queue[Any] = queue.Queue(MOST_WAITING)
+        self._index = 0
+        self._began = self._updated_at = time.monotonic()
+        self._written = 0
+        self._broken = True  # nothing is begun
+        self._again = self._began
+        self._thread = threading.Thread(target=self._write_all, name="guidefield-journal", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        self._entries.put(None)
+        self._thread.join()
+
+    def begun(self) -> None:
+        """An update came."""
+        self._updated_at = time.monotonic()
+
+    def updated(
+        self,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+    ) -> None:
+        """An update was worked on."""
+        now = time.monotonic()
+        self._hand_over(
+            Updated(
+                update,
+                noted,
+                took,
+                self._updated_at - self._began,
+                now - self._updated_at,
+                answer if isinstance(answer, Piece) else None,
+                answer if isinstance(answer, StreamState) else None,
+                None if refused is None else error_reply(refused),
+            )
+        )
+
+    def sought(self, goal: StreamGoal) -> None:
+        """Configurations of a goal are looked for."""
+        self._hand_over(SoughtGoal(goal))
+
+    def aimed(self, number: int | None) -> None:
+        """The goal is another one."""
+        self._hand_over(Aimed(number))
+
+    def halted(self) -> None:
+        """A stop was asked for."""
+        self._hand_over(Halted())
+
+    def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
+        """Begin another file, if this one is large enough, or can't go on."""
+        full = self._written > self._file_bytes * (2 if planning else 1)
+        mended = self._broken and self._entries.empty() and time.monotonic() >= self._again
+        if not (mended or (full and not self._broken)):
+            return
+        self._broken, self._written = False, 0
+        self._index += 1
+        self._began = time.monotonic()
+        self._hand_over(Begun(self._request, self._user, self._index, time.time(), self._versions, snapshot()))
+
+    def _hand_over(self, entry: Entry) -> None:
+        if self._broken:
+            return
+        try:
+            self._entries.put_nowait(entry)
+        except queue.Full:
+            self._broken = True
+            _log.warning("a stream's journal can't keep up: it goes on in another file")
+
+    def _write_all(self) -> None:
+        give_way()
+        file = None
+        try:
+            while (entry := self._entries.get()) is not None:
+                try:
+                    if isinstance(entry, Begun):
+                        if file is not None:
+                            file.close()
+                        file = self._path(entry.index).open("xb")
+                        self._drop_old(entry.index)
+                    if file is not None:
+                        written = codec.encode(entry, Encoding.MSGPACK)
+                        file.write(_LENGTH.pack(len(written)) + written)
+                        self._written += 0 if isinstance(entry, Begun) else len(written) + _LENGTH.size
+                        if self._entries.empty():
+                            file.flush()
+                except Exception as error:  # the stream goes on, and so does who writes
+                    _log.warning(
+                        "a stream's journal can't be written: %s", error, exc_info=not isinstance(error, OSError)
+                    )
+                    self._broken, self._again = True, time.monotonic() + TRIED_AGAIN
+                    if file is not None:
+                        _close(file)
+                    file = None
+        finally:
+            if file is not None:
+                _close(file)
+
+    def _path(self, index: int) -> Path:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        return self._folder / f"{index:06}{ENDING}"
+
+    def _drop_old(self, newest: int) -> None:
+        old = self._folder / f"{newest - self._most_files:06}{ENDING}"
+        old.unlink(missing_ok=True)
+
+
+def _close(file: Any) -> None:
+    try:
+        file.close()
+    except OSError as error:
+        _log.warning("a stream's journal can't be written: %s", error.strerror)
+
+
+def files_of(folder: Path) -> list[Path]:
+    """The files of a stream's journal, the oldest first."""
+    return sorted(folder.glob(f"*{ENDING}"))
+
+
+def entries_of(file: Path) -> Iterator[Entry]:
+    """The entries of a file, up to the last whole one: whoever wrote it may have died.
+
+    Raises:
+        OSError: if it can't be read.
+        msgspec.DecodeError: if it isn't such a file.
+    """
+    with file.open("rb") as read:
+        while len(head := read.read(_LENGTH.size)) == _LENGTH.size:
+            (length,) = _LENGTH.unpack(head)
+            if length > LONGEST_ENTRY:
+                raise msgspec.DecodeError("it has an entry that is too long")
+            payload = read.read(length)
+            if len(payload) < length:
+                return
+            yield _decoder.decode(payload)

@@ -1,0 +1,38 @@
+"""Where journals of streams are kept: a folder for each stream, the oldest of which make room."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from guidefield.stream.journal import files_of
+
+MOST_KEPT = 8
+"""So many streams are kept of a user, one that is open among them."""
+
+
+def begin(streams: Path, name: str) -> Path:
+    """The folder for the journal of a new stream; an earlier one of its name makes room, and so do the oldest.
+
+    Args:
+        streams: The folder of a user's streams.
+        name: The stream's name.
+
+    Raises:
+        OSError: if the disk refuses.
+    """
+    streams.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(streams / name, ignore_errors=True)
+    kept = sorted((_changed(folder), folder) for folder in streams.iterdir() if folder.is_dir())
+    for _, folder in kept[: max(0, len(kept) + 1 - MOST_KEPT)]:
+        shutil.rmtree(folder, ignore_errors=True)
+    (streams / name).mkdir()
+    return streams / name
+
+
+def _changed(folder: Path) -> float:
+    """When the newest file of a folder was written [s since 1970]."""
+    try:
+        return max((file.stat().st_mtime for file in files_of(folder)), default=folder.stat().st_mtime)
+    except OSError:  # it goes away meanwhile
+        return 0.0

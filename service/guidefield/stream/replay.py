@@ -1,0 +1,107 @@
+"""A journal of a stream done again: whether the same pieces come of it, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from guidefield.errors import GuidefieldError, MalformedRequest
+from guidefield.messages.replies import error_reply
+from guidefield.messages.streams import Piece, StreamOpen, StreamState
+from guidefield.stream.journal import Aimed, Begun, Entry, Halted, SoughtGoal, Updated, entries_of
+from guidefield.stream.stream import CertifiedStream, Sought
+from guidefield.stream.takeover import AsBefore, TakeOver
+
+Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]
+"""Opens a stream in this process."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What came of it.
+
+    Attributes:
+        updates: Updates that were worked on again.
+        pieces: Pieces that came of them.
+        first: Time of the first update that is answered otherwise [s]; None: all are as they were.
+        was, now: What was answered to that then, and now.
+    """
+
+    updates: int
+    pieces: int
+    first: float | None = None
+    was: Piece | StreamState | str | None = None
+    now: Piece | StreamState | str | None = None
+
+    @property
+    def same(self) -> bool:
+        """Whether everything is as it was."""
+        return self.first is None
+
+
+def read(file: Path) -> tuple[Begun, list[Entry]]:
+    """What a file of a journal begins with, and its other entries.
+
+    Raises:
+        MalformedRequest: if it isn't one.
+    """
+    try:
+        first, *entries = entries_of(file)
+    except (msgspec.DecodeError, ValueError) as error:
+        raise MalformedRequest(f"{file.name} is no file of a stream: {error}", file=file.name) from None
+    if not isinstance(first, Begun):
+        raise MalformedRequest(f"{file.name} is no file of a stream: it has no beginning", file=file.name)
+    return first, entries
+
+
+def replayed(file: Path, opens: Opens) -> Replayed:
+    """Do a file of a journal again.
+
+    Args:
+        file: The file.
+        opens: Opens a stream in this process.
+
+    Raises:
+        MalformedRequest: if it isn't one.
+        GuidefieldError: if what it was opened with is refused now.
+    """
+    begun, entries = read(file)
+    times = [one.update.time for one in entries if isinstance(one, Updated) and one.took]
+    request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
+    with opens(request, AsBefore(times)) as stream:
+        stream.resume(begun.snapshot)
+        return _done_again(stream, entries)
+
+
+def _done_again(stream: CertifiedStream, entries: Sequence[Entry]) -> Replayed:
+    sought: dict[int, Sought] = {}
+    updates = pieces = 0
+    for entry in entries:
+        if isinstance(entry, SoughtGoal):
+            one = stream.seek(entry.goal)
+            sought[one.number] = one
+        elif isinstance(entry, Aimed):
+            stream.take_goal(None if entry.number is None else sought.pop(entry.number))
+        elif isinstance(entry, Halted):
+            stream.stop()
+        elif isinstance(entry, Updated):
+            was = entry.piece or entry.state or _told(entry)
+            now = _updated(stream, entry)
+            updates, pieces = updates + 1, pieces + isinstance(now, Piece)
+            if now != was:
+                return Replayed(updates, pieces, entry.update.time, was, now)
+    return Replayed(updates, pieces)
+
+
+def _told(entry: Updated) -> str | None:
+    return None if entry.refused is None else entry.refused.message
+
+
+def _updated(stream: CertifiedStream, entry: Updated) -> Piece | StreamState | str | None:
+    try:
+        return stream.note(entry.update) if entry.noted else stream.update(entry.update)
+    except GuidefieldError as error:
+        return error_reply(error).message

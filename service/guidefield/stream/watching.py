@@ -1,0 +1,83 @@
+"""Who hears what a stream is asked and answers, in order: enough to do all of it again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from guidefield.errors import GuidefieldError
+from guidefield.messages.streams import Piece, StreamGoal, StreamState, StreamUpdate
+from guidefield.stream.snapshot import Snapshot
+
+
+class Watching(Protocol):
+    """Hears of a stream; none of these may take long, or raise."""
+
+    def begun(self) -> None:
+        """An update came, and is worked on."""
+
+    def updated(
+        self,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+    ) -> None:
+        """An update was worked on.
+
+        Args:
+            update: It.
+            answer: What was answered; None where it was noted, or refused.
+            refused: Why it was refused, if it was.
+            noted: Whether it was noted only.
+            took: Whether a way was taken over.
+        """
+
+    def sought(self, goal: StreamGoal) -> None:
+        """Configurations of a goal are looked for."""
+
+    def aimed(self, number: int | None) -> None:
+        """The goal is another one: what was looked for as the n-th; None: to stand."""
+
+    def halted(self) -> None:
+        """A stop was asked for."""
+
+    def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
+        """What the stream goes on from can be had.
+
+        Args:
+            snapshot: That; a way that is being planned is given up then, and planned again.
+            planning: Whether there is one.
+        """
+
+
+class Unwatched:
+    """Hears nothing."""
+
+    def begun(self) -> None:
+        """Nothing."""
+
+    def updated(
+        self,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+    ) -> None:
+        """Nothing."""
+
+    def sought(self, goal: StreamGoal) -> None:
+        """Nothing."""
+
+    def aimed(self, number: int | None) -> None:
+        """Nothing."""
+
+    def halted(self) -> None:
+        """Nothing."""
+
+    def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
+        """Nothing."""

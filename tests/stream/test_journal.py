@@ -1,0 +1,154 @@
+"""A stream's journal: each of its files gives the same pieces again, whatever happened, and the oldest are dropped."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield.errors import GuidefieldError, InvalidGoal, MalformedRequest, UnknownObject
+from guidefield.messages.goals import JointsGoal, PoseGoal
+from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
+from guidefield.messages.values import Placement
+from guidefield.scene.scene import build
+from guidefield.stream import journal as journals
+from guidefield.stream.journal import Journal, Updated, files_of
+from guidefield.stream.replay import read, replayed
+from guidefield.stream.stream import CertifiedStream
+from guidefield.stream.takeover import TakeOver, WhenFound
+from tests.journeys.service import await_that
+from tests.robots import robot
+
+EMPTY = build(Scene("empty"))
+BALLS = [StreamObstacle(Sphere(name=name, radius=0.1), 0.4) for name in ("ball", "puck")]
+ASKED = StreamOpen(
+    "ur5",
+    "empty",
+    JointsGoal({"shoulder_pan_joint": 1.6, "elbow_joint": 1.0}),
+    start={"shoulder_lift_joint": -1.0, "elbow_joint": 1.0},
+    obstacles=BALLS,
+)
+GOALS = [
+    JointsGoal({"shoulder_pan_joint": -0.5, "elbow_joint": 1.2}),
+    PoseGoal((0.4, 0.3, 0.5), (1.0, 0.0, 0.0, 0.0)),
+    None,
+    JointsGoal({"elbow_joint": 9.0}),
+    JointsGoal({"shoulder_pan_joint": 1.2, "elbow_joint": 1.0}),
+]
+
+
+def opens(request: StreamOpen, taking: TakeOver) -> CertifiedStream:
+    return CertifiedStream(request, robot("ur5"), EMPTY, taking)
+
+
+def seen(name: str, now: float, rng: np.random.Generator) -> Observation:
+    angle = 0.7 * now + (1.0 if name == "ball" else 4.0)
+    place = (0.55 * np.cos(angle), 0.55 * np.sin(angle), 0.4 + 0.1 * np.sin(3.0 * now))
+    velocity = tuple(rng.normal(0.0, 0.1, 3).tolist())
+    return Observation(name, now, Placement(place), velocity)
+
+
+def eventful(stream: CertifiedStream, cycles: int, journal: Journal | None = None) -> int:
+    """Updates, goals, stops and faults of all kinds; how many pieces came of it."""
+    rng, pieces = np.random.default_rng(3), 0
+    for cycle in range(cycles):
+        now = 0.02 * cycle
+        update = StreamUpdate(now, [seen(name, now, rng) for name in ("ball", "puck") if rng.random() < 0.8])
+        if cycle % 23 == 7:
+            stream.note(update)
+            continue
+        if cycle % 41 == 13:
+            with pytest.raises(UnknownObject):
+                stream.update(msgspec.structs.replace(update, gone=["nobody"]))
+        if cycle % 37 == 5:
+            stream.stop()
+        if cycle % 19 == 11:
+            with contextlib.suppress(InvalidGoal):
+                stream.aim_for(GOALS[(cycle // 19) % len(GOALS)])
+        if cycle % 29 == 3:
+            gone = StreamUpdate(now, update.obstacles, declare=[BALLS[1]], gone=["puck"])
+            update = msgspec.structs.replace(gone, obstacles=[one for one in gone.obstacles if one.name == "ball"])
+        if cycle % 31 == 30:
+            update = msgspec.structs.replace(update, time=now - 0.05)
+        await_that(lambda: journal is None or journal._entries.empty())
+        try:
+            pieces += isinstance(stream.update(update), Piece)
+        except GuidefieldError:
+            continue
+    return pieces
+
+
+def test_every_file_is_repeated_to_the_bit_and_the_oldest_are_dropped(tmp_path: Path) -> None:
+    journal = Journal(tmp_path, ASKED, "plain", {"guidefield": "1"}, file_bytes=100_000, most_files=4)
+    taking = WhenFound()
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, taking, journal) as stream:
+        pieces = eventful(stream, 260, journal)
+    journal.close()
+    assert pieces > 40
+    files = files_of(tmp_path)
+    assert 2 <= len(files) <= 4
+    assert files[0].stem != "000001", "the oldest is gone"
+    updates = 0
+    for file in files:
+        done = replayed(file, opens)
+        assert done.same, (file, done)
+        updates += done.updates
+        assert file.stat().st_size < 1_000_000
+    assert updates > 40
+    begun, _ = read(files[-1])
+    assert (begun.request, begun.user, begun.index) == (ASKED, "plain", int(files[-1].stem))
+
+
+def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
+    journal = Journal(tmp_path, ASKED, "plain", {})
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
+        rng = np.random.default_rng(0)
+        for cycle in range(5):
+            stream.update(StreamUpdate(0.02 * cycle, [seen("ball", 0.02 * cycle, rng)]))
+    journal.close()
+    (file,) = files_of(tmp_path)
+    assert replayed(file, opens).pieces == 5
+    begun, entries = read(file)
+    third = entries[2]
+    assert isinstance(third, Updated)
+    assert third.piece is not None
+    changed = msgspec.structs.replace(
+        third, piece=msgspec.structs.replace(third.piece, stops=third.piece.stops + 1e-12)
+    )
+    with file.open("wb") as write:
+        for one in (begun, *entries[:2], changed, *entries[3:]):
+            payload = msgspec.msgpack.encode(one)
+            write.write(journals._LENGTH.pack(len(payload)) + payload)
+    done = replayed(file, opens)
+    assert (done.same, done.first, done.updates) == (False, 0.04, 3)
+    file.write_bytes(file.read_bytes()[:-100])  # whoever wrote it died
+    assert len(read(file)[1]) == len(entries) - 1
+    file.write_bytes(b"nothing of ours")
+    with pytest.raises(MalformedRequest, match="no file of a stream"):
+        read(file)
+
+
+def test_a_disk_that_refuses_costs_the_journal_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "taken").write_text("")  # where the folder should be
+    journal = Journal(tmp_path / "taken", ASKED, "plain", {})
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
+        for cycle in range(3):
+            assert isinstance(stream.update(StreamUpdate(0.02 * cycle)), Piece)
+    journal.close()
+    assert files_of(tmp_path) == []
+
+
+def test_what_can_not_be_written_in_time_goes_on_in_another_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journals, "MOST_WAITING", 1)
+    journal = Journal(tmp_path, ASKED, "plain", {})
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, WhenFound(), journal) as stream:
+        eventful(stream, 60)
+    journal.close()
+    for file in files_of(tmp_path):
+        assert replayed(file, opens).same

@@ -1,0 +1,21 @@
+"""Where journals are kept: the oldest streams make room, and one of the same name begins anew."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from guidefield.stream.kept_streams import MOST_KEPT, begin
+
+
+def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:
+    streams = tmp_path / "streams"
+    for index in range(MOST_KEPT + 2):
+        folder = begin(streams, f"s{index}")
+        (folder / "000001.stream").write_bytes(b"x")
+        os.utime(folder / "000001.stream", (index, index))
+        os.utime(folder, (index, index))
+    assert {folder.name for folder in streams.iterdir()} == {f"s{index}" for index in range(2, MOST_KEPT + 2)}
+    again = begin(streams, "s5")
+    assert list(again.iterdir()) == []
+    assert len(list(streams.iterdir())) == MOST_KEPT
