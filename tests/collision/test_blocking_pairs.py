@@ -5,7 +5,7 @@ import pytest
 
 from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at
+from guidefield.collision.contact import contacts_among, contacts_at
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
@@ -49,3 +49,15 @@ def test_nothing_is_met(world):
 
 def test_no_more_than_so_many_are_looked_at(world):
     assert blocking_pairs(world, [np.zeros(2)] * (MOST_LOOKED_AT + 1)).looked_at == MOST_LOOKED_AT
+
+
+def test_many_configurations_are_told_as_each_alone(world):
+    qs = [*np.random.default_rng(3).uniform(-2.0, 2.0, (20, 2)), np.array([np.pi / 2, 0.0])]
+    assert world.near_each(qs) == [world.near(q) for q in qs]
+    assert world.in_collision_each(qs) == [world.in_collision(q) for q in qs]
+    assert any(world.in_collision_each(qs))
+    assert not all(world.in_collision_each(qs))
+    assert world.near_each([]) == world.in_collision_each([]) == []
+    for q, pairs in zip(qs, world.near_each(qs), strict=True):
+        world.place(q)
+        assert contacts_among(world, pairs) == contacts_at(world, q)

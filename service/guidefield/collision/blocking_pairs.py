@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at
+from guidefield.collision.contact import contacts_among
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import PairNames, World
 from guidefield.robot.model.spaces import ModelConfiguration
@@ -69,8 +69,10 @@ def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: fl
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()
     depths: dict[PairNames, float] = {}
-    for q in qs[:MOST_LOOKED_AT]:
-        contacts = contacts_at(world, q)
+    looked_at = qs[:MOST_LOOKED_AT]
+    for q, pairs in zip(looked_at, world.near_each(looked_at), strict=True):
+        world.place(q)
+        contacts = contacts_among(world, pairs)
         counts.update({contact.pair for contact in contacts})
         for contact in contacts:
             if contact.depth is not None:
@@ -83,4 +85,4 @@ def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: fl
             counts[near.obstacle_pair] += 1
             clearest = max(near.obstacle_distance, clearest or 0.0)
     ordered = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-    return BlockingPairs(min(len(qs), MOST_LOOKED_AT), ordered, depths.get(next(iter(ordered), ("", ""))), clearest)
+    return BlockingPairs(len(looked_at), ordered, depths.get(next(iter(ordered), ("", ""))), clearest)

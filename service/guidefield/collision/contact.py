@@ -23,7 +23,12 @@ class Contact:
 
 def contacts_at(world: World, q: ModelConfiguration) -> list[Contact]:
     """Every pair that touches at a configuration of the model, shape (model.nq,), in the order of the world's pairs."""
-    return [Contact(world.pair_names(k), _depth(world, k)) for k in world.near(q) if world.touches(k)]
+    return contacts_among(world, world.near(q))
+
+
+def contacts_among(world: World, pairs: list[int]) -> list[Contact]:
+    """Those of some pairs that touch where the robot is placed."""
+    return [Contact(world.pair_names(pair), _depth(world, pair)) for pair in pairs if world.touches(pair)]
 
 
 def _depth(world: World, pair: int) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -95,12 +95,17 @@ class World:
 
     def is_surface(self, body: int) -> bool:
         """Whether Coal judges a body as a surface, which has no inside."""
-        return _surfaces(self.group)[body] if body < self.pairs.links else not self._obstacle(body).convex
+        return self._surfaces[body] if body < self.pairs.links else not self._obstacle(body).convex
 
     @cached_property
     def has_surfaces(self) -> bool:
         """Whether Coal judges any body as a surface."""
-        return any(_surfaces(self.group)) or not self.scene.convex
+        return any(self._surfaces) or not self.scene.convex
+
+    @cached_property
+    def _surfaces(self) -> tuple[bool, ...]:
+        """Which of the robot's bodies Coal judges as surfaces."""
+        return _surfaces(self.group)
 
     def is_signed(self, pair: int) -> bool:
         """Whether both bodies of a pair are convex, so that distances are signed."""
@@ -214,6 +219,25 @@ class World:
         centres = self.bodies.centres_in_world(self.joint_placements)[None]
         own, mixed = np.full((1, self.pairs.n_self), TOUCHING), np.full((1, self.pairs.links), TOUCHING)
         found: list[int] = self.near_pairs.within(self.joint_placements[None], centres, own, mixed)[1].tolist()
+        return found
+
+    def near_each(self, qs: Sequence[ModelConfiguration]) -> list[list[int]]:
+        """The pairs that may touch at each of some configurations, as `near` has them; the robot is left anywhere."""
+        placements = np.empty((len(qs), self.model.njoints, 3, 4))
+        for row, q in enumerate(qs):
+            pin.forwardKinematics(self.model, self.data, q)
+            placements[row] = self.joint_placements
+        centres = self.bodies.centres_in_world(placements)
+        own, mixed = (np.full((len(qs), count), TOUCHING) for count in (self.pairs.n_self, self.pairs.links))
+        at, found = self.near_pairs.within(placements, centres, own, mixed)
+        return [pairs.tolist() for pairs in np.split(found, np.searchsorted(at, np.arange(1, len(qs))))][: len(qs)]
+
+    def in_collision_each(self, qs: Sequence[ModelConfiguration]) -> list[bool]:
+        """Whether any pair touches, at each of some configurations of the model, each of shape (model.nq,)."""
+        found = []
+        for q, pairs in zip(qs, self.near_each(qs), strict=True):
+            self.place(q)
+            found.append(any(map(self.touches, pairs)))
         return found
 
     def in_collision(self, q: ModelConfiguration) -> bool:

@@ -84,7 +84,7 @@ def triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lamb
         rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
         rows[split, 2] = -1
         links.append(rows)
-        members = members[np.repeat(split, sizes)]
+        members = members if split.all() else members[np.repeat(split, sizes)]
         halve_runs(centres, np.cumsum(sizes[split]) - sizes[split], sizes[split], members)
         made += len(sizes)
         above = np.repeat(sizes[split], 2)

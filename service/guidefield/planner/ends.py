@@ -114,7 +114,7 @@ def tip_points(
     if result.solutions and not zs:  # all that were chosen are inside of something: choose among the others
         result = _solved(problem, target, starts, count, _are_outside)
         zs = list(result.solutions)
-    zs = zs or [z for z in result.rejected if _keeps_off(problem, z)]  # lanes refuse what all but touches
+    zs = zs or _those_that_keep_off(problem, result.rejected)  # lanes refuse what all but touches
     if zs:
         return np.array(zs)
     if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
@@ -159,7 +159,7 @@ def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
     What lanes find free is; what they don't is judged by Coal where there is nothing else.
     """
     free = _are_outside(problem, zs)
-    return free if free.any() else np.array([_keeps_off(problem, z) for z in zs])
+    return free if free.any() else _keep_off(problem, zs)
 
 
 def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
@@ -182,9 +182,20 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
     return free
 
 
-def _keeps_off(problem: Problem, z: ChartPoint) -> bool:
-    touches = problem.world.in_collision(problem.group.expand_from_chart(z))
-    return not touches and _is_outside(problem, z) and _keeps_clearance(problem, z)
+def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> np.ndarray:
+    """Which chart points (nv,) touch nothing and are inside of nothing by Coal's judgement, and keep the clearance."""
+    touch = problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs])
+    return np.array(
+        [
+            not one and _is_outside(problem, z) and _keeps_clearance(problem, z)
+            for z, one in zip(zs, touch, strict=True)
+        ],
+        bool,
+    )
+
+
+def _those_that_keep_off(problem: Problem, zs: Sequence[ChartPoint]) -> list[ChartPoint]:
+    return [z for z, kept in zip(zs, _keep_off(problem, zs), strict=True) if kept]
 
 
 def _is_outside(problem: Problem, z: ChartPoint) -> bool:
@@ -223,11 +234,11 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     free: ChartPoints = zs[are_free(problem, zs)]
     if len(free):
         return free
-    touching = [z for z in zs if end_fault(problem, z) is not None]
-    if len(touching) < len(zs):  # some touch nothing, but are too close
-        clear = next(z for z in zs if end_fault(problem, z) is None)
-        _check_clearance(problem, clear, "goal")
-    fault = end_fault(problem, touching[0])
+    faults = [end_fault(problem, z) for z in zs]
+    touching = [z for z, fault in zip(zs, faults, strict=True) if fault is not None]
+    if None in faults:  # some touch nothing, but are too close
+        _check_clearance(problem, zs[faults.index(None)], "goal")
+    fault = next((fault for fault in faults if fault is not None), None)
     assert fault is not None, "it touches something"
     message, details = fault
     if len(zs) == 1:
