@@ -133,7 +133,7 @@ class Journal:
         self._entries: queue.Queue[Any] = queue.Queue(MOST_WAITING)
         self._index = 0
         self._began = self._updated_at = time.monotonic()
-        self._written = 0
+        self._written = 0, 0  # which file, and how much; who writes alone says so
         self._broken = True  # nothing is begun
         self._again = self._began
         self._thread = threading.Thread(target=self._write_all, name="guidefield-journal", daemon=True)
@@ -186,11 +186,12 @@ class Journal:
 
     def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
         """Begin another file, if this one is large enough, or can't go on."""
-        full = self._written > self._file_bytes * (2 if planning else 1)
+        index, written = self._written
+        full = index == self._index and written > self._file_bytes * (2 if planning else 1)
         mended = self._broken and self._entries.empty() and time.monotonic() >= self._again
         if not (mended or (full and not self._broken)):
             return
-        self._broken, self._written = False, 0
+        self._broken = False
         self._index += 1
         self._began = time.monotonic()
         self._hand_over(Begun(self._request, self._user, self._index, time.time(), self._versions, snapshot()))
@@ -218,7 +219,10 @@ class Journal:
                     if file is not None:
                         written = codec.encode(entry, Encoding.MSGPACK)
                         file.write(_LENGTH.pack(len(written)) + written)
-                        self._written += 0 if isinstance(entry, Begun) else len(written) + _LENGTH.size
+                        if isinstance(entry, Begun):
+                            self._written = entry.index, 0
+                        else:
+                            self._written = self._written[0], self._written[1] + len(written) + _LENGTH.size
                         if self._entries.empty():
                             file.flush()
                 except Exception as error:  # the stream goes on, and so does who writes
