@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 import time
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,12 @@ from typing import Any
 import msgspec
 
 import guidefield
-from fixed.requests import REQUESTS
+from fixed.requests import REFEREED, REQUESTS
+from guidefield import case_file
+from guidefield.engine import motion_of
+from guidefield.referee.judge import judge
+from guidefield.referee.loading import case_of
+from guidefield.referee.verdict import Finding
 
 MEASURED = ("timing", "seconds", "run_id", "recording")
 """What of a reply is another one every time: clocks, and names of runs."""
@@ -39,12 +45,25 @@ def answer_all(file: Path, words: list[str]) -> None:
 
 def answered(request: dict[str, Any]) -> dict[str, Any]:
     """What a request is answered, without what is measured; or the error that it raises."""
+    if request.get("type") == REFEREED:
+        return _refereed(request)
     try:
         reply = guidefield.answer(request)
     except guidefield.GuidefieldError as error:
         return {"error": type(error).__name__, "message": str(error)}
     found: dict[str, Any] = _unmeasured(msgspec.to_builtins(reply))
     return found
+
+
+def _refereed(request: dict[str, Any]) -> dict[str, Any]:
+    """The referee's verdicts about a motion."""
+    asked = msgspec.convert({**request, "type": "certify"}, guidefield.CertifyRequest)
+    verdicts = [judge(case_of(case)) for case in case_file.cases(motion_of(asked))]
+    return {"verdicts": [{**asdict(verdict), "finding": _plain(verdict.finding)} for verdict in verdicts]}
+
+
+def _plain(finding: Finding) -> dict[str, Any]:
+    return {**asdict(finding), "answer": finding.answer.value}
 
 
 def digest(value: Any) -> str:

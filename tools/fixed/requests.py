@@ -13,6 +13,9 @@ Request = dict[str, Any]
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "requests"
 PATIENT = {"allowed_planning_time": 3600.0, "recording": "off"}
+REFEREED = "refereed"
+"""The type of a request that the referee is asked, and not `guidefield.answer`; else it is one to certify a motion."""
+
 READY = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
 TURNED = {**READY, "panda_joint1": 0.9}
 BENT = {"panda_joint2": 0.6, "panda_joint4": -1.2, "panda_joint6": 1.8}
@@ -130,6 +133,13 @@ def connected() -> dict[str, Request]:
     return {
         "panda shelf pose": panda(pose([0.58, 0.0, 0.48], quaternion_xyzw=[0, 0.7071068, 0, 0.7071068])),
         "panda shelf tree": panda(joints(**TURNED), planner="tree"),
+        "panda shelf tree as found": panda(
+            pose(
+                [0.58, 0.05, 0.2], quaternion_xyzw=[0, 0.7071068, 0, 0.7071068], orientation_tolerance=[0.2, 0.2, None]
+            ),
+            planner="tree",
+            optimization_iterations=0,
+        ),
         "panda shapes pose": panda(in_air, scene("shapes", *KINDS), seed=3),
         "panda meshes": panda(joints(**TURNED), scene("meshes", *MESHES)),
         "panda cloud": panda(joints(**TURNED), scene("cloud", CLOUD)),
@@ -213,7 +223,7 @@ def judged() -> dict[str, Request]:
     names = list(READY)
     home, turned = list(READY.values()), list(TURNED.values())
     into = [home[0], 0.9, home[2], -1.2, *home[4:]]
-    late = {"allowed_time": 600.0, "recording": "off"}
+    late = {"allowed_time": 3600.0, "recording": "off"}
     asked_for = {"type": "certify", "robot": "panda", "position_names": names, **late}
     drive = [[0.4 * i, 0.1 * i * i, 2.9 + 0.2 * i, 0.1 * i] for i in range(4)]
     rates = [[0.4, 0.05, 0.2, 0.1]] * 4
@@ -278,19 +288,26 @@ def asked() -> dict[str, Request]:
     }
 
 
+def refereed() -> dict[str, Request]:
+    """Motions that are given, and judged by the second certifier."""
+    there = {name: request for name, request in judged().items() if name in ("judged near", "judged drive")}
+    return {f"refereed {name.partition(' ')[2]}": {**one, "type": REFEREED} for name, one in there.items()}
+
+
 def told() -> dict[str, Request]:
     """All about robots that were connected by then: their covers and parts are known."""
     return {f"robot {name}": {"type": "robot", "robot": name} for name in ("panda", "ur5", "kinova", "xarm7")}
 
 
 REQUESTS: dict[str, Request] = {
-    **asked(),
+    **{name: {**one, "allowed_time": 3600.0} for name, one in asked().items()},
     **guided(),
     **connected(),
     **searched(),
     **constrained(),
     **refused(),
     **judged(),
+    **refereed(),
     **told(),
 }
 """By name, in the order in which they are answered."""

@@ -95,7 +95,9 @@ def _pieces(motion: Trajectory, settings: OptimizationSettings) -> int:
 def _with_room(points: ChartPoints, limits: MotionLimits, settings: OptimizationSettings) -> ChartPoints:
     """Control points (n, nv) brought strictly within the range of positions."""
     room = np.where(np.isfinite(limits.upper - limits.lower), settings.inside * (limits.upper - limits.lower), 0.0)
-    return cast(ChartPoints, np.clip(points, limits.lower + room, limits.upper - room))
+    within = points.copy()
+    np.clip(points, limits.lower + room, limits.upper - room, out=within)
+    return within
 
 
 def load_of(spline: BSpline, limits: MotionLimits) -> float:
