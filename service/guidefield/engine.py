@@ -144,6 +144,7 @@ class Engine:
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
         self._local_files = local_files
+        self._compiled = False
         self._began = time.monotonic()
         self._counters = Counter(answered=0, refused=0)
         self._handlers: dict[type, Callable[[Any], Reply]] = {
@@ -189,8 +190,9 @@ class Engine:
         try:
             decoded = codec.decode_request(request)
             if received is None:
-                if isinstance(decoded, requests.MotionRequest | requests.KinematicsRequest):
+                if isinstance(decoded, requests.MotionRequest | requests.KinematicsRequest) and not self._compiled:
                     compile_kernels(_log.warning)
+                    self._compiled = True
                 if isinstance(decoded, requests.PlanRequest):
                     from guidefield.handlers.plan import prepare_ahead
 
