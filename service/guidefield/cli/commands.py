@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 
 from guidefield.batch.answering import CannotWork
-from guidefield.cli import demonstration, doctoring, serving
+from guidefield.cli import demonstration, doctoring, ending, serving
 from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
@@ -277,6 +277,7 @@ def serve(
         ros=RosSettings(ros_robot, ros_domain, ros_distro, ros_connect) if ros else None,
     )
     serving.serve_until_signal(settings, typer.echo)
+    ending.leave()
 
 
 @app.command()

@@ -10,13 +10,17 @@ system's alarm ends it: nothing of ours has to run for that. Workers end with th
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import faulthandler
 import logging
 import os
 import select
 import signal
+import sys
 import threading
 from types import FrameType
+from typing import NoReturn
 
 BY_FORCE = os.EX_SOFTWARE
 """Exit code of a process that had to be ended by force."""
@@ -42,6 +46,18 @@ def end_when_told(stop: threading.Event, within: float) -> None:
         signal.signal(number, _heard_through_the_pipe)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     threading.Thread(target=_end, args=(reading, stop, within), name="guidefield-signal", daemon=True).start()
+
+
+def leave() -> NoReturn:
+    """End the process with code 0 now that all is done, and without the interpreter's own end.
+
+    A thread of Zenoh that still waits to call Python would abort the process there, after an orderly end.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more
+            stream.flush()
+    os._exit(0)
 
 
 def _heard_through_the_pipe(_number: int, _frame: FrameType | None) -> None:
