@@ -1,4 +1,4 @@
-"""The objective of a motion and its derivatives, against plain formulas and finite differences."""
+"""The objective of a motion, its derivatives and its model, against plain formulas and finite differences."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
-from guidefield.kernels.optimize.motion_objective import MotionSamples, motion_objective
+from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.kernels.relax.verlet_list import nothing_remembered
 from guidefield.planner.optimize.bspline import BSpline, End
 from tests.kernels.relax.test_relaxation import GROUPS, made, sampled
@@ -56,11 +57,17 @@ def motion(name: str, moving: bool) -> tuple[BSpline, MotionLimits]:
     return spline, frozen(MotionLimits, velocity, acceleration, jerk, lower, upper)
 
 
-def of(name: str, spline: BSpline, limits: MotionLimits) -> tuple[float, np.ndarray, np.ndarray]:
-    """The objective, its gradient, and the whole Hessian."""
+def ends_of(spline: BSpline) -> MotionEnds:
+    both = spline.start, spline.end
+    rows = ([one.position for one in both], [one.velocity for one in both], [one.acceleration for one in both])
+    return frozen(MotionEnds, *map(np.array, rows))
+
+
+def look(name: str, points: np.ndarray) -> ClearanceModel:
+    """The clearance of a motion."""
     made_for, _ = made(name)
     robot, tables = sampled(made_for)
-    n, nv = spline.points.shape
+    n, nv = points.shape
     s = 1.0 - (t := np.full(PIECES, 0.3))
     basis = np.column_stack([s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3]) / 6.0
     samples = frozen(
@@ -72,12 +79,24 @@ def of(name: str, spline: BSpline, limits: MotionLimits) -> tuple[float, np.ndar
         np.full(PIECES, 0.05),
         np.tile([1.0, 0.0, 2.0], PIECES)[:PIECES],
     )
+    gradient, blocks = np.full((n, nv), np.nan), np.full((n, nv, (COUPLED + 1) * nv), np.nan)
+    near = nothing_remembered(PIECES, len(robot.groups))
+    value = clearance_along(robot, tables, samples, points, 0.01, near, gradient, blocks)
+    for row in (gradient, blocks):
+        row.setflags(write=False)
+    return ClearanceModel(value, points, gradient, blocks)
+
+
+def of(
+    name: str, spline: BSpline, limits: MotionLimits, model: ClearanceModel | None = None
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """The objective, its gradient, and the whole Hessian, by a model or a look."""
+    n, nv = spline.points.shape
     inner = n - 6
     blocks = np.full((inner, nv, (COUPLED + 1) * nv), np.nan)
     border, gradient = np.full((2, inner * nv + 1), np.nan)
-    near = nothing_remembered(PIECES, len(robot.groups))
     value = motion_objective(
-        robot, tables, samples, limits, spline.points, spline.slopes, spline.step, 0.3, 0.02, 0.01, near, blocks,
+        model or look(name, spline.points), ends_of(spline), limits, spline.points, spline.step, 0.3, 0.02, blocks,
         border, gradient,
     )  # fmt: skip
     hessian = np.zeros((inner * nv + 1, inner * nv + 1))
@@ -92,7 +111,8 @@ def of(name: str, spline: BSpline, limits: MotionLimits) -> tuple[float, np.ndar
 
 
 def moved(spline: BSpline, along: np.ndarray, by: float) -> BSpline:
-    return spline.moved(by * along[:-1].reshape(spline.inner.shape), by * along[-1])
+    inner = spline.inner + by * along[:-1].reshape(spline.inner.shape)
+    return BSpline.between(spline.start, spline.end, inner, spline.step * math.exp(by * along[-1]))
 
 
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])
@@ -106,6 +126,55 @@ def test_the_gradient_is_that_of_finite_differences(name: str, moving: bool) -> 
         ahead, behind = (of(name, moved(spline, along, by), limits)[0] for by in (h, -h))
         scale = np.abs(gradient) @ np.abs(along)
         assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ along, abs=2e-4 * scale)
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])
+@pytest.mark.parametrize("name", ["panda", "floating"])
+def test_with_a_model_from_elsewhere_the_gradient_is_that_of_the_value(name: str, moving: bool) -> None:
+    seen, limits = motion(name, moving)
+    model, rng, h = look(name, seen.points), np.random.default_rng(1), 1e-6
+    spline = moved(seen, rng.normal(size=seen.inner.size + 1), 1e-3)
+    value, gradient, _ = of(name, spline, limits, model)
+    for along in [*rng.normal(size=(3, len(gradient))), np.eye(len(gradient))[-1]]:
+        ahead, behind = (of(name, moved(spline, along, by), limits, model)[0] for by in (h, -h))
+        error = 1e-6 * np.abs(gradient) @ np.abs(along) + 1e-15 * abs(value) / h
+        assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ along, abs=error)
+
+
+@pytest.mark.parametrize("name", ["panda", "planar"])
+def test_a_model_is_the_quadratic_form_of_its_look(name: str) -> None:
+    spline, limits = motion(name, moving=False)
+    model, rng = look(name, spline.points), np.random.default_rng(2)
+    n, nv = spline.points.shape
+    dense = np.zeros((n, nv, n, nv))
+    for i in range(n):
+        for c in range(COUPLED + 1):
+            if (k := i - COUPLED + c) >= 0:
+                block = model.blocks[i, :, c * nv : (c + 1) * nv]
+                dense[i, :, k], dense[k, :, i] = block, block.T
+    far = moved(spline, rng.normal(size=spline.inner.size + 1), 1e-2)
+    way = far.points - spline.points
+    change = np.einsum("ip,ip->", model.gradient, way) + 0.5 * np.einsum("ip,ipkq,kq->", way, dense, way)
+    empty = model._replace(value=0.0, gradient=np.zeros_like(model.gradient), blocks=np.zeros_like(model.blocks))
+    for row in empty[2:]:
+        row.setflags(write=False)
+    rest = of(name, far, limits, empty)[0]
+    assert of(name, far, limits, model)[0] - rest == pytest.approx(model.value + change, rel=1e-10)
+
+
+def test_a_coordinate_without_room_is_cut_out() -> None:
+    spline, limits = motion("panda", moving=False)
+    held = frozen(MotionLimits, *(row.copy() for row in limits))
+    for row in held[3:]:
+        row.setflags(write=True)
+        row[2] = spline.points[0, 2]
+        row.setflags(write=False)
+    points = spline.points.copy()
+    points[:, 2] = spline.points[0, 2]
+    _, gradient, hessian = of("panda", dataclasses.replace(spline, points=points), held)
+    rows = np.arange(2, len(gradient) - 1, 7)
+    assert (gradient[rows] == 0.0).all()
+    np.testing.assert_array_equal(hessian[rows], np.eye(len(gradient))[rows])
 
 
 @pytest.mark.parametrize("name", ["panda", "ball joints"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.planner.motion.trajectory import Trajectory
@@ -72,13 +73,17 @@ def test_differences_bound_velocities_and_are_accelerations_and_jerks(seed: int,
     assert abs(trajectory.peak_jerk - third.max()) <= 1e-6 * third.max()
 
 
-@given(seeds, pieces)
-def test_slopes_are_derivatives_by_the_steps_logarithm(seed: int, count: int) -> None:
-    spline, h = random_spline(seed, count), 1e-6
-    ahead, behind = (spline.moved(np.zeros_like(spline.inner), by) for by in (h, -h))
-    change = (ahead.points - behind.points) / (2.0 * h)
-    np.testing.assert_allclose(change[[0, 1, 2, -3, -2, -1]], spline.slopes, atol=1e-6 * (1 + np.abs(change).max()))
-    np.testing.assert_allclose(change[3:-3], 0.0, atol=1e-9)
+@given(seeds, pieces, st.floats(0.0, 1.0))
+def test_towards_another_it_goes_evenly_and_keeps_its_ends(seed: int, count: int, share: float) -> None:
+    spline = random_spline(seed, count)
+    inner = spline.inner + np.random.default_rng(seed).normal(size=spline.inner.shape)
+    other = BSpline.between(spline.start, spline.end, inner, 1.7 * spline.step)
+    between = spline.towards(other, share)
+    np.testing.assert_allclose(between.inner, (1.0 - share) * spline.inner + share * other.inner, atol=1e-12)
+    assert between.step == pytest.approx(1.7**share * spline.step)
+    _, positions, velocities = between.knots()
+    np.testing.assert_array_equal(positions[[0, -1]], [spline.start.position, spline.end.position])
+    np.testing.assert_array_equal(velocities[[0, -1]], [spline.start.velocity, spline.end.velocity])
 
 
 @given(seeds, pieces)
@@ -86,4 +91,3 @@ def test_at_rest_its_ends_have_neither_velocity_nor_acceleration(seed: int, coun
     spline = random_spline(seed, count, rest=True)
     assert (spline.points[:3] == spline.start.position).all()
     assert (spline.points[-3:] == spline.end.position).all()
-    assert (spline.slopes == 0.0).all()

@@ -178,6 +178,33 @@ def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, 
 
 
 @counted
+def _bodies_in_tree(
+    x: float, y: float, z: float, reach: float, tables: DistanceTables, first: int, count: int, bodies_out: np.ndarray
+) -> int:
+    """`bodies_near` from the first body of the tree on, after some that were found."""
+    bodies = tables.kinds.shape[0]
+    leaves = (tables.nodes.shape[0] + 1) // 2
+    waiting = np.empty(_STACK, np.int64)
+    waiting[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = waiting[top]
+        if not box_gap_squared(x, y, z, tables.nodes, node) < reach * reach:
+            continue
+        leaf = node - (leaves - 1)
+        if leaf < 0:
+            waiting[top], waiting[top + 1] = 2 * node + 2, 2 * node + 1
+            top += 2
+            continue
+        for body in range(first + leaf * LEAF, min(bodies, first + (leaf + 1) * LEAF)):
+            if _body_near(x, y, z, body, tables, reach):
+                bodies_out[count] = body
+                count += 1
+    return count
+
+
+@uncounted
 def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTables, bodies_out: np.ndarray) -> int:
     """The bodies that may be within reach of a point: all that are, and few others.
 
@@ -201,25 +228,7 @@ def bodies_near(x: float, y: float, z: float, reach: float, tables: DistanceTabl
         first += 1
     if first == bodies:
         return count
-    leaves = (tables.nodes.shape[0] + 1) // 2
-    waiting = np.empty(_STACK, np.int64)
-    waiting[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = waiting[top]
-        if not box_gap_squared(x, y, z, tables.nodes, node) < reach * reach:
-            continue
-        leaf = node - (leaves - 1)
-        if leaf < 0:
-            waiting[top], waiting[top + 1] = 2 * node + 2, 2 * node + 1
-            top += 2
-            continue
-        for body in range(first + leaf * LEAF, min(bodies, first + (leaf + 1) * LEAF)):
-            if _body_near(x, y, z, body, tables, reach):
-                bodies_out[count] = body
-                count += 1
-    return count
+    return _bodies_in_tree(x, y, z, reach, tables, first, count, bodies_out)
 
 
 @uncounted

@@ -22,7 +22,8 @@ import math
 from typing import NamedTuple
 
 from guidefield.kernels.jit.fields import Row, numba_type
-from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, compiled, inlined
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, compiled
 
 
 class MotionLimits(NamedTuple):
@@ -46,7 +47,7 @@ REACHED = 1.0 + 1e-9
 """Share of a limit up to which the velocity next to an end may go, for rounding."""
 
 
-@inlined
+@uncounted
 def _curve(ratio: float) -> tuple[float, float, float]:
     """-log(1 - r²), its first and second derivative by r."""
     room = 1.0 - ratio * ratio
@@ -96,7 +97,7 @@ def limit_barrier(points: Floats, step: float, limits: MotionLimits) -> float:
     return total
 
 
-@inlined
+@uncounted
 def add_limit_barrier(
     points: Floats,
     step: float,

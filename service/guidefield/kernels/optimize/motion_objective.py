@@ -1,71 +1,73 @@
 """The objective of a motion as a uniform cubic B-spline in time, with gradient and Hessian by control points and u.
 
-    exp(u - u0) + λ · sum over samples of w barrier(z) + μ · limit barrier,      u = log h, h the length of a piece
+    exp(u - u0) + clearance + μ · limit barrier,      u = log h, h the length of a piece
 
-A sample at the fraction t of piece i is at z = sum over a of B_a(t) P_{i+a}, B the uniform cubic B-spline's basis; its
-Hessian couples four control points. The first three and the last three control points are the ends': they are moved by
-u alone, by `slopes`. A barrier of the distance is `robot_barrier`.
+The clearance is its model's, and holds λ. The first three and the last three control points are the ends': they are
+moved by u alone.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.distance.distance import TABLES, DistanceTables
-from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, SCALAR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits, add_limit_barrier
-from guidefield.kernels.relax.robot_barrier import robot_barrier
-from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, workspace
-from guidefield.kernels.relax.verlet_list import NEAR_BODIES, NearBodies
+from guidefield.kernels.jit.fields import Rows, numba_type
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, SCALAR, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel, expanded
+from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits, add_limit_barrier, limit_barrier
 
 ENDS = 3
 """Control points at each end that are the end's."""
 
 
-class MotionSamples(NamedTuple):
-    """Where on a motion the clearance is looked at.
+class MotionEnds(NamedTuple):
+    """The states in which a motion begins and ends, each of shape (2, nv).
 
     Attributes:
-        pieces: (s,) piece of each.
-        basis: (s, 4) the basis there, of the piece's four control points.
-        weights: (s,) how much each counts.
-        ranges: (s,) range of the barrier against obstacles there [m].
-        floors: (s,) distance below which points cost more there [m].
-        shares: (s,) factor of the barrier between links there; where it is 0 that isn't looked at.
+        positions: [rad or m].
+        velocities: [rad/s or m/s].
+        accelerations: [rad/s² or m/s²].
     """
 
-    pieces: Indices
-    basis: Rows
-    weights: Row
-    ranges: Row
-    floors: Row
-    shares: Row
+    positions: Rows
+    velocities: Rows
+    accelerations: Rows
 
 
-SAMPLES = numba_type(MotionSamples)
+STATES = numba_type(MotionEnds)
 
 
-@inlined
-def _add_sample(
-    k: int, basis: Floats, weight: float, slope: Floats, hessian: Floats, gradient_out: Floats, blocks_out: Floats
-) -> None:
-    """Add a sample's weighted gradient and Hessian by z to those by the control points from k on."""
-    nv = slope.shape[0]
-    for a in range(4):
-        share = weight * basis[a]
-        for p in range(nv):
-            gradient_out[k + a, p] += share * slope[p]
-            for b in range(a + 1):
-                both = share * basis[b]
-                row = blocks_out[k + a, p, (3 - a + b) * nv : (4 - a + b) * nv]
-                for q in range(nv):
-                    row[q] += both * hessian[p, q]
+@uncounted
+def place_ends(ends: MotionEnds, step: float, points_out: Floats) -> None:
+    """The ends' control points, the first and the last three of (n, nv), for pieces of a length [s].
+
+    Where the basis is (1, 4, 1) / 6 its derivatives are (-1, 0, 1) / (2 h) and (1, -2, 1) / h².
+    """
+    for e in range(2):
+        first = e * (points_out.shape[0] - ENDS)
+        for j in range(points_out.shape[1]):
+            across, bend = step * ends.velocities[e, j], 0.5 * step * step * ends.accelerations[e, j]
+            middle = ends.positions[e, j] - bend / 3.0
+            points_out[first, j] = middle + bend - across
+            points_out[first + 1, j] = middle
+            points_out[first + 2, j] = middle + bend + across
 
 
-@inlined
+@uncounted
+def _slopes(ends: MotionEnds, step: float, slopes_out: Floats) -> None:
+    """Derivatives of the ends' control points by u, shape (6, nv)."""
+    for e in range(2):
+        for j in range(slopes_out.shape[1]):
+            across, bend = step * ends.velocities[e, j], step * step * ends.accelerations[e, j]
+            slopes_out[ENDS * e, j] = bend - bend / 3.0 - across
+            slopes_out[ENDS * e + 1, j] = -bend / 3.0
+            slopes_out[ENDS * e + 2, j] = bend - bend / 3.0 + across
+
+
+@uncounted
 def _ends_to_border(blocks: Floats, slopes: Floats, border_out: Floats) -> float:
     """Add what the ends' motion with u couples to the border; its own share of the second derivative by u."""
     n, nv = border_out.shape
@@ -90,65 +92,45 @@ def _ends_to_border(blocks: Floats, slopes: Floats, border_out: Floats) -> float
     return total
 
 
-@inlined
-def _add_clearance(
-    robot: SampledRobot,
-    tables: DistanceTables,
-    samples: MotionSamples,
-    points: Floats,
-    clearance: float,
-    near: NearBodies,
-    gradient_out: Floats,
-    blocks_out: Floats,
-) -> float:
-    """Add the samples' barrier to gradient and Hessian by all control points; its value."""
-    nv = points.shape[1]
-    z, slope, hessian = np.empty(nv), np.empty(nv), np.empty((nv, nv))
-    work = workspace(robot, tables)
-    total = 0.0
-    for s in range(samples.pieces.shape[0]):
-        k, basis = samples.pieces[s], samples.basis[s]
-        for j in range(nv):
-            z[j] = basis[0] * points[k, j] + basis[1] * points[k + 1, j]
-            z[j] += basis[2] * points[k + 2, j] + basis[3] * points[k + 3, j]
-        walls = (samples.ranges[s], clearance, samples.floors[s])
-        value = robot_barrier(robot, tables, s, z, walls, samples.shares[s], near, work, slope, hessian)
-        if value > 0.0:
-            total += samples.weights[s] * value
-            _add_sample(k, basis, samples.weights[s], slope, hessian, gradient_out, blocks_out)
-    return total
-
-
-@compiled(
-    SCALAR(
-        ROBOT,
-        TABLES,
-        SAMPLES,
-        LIMITS,
-        MATRIX,
-        MATRIX,
-        SCALAR,
-        SCALAR,
-        SCALAR,
-        SCALAR,
-        NEAR_BODIES,
-        BLOCKS_OUT,
-        VECTOR_OUT,
-        VECTOR_OUT,
-    )
-)
-def motion_objective(
-    robot: SampledRobot,
-    tables: DistanceTables,
-    samples: MotionSamples,
+@uncounted
+def objective_value(
+    model: ClearanceModel,
     limits: MotionLimits,
     points: Floats,
-    slopes: Floats,
     step: float,
     first_step: float,
     limit_weight: float,
-    clearance: float,
-    near: NearBodies,
+    scratch: Floats,
+) -> float:
+    """The objective alone; infinite where a limit is reached. See `motion_objective`; the scratch has shape (n, nv)."""
+    of_limits = limit_barrier(points, step, limits)
+    if of_limits == math.inf:
+        return of_limits
+    return step / first_step + limit_weight * of_limits + expanded(model, points, scratch)
+
+
+@uncounted
+def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) -> None:
+    """Cut a coordinate out of the system."""
+    inner, nv, _ = blocks_out.shape
+    for i in range(inner):
+        blocks_out[i, j, :] = 0.0
+        for p in range(nv):
+            for c in range(4):
+                blocks_out[i, p, c * nv + j] = 0.0
+        blocks_out[i, j, 3 * nv + j] = 1.0
+        border_out[i * nv + j] = gradient_out[i * nv + j] = 0.0
+
+
+@compiled(SCALAR(CLEARANCE, STATES, LIMITS, MATRIX, SCALAR, SCALAR, SCALAR, BLOCKS_OUT, VECTOR_OUT, VECTOR_OUT))
+def motion_objective(
+    model: ClearanceModel,
+    ends: MotionEnds,
+    limits: MotionLimits,
+    points: Floats,
+    step: float,
+    first_step: float,
+    limit_weight: float,
     blocks_out: Floats,
     border_out: Floats,
     gradient_out: Floats,
@@ -156,17 +138,13 @@ def motion_objective(
     """The objective of a motion, its gradient and Hessian by the free control points and u.
 
     Args:
-        robot: The robot.
-        tables: Obstacles.
-        samples: Where the clearance is looked at; their weights hold λ.
-        limits: What is kept.
+        model: The clearance; holds λ.
+        ends: The ends of the motion.
+        limits: What is kept. A coordinate whose range is a single value is cut out of the system.
         points: Control points, shape (n, nv), n > 6, strictly within limits [rad or m].
-        slopes: Derivatives of the ends' control points by u, the first three and the last three, shape (6, nv).
         step: h [s].
         first_step: exp(u0) [s].
         limit_weight: μ.
-        clearance: Distance from obstacles at which the barrier's wall stands [m].
-        near: What is remembered of the samples; of the same motion, moved, and the same ranges.
         blocks_out: Hessian of the n - 6 free points, as in `bordered_band`, shape (n - 6, nv, 4 nv).
         border_out: By these and u, and by u alone, shape ((n - 6) nv + 1,).
         gradient_out: By these and u, shape ((n - 6) nv + 1,).
@@ -175,14 +153,15 @@ def motion_objective(
         The objective.
     """
     n, nv = points.shape
-    gradient, border = np.zeros((n, nv)), np.zeros((n, nv))
-    blocks = np.zeros((n, nv, 4 * nv))
+    gradient, border, slopes = np.empty((n, nv)), np.zeros((n, nv)), np.empty((2 * ENDS, nv))
+    blocks = model.blocks.copy()
+    total = expanded(model, points, gradient)
     of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks, border)
-    total = of_limits + _add_clearance(robot, tables, samples, points, clearance, near, gradient, blocks)
     duration = step / first_step
-    total += duration
+    total += of_limits + duration
     by_u += duration
     by_uu += duration
+    _slopes(ends, step, slopes)
     last = n - ENDS
     for i in range(n):  # the ends' points move with u
         if ENDS <= i < last:
@@ -199,4 +178,7 @@ def motion_objective(
             border_out[(i - ENDS) * nv + p] = border[i, p]
             gradient_out[(i - ENDS) * nv + p] = gradient[i, p]
     border_out[free], gradient_out[free] = by_uu, by_u
+    for j in range(nv):
+        if limits.lower[j] >= limits.upper[j]:
+            _hold(j, blocks_out, border_out, gradient_out)
     return total

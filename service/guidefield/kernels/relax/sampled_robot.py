@@ -12,7 +12,7 @@ from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements, motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import JointTable, place_joints, place_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
@@ -71,6 +71,7 @@ class Workspace(NamedTuple):
         values: Chart coordinates of the model, shape (nv,).
         row: Gradient of one distance by them, shape (nv,).
         gradient, hessian: Sums by them, shapes (nv,) and (nv, nv).
+        rotation, translation: Of one joint by its value, shapes (3, 3) and (3,).
         world: Placements of the joints, shape (n, 3, 4) [m].
         links: Placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at.
         centres, link_centres: Centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m].
@@ -85,6 +86,8 @@ class Workspace(NamedTuple):
     row: Floats
     gradient: Floats
     hessian: Floats
+    rotation: Floats
+    translation: Floats
     world: Floats
     links: Floats
     centres: Floats
@@ -106,6 +109,8 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
         np.empty(nv),
         np.empty(nv),
         np.empty((nv, nv)),
+        np.empty((3, 3)),
+        np.empty(3),
         np.empty((n, 3, 4)),
         np.empty((robot.link_joints.shape[0], 3, 4)),
         np.empty((robot.groups.shape[0], 3)),
@@ -131,8 +136,18 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     for i in range(robot.offsets.shape[0]):
         work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
     configuration(joints, work.values, robot.origin, work.q)
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, work.q, work.world)
-    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
+    place_joints(
+        joints.parents,
+        joints.kinds,
+        joints.axes,
+        joints.placements,
+        joints.idx_q,
+        work.q,
+        work.rotation,
+        work.translation,
+        work.world,
+    )
+    place_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
     subspaces_by_chart(joints, work.values, work.q, work.subspaces)
     for b in range(robot.link_joints.shape[0]):
         _centre(work.world[robot.link_joints[b]], robot.link_balls[b], work.link_centres[b])

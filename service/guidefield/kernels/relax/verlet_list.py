@@ -14,7 +14,7 @@ import numpy as np
 from guidefield.kernels.distance.distance import DistanceTables, bodies_near
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
 from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, IndexRowsOut, numba_type
-from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.relax.sampled_robot import SampledRobot, Workspace
 
 MARGIN = 0.04
@@ -50,7 +50,7 @@ def nothing_remembered(configurations: int, groups: int) -> NearBodies:
     )
 
 
-@counted
+@uncounted
 def bodies_that_count(robot: SampledRobot, tables: DistanceTables, g: int, reach: float, work: Workspace) -> int:
     """How many bodies that count may be within reach of a group; the first of the candidates are they."""
     x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import cast
 
@@ -44,12 +43,6 @@ class End(ReadOnly):
         across, bend = step * self.velocity, 0.5 * step**2 * self.acceleration
         return cast(ChartPoints, np.array([middle + bend - across, middle, middle + bend + across]))
 
-    def slopes(self, step: float) -> np.ndarray:
-        """Derivatives of these by the logarithm of the length, shape (3, nv)."""
-        middle = -(step**2) / 3.0 * self.acceleration
-        across, bend = step * self.velocity, step**2 * self.acceleration
-        return np.array([middle + bend - across, middle, middle + bend + across])
-
 
 @dataclass(frozen=True, eq=False)
 class BSpline(ReadOnly):
@@ -82,19 +75,14 @@ class BSpline(ReadOnly):
         return self.points[ENDS:-ENDS]
 
     @property
-    def slopes(self) -> np.ndarray:
-        """Derivatives of the ends' control points by the logarithm of the step, shape (6, nv)."""
-        return np.concatenate([self.start.slopes(self.step), self.end.slopes(self.step)])
-
-    @property
     def duration(self) -> float:
         """[s]."""
         return self.pieces * self.step
 
-    def moved(self, inner: ChartPoints, stretch: float) -> BSpline:
-        """With the inner control points moved, (m - 3, nv) [rad or m], and the logarithm of the step changed."""
-        points = cast(ChartPoints, self.inner + inner)
-        return BSpline.between(self.start, self.end, points, self.step * math.exp(stretch))
+    def towards(self, other: BSpline, share: float) -> BSpline:
+        """At a share of the way to another one of the same ends and as many pieces; the step goes by its logarithm."""
+        points = cast(ChartPoints, self.inner + share * (other.inner - self.inner))
+        return BSpline.between(self.start, self.end, points, self.step * (other.step / self.step) ** share)
 
     def subdivided(self) -> BSpline:
         """The same curve with twice the pieces (Lane and Riesenfeld's rule for cubics)."""

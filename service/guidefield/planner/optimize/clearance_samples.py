@@ -6,14 +6,14 @@ import functools
 
 import numpy as np
 
-from guidefield.kernels.optimize.motion_objective import MotionSamples
+from guidefield.kernels.optimize.clearance_model import MotionSamples
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.read_only import read_only
 
 
 def clearance_samples(
-    spline: BSpline, kept: tuple[float, float], clearance: float, weight: float, settings: OptimizationSettings
+    spline: BSpline, kept: tuple[float, float], clearance: float, samples: int, settings: OptimizationSettings
 ) -> MotionSamples:
     """Samples evenly in time, each of which counts by the joint distance that it stands for.
 
@@ -21,10 +21,10 @@ def clearance_samples(
         spline: The motion.
         kept: What its start and its end keep from obstacles [m].
         clearance: What is asked for [m].
-        weight: Sum of the weights.
+        samples: How many on a piece.
         settings: Of the optimisation.
     """
-    places, pieces, basis, shares = _places(spline.pieces, settings.samples)
+    places, pieces, basis, shares = _places(spline.pieces, samples)
     bounds = _at(spline, *places)
     lengths = np.linalg.norm(np.diff(bounds, axis=0), axis=1)
     total = max(float(lengths.sum()), 1e-300)
@@ -33,16 +33,16 @@ def clearance_samples(
     near = np.minimum(from_end / settings.ramp, 1.0)
     least = np.where(until < 0.5 * total, *(_floor(one, settings) for one in kept))
     rise = np.minimum(from_end / settings.floor_ramp, 1.0) ** 2
-    samples = MotionSamples(
+    placed = MotionSamples(
         pieces=pieces,
         basis=basis,
-        weights=weight / total * lengths * (1.0 + settings.end_weight * (1.0 - near)),
+        weights=settings.weight / total * lengths * (1.0 + settings.end_weight * (1.0 - near)),
         ranges=settings.range * (settings.least_range + (1.0 - settings.least_range) * near),
         floors=least + (np.maximum(settings.floor + clearance, least) - least) * rise,
         shares=shares,
     )
-    read_only(*samples)
-    return samples
+    read_only(*placed)
+    return placed
 
 
 def _floor(kept: float, settings: OptimizationSettings) -> float:

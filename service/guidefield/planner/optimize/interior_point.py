@@ -1,4 +1,8 @@
-"""Newton's method on a motion's control points and the length of its pieces, at one weight of the limits' barrier."""
+"""Newton's method on a motion's control points and the length of its pieces, between looks at its clearance.
+
+A look at the clearance costs far more than all else. So each is made the most of: Newton's method goes on with its
+quadratic model as long as that brings much, and only then the clearance is looked at again.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.linalg.bordered_band import COUPLED, solve_bordered
+from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
-from guidefield.kernels.optimize.motion_objective import MotionSamples, motion_objective
+from guidefield.kernels.optimize.motion_objective import MotionEnds
+from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
-from guidefield.planner.optimize.bspline import ENDS, BSpline
+from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
 from guidefield.planner.optimize.settings import OptimizationSettings
-from guidefield.read_only import ReadOnly
+from guidefield.read_only import ReadOnly, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,103 +51,127 @@ class Question(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class State(ReadOnly):
-    """A motion, and its objective with derivatives by the inner control points and the step's logarithm.
+class Look(ReadOnly):
+    """A motion and its clearance.
 
     Attributes:
         spline: The motion.
-        value: The objective.
-        gradient: Shape (k + 1,), k = (m - 3) nv, m pieces.
-        blocks, border: Hessian, as `motion_objective` gives it.
+        model: Its clearance there, and nearby.
     """
 
     spline: BSpline
-    value: float
-    gradient: np.ndarray
-    blocks: np.ndarray
-    border: np.ndarray
+    model: ClearanceModel
 
 
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
-    """The objective at one weight of the limits' barrier, on the samples of the motion with which it began.
+    """The objective on the samples of the motion with which it began.
 
     Attributes:
         question: What is asked.
         samples: Where the clearance is looked at.
         near: Which obstacles were near there; kept up to date by looking at them.
-        limit_weight: The weight of the limits' barrier.
+        ends: The ends of the motion.
+        unit: Length of the first motion's pieces, if it had as many [s].
     """
 
     question: Question
     samples: MotionSamples
     near: NearBodies
-    limit_weight: float
+    ends: MotionEnds
+    unit: float
 
     @classmethod
-    def of(cls, question: Question, spline: BSpline, limit_weight: float) -> Descent:
-        """For a motion."""
-        settings = question.settings
-        samples = clearance_samples(spline, question.kept, question.clearance, settings.weight, settings)
-        near = nothing_remembered(len(samples.pieces), len(question.robot.groups))
-        return cls(question, samples, near, limit_weight)
+    def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
+        """For a motion, with so many samples on a piece."""
+        placed = clearance_samples(spline, question.kept, question.clearance, samples, question.settings)
+        near = nothing_remembered(len(placed.pieces), len(question.robot.groups))
+        both = spline.start, spline.end
+        ends = MotionEnds(
+            np.array([one.position for one in both]),
+            np.array([one.velocity for one in both]),
+            np.array([one.acceleration for one in both]),
+        )
+        read_only(*ends)
+        return cls(question, placed, near, ends, question.duration / spline.pieces)
 
-    def at(self, spline: BSpline) -> State:
-        """The objective of a motion strictly within limits."""
+    def look(self, spline: BSpline) -> Look:
+        """A look at the clearance of a motion: what costs most."""
         question, (n, nv) = self.question, spline.points.shape
-        inner = n - 2 * ENDS
-        blocks = np.empty((inner, nv, (COUPLED + 1) * nv))
-        border, gradient = np.empty(inner * nv + 1), np.empty(inner * nv + 1)
-        value = motion_objective(
+        gradient, blocks = np.empty((n, nv)), np.empty((n, nv, (COUPLED + 1) * nv))
+        value = clearance_along(
             question.robot,
             question.tables,
             self.samples,
-            question.limits,
             spline.points,
-            spline.slopes,
-            spline.step,
-            question.duration / spline.pieces,
-            self.limit_weight,
             question.clearance,
             self.near,
-            blocks,
-            border,
             gradient,
+            blocks,
         )
-        self._hold_fixed(blocks, border, gradient)
-        return State(spline, value, gradient, blocks, border)
+        model = ClearanceModel(value, spline.points, gradient, blocks)
+        read_only(*model)
+        return Look(spline, model)
 
-    def _hold_fixed(self, blocks: np.ndarray, border: np.ndarray, gradient: np.ndarray) -> None:
-        """Cut coordinates whose range is a single value out of the system."""
-        limits = self.question.limits
-        fixed = np.flatnonzero(limits.lower >= limits.upper)
-        if not len(fixed):
-            return
-        inner, nv, _ = blocks.shape
-        blocks[:, fixed] = 0.0
-        blocks.reshape(inner, nv, COUPLED + 1, nv)[..., fixed] = 0.0
-        blocks[:, fixed, COUPLED * nv + fixed] = 1.0
-        for row in (border, gradient):
-            row[:-1].reshape(inner, nv)[:, fixed] = 0.0
+    def cost(self, look: Look, limit_weight: float) -> float:
+        """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
+        spline = look.spline
+        of_limits = limit_barrier(spline.points, spline.step, self.question.limits)
+        return spline.step / self.unit + limit_weight * of_limits + look.model.value
 
-    def stepped(self, state: State) -> State | None:
-        """The motion after a step that lowers the objective; None where there is none worth taking."""
-        settings, step = self.question.settings, np.empty_like(state.gradient)
-        right = -state.gradient
-        if not solve_bordered(
-            state.blocks, state.border[:-1], state.border[-1], right[:-1], right[-1], settings.damping, step
-        ):
-            return None
-        if right @ step < settings.settled * abs(state.value):
-            return None
-        spline, stride = state.spline, min(1.0, settings.longest / float(np.abs(step).max()))
-        move, stretch = step[:-1].reshape(spline.inner.shape), float(step[-1])
-        most = math.log(self.question.longest_step / spline.step)
-        for _ in range(settings.tries):
-            trial = spline.moved(stride * move, min(stride * stretch, most))
-            if math.isfinite(limit_barrier(trial.points, trial.step, self.question.limits)):
-                moved = self.at(trial)
-                if moved.value < state.value:
-                    return moved
-            stride *= settings.shorter
+    def lowered(self, look: Look, limit_weight: float, steps: int) -> BSpline | None:
+        """A better motion as far as a look tells, after so many of Newton's steps at most; None where none is worth it.
+
+        Args:
+            look: At a motion strictly within limits.
+            limit_weight: Of the limits' barrier.
+            steps: Newton's, at most.
+        """
+        settings, spline = self.question.settings, look.spline
+        rules = DescentRules(
+            steps=steps,
+            tries=settings.tries,
+            shorter=settings.shorter,
+            settled=settings.settled,
+            little=settings.little,
+            longest=settings.longest,
+            trusted=settings.trusted,
+            damping=settings.damping,
+        )
+        points = spline.points.copy()
+        step, taken = newton_descent(
+            look.model,
+            self.ends,
+            self.question.limits,
+            rules,
+            self.unit,
+            self.question.longest_step,
+            limit_weight,
+            spline.step,
+            points,
+        )
+        return BSpline(points, step, spline.start, spline.end) if taken > 0 else None
+
+    def stepped(self, look: Look, limit_weight: float) -> Look | None:
+        """A look at a motion of a lower objective; None where none is found that is worth it.
+
+        Where the clearance proves to be another than the last look had told, a motion closer to that one is tried.
+        """
+        settings, before = self.question.settings, self.cost(look, limit_weight)
+        spline = self.lowered(look, limit_weight, settings.newton_steps)
+        for _ in range(settings.looks):
+            if spline is None:
+                return None
+            found = self.look(spline)
+            if self.cost(found, limit_weight) < before:
+                return found
+            spline = self._closer(look.spline, spline)
+        return None
+
+    def _closer(self, near: BSpline, far: BSpline) -> BSpline | None:
+        """A motion strictly within limits between two that are, closer to the first; None where none is found."""
+        for _ in range(self.question.settings.tries):
+            far = near.towards(far, self.question.settings.closer)
+            if math.isfinite(limit_barrier(far.points, far.step, self.question.limits)):
+                return far
         return None

@@ -6,9 +6,10 @@ minimise
     exp(u - u0) + λ · mean over samples of the clearance barrier + μ · logarithmic barrier of its limits
 
 by Newton's method on a banded system with a border for u, while μ falls (an interior point method: Boyd and
-Vandenberghe, Convex Optimization, 2004, chapter 11); every motion on the way is within its limits. Then the pieces are
-subdivided, which leaves the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same
-motion whatever the load, unless time runs out.
+Vandenberghe, Convex Optimization, 2004, chapter 11); every motion on the way is within its limits. The clearance is
+looked at seldom: in between its expansion to second order stands for it. Then the pieces are subdivided, which leaves
+the curve as it is, and μ falls on. Steps are counted, not timed: the same problem has the same motion whatever the
+load, unless time runs out.
 
 What comes out is a proposal: between the samples nobody has looked. The certificate judges.
 """
@@ -26,7 +27,7 @@ from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.bspline import BSpline
-from guidefield.planner.optimize.interior_point import Descent, Question, State
+from guidefield.planner.optimize.interior_point import Descent, Question
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimize.start import ends_of, first_motion, longest_step, motion_limits, moving_motion
 from guidefield.planner.optimize.within import brought_within
@@ -155,31 +156,33 @@ class _Descending:
         if within is None:
             return None
         first = within
-        state = self._descended(question, first, self._settings.coarse)
-        return _Coarse(question, state.spline, question.duration * state.value)
+        spline, cost = self._descended(question, first, self._settings.coarse, self._settings.samples)
+        return _Coarse(question, spline, question.duration * cost)
 
     def fine(self, found: _Coarse) -> BSpline:
         """The motion with its pieces subdivided, after all fine weights."""
         if self.outcome is not None:
             return found.spline
-        return self._descended(found.question, found.spline.subdivided(), self._settings.fine).spline
+        settings, finer = self._settings, found.spline.subdivided()
+        return self._descended(found.question, finer, settings.fine, settings.fine_samples)[0]
 
-    def _descended(self, question: Question, spline: BSpline, weights: Sequence[float]) -> State:
-        """The motion after some weights of the limits' barrier."""
+    def _descended(
+        self, question: Question, spline: BSpline, weights: Sequence[float], samples: int
+    ) -> tuple[BSpline, float]:
+        """The motion after some weights of the limits' barrier, with so many samples on a piece; its objective."""
+        descent = Descent.of(question, spline, samples)
+        look = descent.look(spline)
         for limit_weight in weights:
-            descent = Descent.of(question, spline, limit_weight)
-            state = descent.at(spline)
             for _ in range(self._settings.steps):
                 self.outcome = self._ended()
                 if self.outcome is not None:
-                    return state
-                stepped = descent.stepped(state)
+                    return look.spline, descent.cost(look, limit_weight)
+                stepped = descent.stepped(look, limit_weight)
                 if stepped is None:
                     break
-                state, self.steps = stepped, self.steps + 1
-                self._problem.tell(PathRelaxed(state.spline.knots()[1], state.value))
-            spline = state.spline
-        return state
+                look, self.steps = stepped, self.steps + 1
+                self._problem.tell(PathRelaxed(look.spline.knots()[1], descent.cost(look, limit_weight)))
+        return look.spline, descent.cost(look, weights[-1])
 
     def _ended(self) -> Outcome | None:
         """Why no further step is taken; None where one may be."""

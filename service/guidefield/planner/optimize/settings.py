@@ -31,19 +31,30 @@ class OptimizationSettings:
         least_floor: The same at least, at ends [m]: the margin of all motions.
         floor_share: At an end it is this share of what the end keeps.
         floor_ramp: Joint distance from an end at which the floor is the full one [rad or m]. Unrecorded.
-        samples: At which the clearance is looked at, on a piece.
+        samples: At which the clearance is looked at, on a piece before the last subdivision. Problems: with three
+            motions keep as much.
+        fine_samples: The same after it. Problems: with two motions keep as much, and each look takes twice the time.
         piece: Length of a piece before the last subdivision [rad or m]. Unrecorded.
         least_pieces, most_pieces: At least and at most so many. With 24 instead of 64, and no second try, four of 21
             motions of a Fetch were refused.
-        coarse: Weights of the limits' barrier, one after the other, until pieces are subdivided. One step for each of
-            ten, or three weights, made motions 3 to 4 % slower.
-        fine: The same after that.
-        steps: Of Newton's method at each weight, at most: easy motions settle after three or four; a Fetch's, or one
-            that keeps 80 mm, takes twenty at the first weights. With 3 at most a Fetch's are 10 % slower.
+        coarse: Weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and
+            3e-4 besides take more steps to the same motions.
+        fine: The same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less.
+        steps: Looks at the clearance that bring something, at each weight, at most: easy motions settle after three or
+            four; a Fetch's, or one that keeps 80 mm, takes twenty at the first weight. With 3 at most a Fetch's are
+            10 % slower.
+        newton_steps: Of Newton's method between two looks, at most. Problems: with 1 a quarter more looks are taken.
+        little: Newton's method ends where a step brought less than this share of the objective. Problems: with 0 it
+            takes more steps between a tenth fewer looks, with 1e-2 more looks, in the same time.
+        trusted: It ends where a coordinate is this far from where the clearance was looked at [rad or m]. Problems:
+            with 0.1 and 0.5 the same motions in the same time.
+        closer: Where a look finds that the objective is not lower, a motion is tried at this share of the way to
+            there. Unrecorded.
+        looks: At most so often. Unrecorded.
         room: Pieces of the first motion are longer by this factor than its limits allow. Unrecorded.
         inside: Share of a coordinate's range that the first motion keeps from its ends. Unrecorded.
-        shorter: A step that is not within limits, or brings nothing, is tried again this much shorter. Problems: with
-            0.5 motions of a Baxter are 3 % slower.
+        shorter: One of Newton's steps that is not within limits, or brings nothing, is tried again this much shorter.
+            Unrecorded.
         tries: At most so often. Unrecorded.
         settled: A step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 %
             faster and take a quarter more steps.
@@ -56,7 +67,7 @@ class OptimizationSettings:
         loosenings: How often limits are tightened until such a motion is within. Unrecorded.
         loosened: Limits are this times what the motion takes of them. Unrecorded.
         inward: Weight of the limits' barrier then. Unrecorded.
-        inward_steps: Steps each time. Unrecorded.
+        inward_steps: Newton's steps each time. Unrecorded.
         strictly: Share of the limits within which such a motion may begin. Unrecorded.
         damping: Added to the Hessian's diagonal, as a share of it, against rounding.
     """
@@ -71,17 +82,23 @@ class OptimizationSettings:
     floor_share: float = 1.1
     floor_ramp: float = 0.3
     samples: int = 2
+    fine_samples: int = 1
     piece: float = 0.18
     least_pieces: int = 16
     most_pieces: int = 64
-    coarse: tuple[float, ...] = (1e-2, 3e-3, 1e-3, 3e-4)
+    coarse: tuple[float, ...] = (1e-2, 1e-3)
     fine: tuple[float, ...] = (1e-4, 1e-5)
     steps: int = 20
+    newton_steps: int = 8
+    little: float = 3e-3
+    trusted: float = 0.25
+    closer: float = 0.4
+    looks: int = 8
     room: float = 1.02
     inside: float = 1e-3
     shorter: float = 0.8
     tries: int = 24
-    settled: float = 1e-3
+    settled: float = 5e-4
     longest: float = 0.5
     enough: float = 1.08
     most_moving_pieces: int = 192
@@ -110,4 +127,5 @@ whole way they take up to five times as long for 2 mm."""
 
 def closer(settings: OptimizationSettings) -> OptimizationSettings:
     """For a motion that the certificate refused: more weight on the clearance, and more samples. Unrecorded."""
-    return dataclasses.replace(settings, weight=4.0 * settings.weight, samples=2 * settings.samples)
+    samples, fine = 2 * settings.samples, 2 * settings.fine_samples
+    return dataclasses.replace(settings, weight=4.0 * settings.weight, samples=samples, fine_samples=fine)

@@ -28,14 +28,8 @@ def brought_within(question: Question, spline: BSpline) -> BSpline | None:
         if load < settings.strictly:
             return spline
         loosened = dataclasses.replace(question, limits=_loosened(question.limits, settings.loosened * load))
-        descent = Descent.of(loosened, spline, settings.inward)
-        state = descent.at(spline)
-        for _ in range(settings.inward_steps):
-            stepped = descent.stepped(state)
-            if stepped is None:
-                break
-            state = stepped
-        spline = state.spline
+        descent = Descent.of(loosened, spline, settings.samples)
+        spline = descent.lowered(descent.look(spline), settings.inward, settings.inward_steps) or spline
     return None
 
 

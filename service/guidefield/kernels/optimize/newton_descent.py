@@ -1,0 +1,150 @@
+"""Newton's method on a motion's control points and the length of its pieces, about one look at the clearance."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.fields import numba_type
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, Floats, compiled
+from guidefield.kernels.linalg.bordered_band import COUPLED, solve_bordered
+from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel
+from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits
+from guidefield.kernels.optimize.motion_objective import (
+    ENDS,
+    STATES,
+    MotionEnds,
+    motion_objective,
+    objective_value,
+    place_ends,
+)
+
+
+class DescentRules(NamedTuple):
+    """When steps are taken.
+
+    Attributes:
+        steps: At most so many.
+        tries: So often at most a step is shortened until it is within limits and brings something.
+        shorter: By this factor.
+        settled: A step that promises less than this share of the objective is not taken.
+        little: After a step that brought less than this share of the objective no further one is taken.
+        longest: Most that a coordinate of a control point [rad or m], and u, move in one step.
+        trusted: Where a coordinate is further from where the clearance was looked at, no further step is taken.
+        damping: Added to the Hessian's diagonal, as a share of it.
+    """
+
+    steps: int
+    tries: int
+    shorter: float
+    settled: float
+    little: float
+    longest: float
+    trusted: float
+    damping: float
+
+
+RULES = numba_type(DescentRules)
+
+
+@uncounted
+def _largest(values: Floats) -> float:
+    """The largest amount in a row."""
+    most = 0.0
+    for i in range(values.shape[0]):
+        most = max(most, abs(values[i]))
+    return most
+
+
+@uncounted
+def _moved(points: Floats, ends: MotionEnds, move: Floats, stride: float, step: float, points_out: Floats) -> None:
+    """Control points after a share of a step, the ends' for pieces of a length [s]."""
+    n, nv = points.shape
+    for i in range(ENDS, n - ENDS):
+        for p in range(nv):
+            points_out[i, p] = points[i, p] + stride * move[(i - ENDS) * nv + p]
+    place_ends(ends, step, points_out)
+
+
+@uncounted
+def _distance(first: Floats, second: Floats) -> float:
+    """The largest difference between the inner control points of two motions, shape (n, nv)."""
+    most = 0.0
+    for i in range(ENDS, first.shape[0] - ENDS):
+        for p in range(first.shape[1]):
+            most = max(most, abs(first[i, p] - second[i, p]))
+    return most
+
+
+@compiled(
+    types.Tuple((types.float64, types.int64))(
+        CLEARANCE, STATES, LIMITS, RULES, SCALAR, SCALAR, SCALAR, SCALAR, MATRIX_OUT
+    )
+)
+def newton_descent(
+    model: ClearanceModel,
+    ends: MotionEnds,
+    limits: MotionLimits,
+    rules: DescentRules,
+    first_step: float,
+    longest_step: float,
+    limit_weight: float,
+    step: float,
+    points_out: Floats,
+) -> tuple[float, int]:
+    """Lower the objective of `motion_objective` by Newton's method; every motion on the way is within limits.
+
+    Args:
+        model: The clearance.
+        ends: The ends of the motion.
+        limits: What is kept.
+        rules: When steps are taken.
+        first_step: exp(u0) [s].
+        longest_step: Pieces are no longer than this [s].
+        limit_weight: μ.
+        step: Length of pieces [s].
+        points_out: Control points, shape (n, nv), strictly within limits; moved [rad or m].
+
+    Returns:
+        Length of pieces [s]; how many steps were taken.
+    """
+    n, nv = points_out.shape
+    free = nv * (n - 2 * ENDS)
+    blocks, border = np.empty((n - 2 * ENDS, nv, (COUPLED + 1) * nv)), np.empty(free + 1)
+    gradient, move = np.empty(free + 1), np.empty(free + 1)
+    trial, scratch = np.empty((n, nv)), np.empty((n, nv))
+    taken = 0
+    for _ in range(rules.steps):
+        value = motion_objective(
+            model, ends, limits, points_out, step, first_step, limit_weight, blocks, border, gradient
+        )
+        promised = 0.0
+        right = -gradient
+        if not solve_bordered(blocks, border[:free], border[free], right[:free], right[free], rules.damping, move):
+            break
+        for i in range(free + 1):
+            promised += right[i] * move[i]
+        if promised < rules.settled * abs(value):
+            break
+        stride = min(1.0, rules.longest / _largest(move))
+        lower = math.inf
+        length = step
+        for _ in range(rules.tries):
+            length = min(step * math.exp(stride * move[free]), longest_step)
+            _moved(points_out, ends, move, stride, length, trial)
+            lower = objective_value(model, limits, trial, length, first_step, limit_weight, scratch)
+            if lower < value:
+                break
+            stride *= rules.shorter
+        if not lower < value:
+            break
+        taken += 1
+        step = length
+        points_out[:, :] = trial
+        if value - lower < rules.little * abs(value) or _distance(trial, model.points) > rules.trusted:
+            break
+    return step, taken

@@ -1,0 +1,91 @@
+"""Newton's method on a motion: what it lowers, where it ends, and that it never leaves limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from guidefield.kernels.optimize.clearance_model import ClearanceModel
+from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
+from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
+from guidefield.planner.optimize.bspline import BSpline
+from tests.kernels.optimize.test_motion_objective import ends_of, look, motion, of
+
+RULES = DescentRules(
+    steps=1000, tries=40, shorter=0.7, settled=1e-13, little=0.0, longest=0.5, trusted=math.inf, damping=1e-9
+)
+
+
+def descended(
+    spline: BSpline,
+    limits: MotionLimits,
+    model: ClearanceModel,
+    unit: float = 0.3,
+    longest_step: float = math.inf,
+    **rules: float,
+) -> tuple[BSpline, int]:
+    """With the weight of limits, and unless told otherwise with the unit of time, that `of` has."""
+    points = spline.points.copy()
+    asked = RULES._replace(**rules)
+    ends = ends_of(spline)
+    step, taken = newton_descent(model, ends, limits, asked, unit, longest_step, 0.02, spline.step, points)
+    return BSpline(points, step, spline.start, spline.end), taken
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])
+@pytest.mark.parametrize("name", ["panda", "floating"])
+def test_it_ends_where_the_gradient_is_zero_within_limits(name: str, moving: bool) -> None:
+    spline, limits = motion(name, moving)
+    model = look(name, spline.points)
+    before, slope, _ = of(name, spline, limits, model)
+    after, taken = descended(spline, limits, model)
+    value, gradient, _ = of(name, after, limits, model)
+    assert 1 < taken < RULES.steps
+    assert value < before
+    assert np.abs(gradient).max() < 1e-4 * np.abs(slope).max()
+    assert math.isfinite(limit_barrier(after.points, after.step, limits))
+    again = BSpline.between(spline.start, spline.end, after.inner, after.step)
+    np.testing.assert_allclose(after.points, again.points, atol=1e-14, err_msg="the ends are the ends'")
+
+
+def test_each_step_lowers_the_objective() -> None:
+    spline, limits = motion("panda", moving=False)
+    model = look("panda", spline.points)
+    values = [of("panda", descended(spline, limits, model, steps=n)[0], limits, model)[0] for n in range(6)]
+    assert values[0] == of("panda", spline, limits, model)[0]
+    assert (np.diff(values) < 0.0).all()
+
+
+@pytest.mark.parametrize("rules", [{"steps": 1}, {"trusted": 0.0}, {"little": 1.0}], ids=["steps", "trusted", "little"])
+def test_it_ends_after_a_step_where_it_is_told_to(rules: dict[str, float]) -> None:
+    spline, limits = motion("panda", moving=False)
+    model = look("panda", spline.points)
+    assert descended(spline, limits, model, **rules)[1] == 1
+
+
+@pytest.mark.parametrize("rules", [{"steps": 0}, {"settled": 1e6}, {"tries": 0}], ids=["steps", "settled", "tries"])
+def test_it_stays_where_it_is_told_to(rules: dict[str, float]) -> None:
+    spline, limits = motion("panda", moving=False)
+    after, taken = descended(spline, limits, look("panda", spline.points), **rules)
+    assert (taken, after.step) == (0, spline.step)
+    np.testing.assert_array_equal(after.points, spline.points)
+
+
+def test_no_coordinate_moves_further_than_allowed_in_a_step() -> None:
+    spline, limits = motion("panda", moving=False)
+    model = look("panda", spline.points)
+    after, taken = descended(spline, limits, model, steps=1, longest=1e-3)
+    assert taken == 1
+    assert np.abs(after.inner - spline.inner).max() <= 1e-3 + 1e-15
+    assert abs(math.log(after.step / spline.step)) <= 1e-3 + 1e-15
+
+
+def test_pieces_stay_as_short_as_asked() -> None:
+    spline, limits = motion("panda", moving=True)
+    model = look("panda", spline.points)
+    most = 1.01 * spline.step
+    free, kept = (descended(spline, limits, model, 100.0, longest)[0].step for longest in (math.inf, most))
+    assert free > most, "time is cheap, else it doesn't matter"
+    assert spline.step < kept <= most
