@@ -10,13 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
-from guidefield.collision.clearance import FIRST_REACH
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.robot.model.spaces import ModelConfiguration
 
 FEW = 64
 """So many obstacles are measured all."""
+
+FIRST_REACH = 0.4
+"""Obstacles are looked for within this of the robot first, then within twice as much [m]."""
 
 MEASURED = 2
 """So many pairs, those that boxes tell to be nearest, are measured for a distance that the nearest is within."""
