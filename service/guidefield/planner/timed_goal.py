@@ -135,7 +135,9 @@ class _Search:
         problem, (leave_by, refusal) = self._problem, self.leave_by
         if (spent := problem.budget.spent()) is not None:
             why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
-            return Ending(spent, f"{why} before a motion among the obstacles that move was found", {"stage": "connect"})
+            last = f"; once they rest: {self._ending.message}" if self._ending else ""
+            message = f"{why} before a motion among the obstacles that move was found{last}"
+            return Ending(spent, message, {"stage": "connect"})
         if refusal is not None:
             names = " and ".join(refusal.pair or ("a link", "an obstacle"))
             message = (

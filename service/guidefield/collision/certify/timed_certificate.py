@@ -2,7 +2,8 @@
 
 What rests is judged by the certificate of curves, whatever their timing. For what moves, segments of time are halved
 until at their middles every robot body keeps more from every moving obstacle than both can lose within the segment:
-the robot by `MotionBound`, the obstacle by its largest speed.
+the robot by `MotionBound`, the obstacle by its largest speed. Balls and boxes about them tell most pairs apart before
+Coal is asked.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
@@ -165,7 +167,12 @@ class _Judge:
         self.floor = floor
         self.evaluations = 0
         movers = list({id(one): k for k, one in enumerate(worlds.obstacles)}.values())
-        self._mover_of = [[id(worlds.obstacles[k]) for k in movers].index(id(one)) for one in worlds.obstacles]
+        known = [id(worlds.obstacles[k]) for k in movers]
+        self._mover_of = np.array([known.index(id(one)) for one in worlds.obstacles], int)
+        self._body_of = worlds.moving.pairs.bodies(worlds.pairs)[:, 0]
+        self._movers = [worlds.obstacles[k] for k in movers]
+        self._boxes = np.array([one.box for one in self._movers]).reshape(-1, 2, 3)
+        self._placed: tuple[float, list[Any]] | None = None
         self._speeds = [_largest_speeds(worlds.obstacles[k], *worlds.balls[k]) for k in movers]
 
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
@@ -177,7 +184,8 @@ class _Judge:
         time, half = 0.5 * (segment.since + segment.until), 0.5 * (segment.until - segment.since)
         bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))
         bounds += half * self._speeds_between(segment.since, segment.until)
-        left = [k for k in segment.pairs if self._within(k, time, with_coal_error(self.kept + bounds[k]))]
+        margins = with_coal_error(self.kept + bounds)
+        left = [k for k in self._near(segment.pairs, time, margins) if self._within(k, time, margins[k])]
         if not left:
             return None
         first, second = segment.halves(left)
@@ -192,7 +200,8 @@ class _Judge:
         for times, speeds in self._speeds:
             first, last = bisect_right(times, since) - 1, bisect_left(times, until)
             found.append(max(speeds[max(first, 0) : last], default=0.0))
-        return np.array(found)[self._mover_of]
+        of_pairs: np.ndarray = np.array(found)[self._mover_of]
+        return of_pairs
 
     def _bounds(self, middle: ChartPoint, half_widths: ChartPoint) -> np.ndarray:
         """How much closer the robot alone brings each pair within a box of the chart [m]; places it at its middle."""
@@ -203,7 +212,36 @@ class _Judge:
         world.place_bodies()
         centres = world.bodies.centres_in_world(world.joint_placements[None])
         _, mixed = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
-        return np.array(mixed[0][world.pairs.bodies(self.worlds.pairs)[:, 0]])
+        return np.array(mixed[0][self._body_of])
+
+    def _placements(self, time: float) -> list[Any]:
+        """Where the obstacles that move are at a time [s], pinocchio.SE3 each."""
+        if self._placed is None or self._placed[0] != time:
+            self._placed = time, [one.placement_at(time) for one in self._movers]
+        return self._placed[1]
+
+    def _near(self, pairs: list[int], time: float, margins: np.ndarray) -> list[int]:
+        """Those of some pairs that may be within margins (n,) where the robot was placed last, at a time.
+
+        The balls about parts of a body are farther from the box about an obstacle than that, for all others.
+        """
+        which, bodies = np.array(pairs, int), self.worlds.moving.bodies
+        if not len(which):
+            return []
+        movers, body = self._mover_of[which], self._body_of[which]
+        placements = self._placements(time)
+        turns, places = (
+            np.array([one.rotation for one in placements]),
+            np.array([one.translation for one in placements]),
+        )
+        joints = self.worlds.moving.joint_placements[None]
+        centres = bodies.part_centres_in_world(joints, np.zeros(len(which), int), body)
+        local = (centres - places[movers][:, None]) @ turns[movers]
+        low, high = self._boxes[movers, :1], self._boxes[movers, 1:]
+        beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
+        gaps = np.sqrt(np.einsum("mpi,mpi->mp", beyond, beyond).min(axis=1)) - bodies.part_radii[body]
+        near: list[int] = which[gaps <= margins[which]].tolist()
+        return near
 
     def _within(self, k: int, time: float, margin: float) -> bool:
         """Whether a pair comes within a margin (>= 0) of each other where the robot was placed last, at a time.
@@ -211,11 +249,11 @@ class _Judge:
         Coal answers for no margin below 0 where a body is a mesh.
         """
         world, obstacle = self.worlds.moving, self.worlds.obstacles[k]
-        body = world.pairs.of(int(self.worlds.pairs[k]))[0]
+        body, mover = int(self._body_of[k]), int(self._mover_of[k])
         shape, other = as_met(world.exact.shape(body), obstacle.shape)
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.security_margin = margin
-        here, there = transform(world.placement(body)), transform(obstacle.placement_at(time))
+        here, there = transform(world.placement(body)), transform(self._placements(time)[mover])
         return bool(coal.collide(shape, here, other, there, request, result))
 
     def _refused_at(
