@@ -49,8 +49,12 @@ SHARES = {
     "spheres": 0.4,
     "middle": 0.0,
     "plane": 0.4,
+    "moving": 0.0,
+    "speeding up": 0.0,
 }
 """Kinds of plans, and which share of their joints begin and end at a limit."""
+MOVING_JERK = 120.0
+"""Limit of jerk of motions that begin and end in motion [rad/s³ or m/s³]."""
 PLANE_TOLERANCE = 0.1
 """How far the tip may be from a plane that it has to stay near [m]."""
 MIDDLE = 0.8
@@ -118,6 +122,10 @@ def cases(reference: RobotReference, robot: RobotModel, seed: int, kinds: tuple[
             if not group.is_euclidean:
                 continue
             more["path_constraints"] = [_plane(group, [q for q in ends if q is not None], rng)]
+        if kind in ("moving", "speeding up"):
+            if not group.is_euclidean or any(joint.nq > 1 for joint in group.joints):
+                continue
+            more |= _in_motion(group, rng, rising=kind == "speeding up")
         if kind in ("unrelaxed", "mixed"):
             more["optimization_iterations"] = 0 if kind == "unrelaxed" else 3
         request = PlanRequest(
@@ -268,6 +276,21 @@ def _pose(group: PlanningGroup, q: np.ndarray | None) -> PoseGoal:
     tip = Kinematics(group).frame_placement(group.expand(q), group.tip_id)
     quaternion = pin.Quaternion(tip.rotation).coeffs()
     return PoseGoal(position=tuple(tip.translation.tolist()), quaternion_xyzw=tuple(quaternion.tolist()))
+
+
+def _in_motion(group: PlanningGroup, rng: np.random.Generator, rising: bool) -> dict[str, object]:
+    """Velocities at both ends, and accelerations at the start; rising ones need part of the jerk limit."""
+    begins, ends = rng.uniform(-0.3, 0.3, (2, group.nv)) * group.velocity_limits
+    most = np.sqrt(MOVING_JERK * np.abs(begins)) if rising else 0.3 * group.acceleration_limits
+    rise = rng.uniform(0.0, 1.0, group.nv) * np.minimum(most, group.acceleration_limits)
+    rise = np.sign(begins) * rise if rising else rise * rng.choice([-1.0, 1.0], group.nv)
+    named = [dict(zip((j.name for j in group.joints), row.tolist(), strict=True)) for row in (begins, rise, ends)]
+    return {
+        "limits": {joint.name: JointLimits(jerk=MOVING_JERK) for joint in group.joints},
+        "start_velocities": named[0],
+        "start_accelerations": named[1],
+        "end_velocities": named[2],
+    }
 
 
 def _plane(group: PlanningGroup, ends: list[np.ndarray], rng: np.random.Generator) -> PlaneConstraint:

@@ -44,7 +44,9 @@ def test_random_robots_keep_their_limits(seed: int) -> None:
     judged(case, urdf.text)
 
 
-@pytest.mark.parametrize(("name", "kind"), [("kinova", "spheres"), ("panda", "plane"), ("ur5", "unrelaxed")])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("kinova", "spheres"), ("panda", "plane"), ("ur5", "unrelaxed"), ("panda", "moving")]
+)
 def test_arms_keep_their_limits(name: str, kind: str) -> None:
     (case,) = cases(name, robot(name), 0, (kind,))
     judged(case, robot(name).source.urdf_text)

@@ -19,7 +19,7 @@ from guidefield.errors import Status
 from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion, soonest_along
 from guidefield.planner.motion.limit_load import TOLERANCE
-from guidefield.planner.motion.stopping import backwards, jerks_of, stopping
+from guidefield.planner.motion.stopping import backwards, jerks_apart, jerks_of, stopping
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.path_so_far import PathSoFar
@@ -214,6 +214,7 @@ def _stopped(
     room = group.velocity_limits - np.abs(velocity)
     rises = np.where(velocity * rise > 0.0, rise**2 / (2.0 * np.maximum(room, 1e-300)), 0.0)
     jerks = jerks_of(group.acceleration_limits, problem.jerk_limits, rises)
+    jerks = jerks_apart(velocity, rise, group.acceleration_limits, jerks, rises)
     motion = stopping(z, velocity, rise, group.acceleration_limits, jerks)
     if motion.duration == 0.0:
         return motion

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.planner.motion.stopping import RAMP, backwards, jerks_of, stopping
+from guidefield.planner.motion.stopping import CLOSE, RAMP, backwards, jerks_apart, jerks_of, stopping
 
 seeds = st.integers(0, 10_000)
 
@@ -71,3 +71,30 @@ def test_where_jerk_does_not_matter_accelerations_rise_quickly() -> None:
     np.testing.assert_allclose(jerks_of(limits, None, np.zeros(2)), limits / RAMP)
     np.testing.assert_allclose(jerks_of(limits, np.array([7.0, np.inf]), np.zeros(2)), [7.0, 3.0 / RAMP], rtol=1e-4)
     np.testing.assert_allclose(jerks_of(limits, None, np.array([1e4, 0.0])), [1.01e4, 3.0 / RAMP])
+
+
+@given(seeds)
+def test_knots_are_apart_for_jerks_that_are_hardly_lower(seed: int) -> None:
+    _, velocity, acceleration, limits, jerks = drawn(seed)
+    lower = jerks_apart(velocity, acceleration, limits, jerks, np.zeros(3))
+    assert (lower <= jerks).all()
+    assert (lower >= 0.88 * jerks).all()
+    again = jerks_apart(velocity, acceleration, limits, lower, np.zeros(3))
+    if (np.diff(stopping(np.zeros(3), velocity, acceleration, limits, lower).times) >= CLOSE).all():
+        np.testing.assert_array_equal(again, lower)
+
+
+def test_two_joints_that_stop_almost_together_are_set_apart() -> None:
+    velocity, zero, limits = np.array([1.0, 1.0001]), np.zeros(2), np.array([50.0, 50.0])
+    jerks = np.array([120.0, 120.0])
+    assert np.diff(stopping(zero, velocity, zero, limits, jerks).times).min() < 1e-4
+    lower = jerks_apart(velocity, zero, limits, jerks, zero)
+    assert lower[0] == 120.0
+    assert np.diff(stopping(zero, velocity, zero, limits, lower).times).min() >= CLOSE
+    np.testing.assert_array_equal(jerks_apart(velocity, zero, limits, jerks, jerks), jerks, err_msg="none may be lower")
+
+
+def test_a_jerk_that_velocity_limits_need_leaves_no_room_for_rounding() -> None:
+    asked = jerks_of(np.full(3, 2.0), np.full(3, 100.0), np.array([0.0, 50.0, 100.0]))
+    np.testing.assert_array_equal(asked[:2], [asked[0], asked[0]])
+    assert asked[0] < asked[2] == 100.0

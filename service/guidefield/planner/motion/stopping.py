@@ -25,6 +25,15 @@ APART = 1e-9
 ROUNDING = 1e-5
 """Share of a jerk limit that is left for rounding: in short pieces jerks are known that badly."""
 
+CLOSE = 5e-4
+"""In pieces shorter than this jerks are known worse than that, at some 100 rad/s³ [s]."""
+
+SLOWER = 0.998
+"""A joint's jerk is lowered by this factor at a time."""
+
+TRIES = 60
+"""At most so often."""
+
 
 def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
     """The jerks with which joints stop, shape (nv,), all finite [rad/s³ or m/s³].
@@ -37,8 +46,45 @@ def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rise
     own = np.maximum(acceleration_limits / RAMP, 1.01 * rises)
     if jerk_limits is None:
         return own
-    kept = np.where(rises > 0.0, jerk_limits, (1.0 - ROUNDING) * jerk_limits)
+    kept = np.minimum(jerk_limits, np.maximum(rises, (1.0 - ROUNDING) * jerk_limits))
     return np.where(np.isfinite(jerk_limits), kept, own)
+
+
+def jerks_apart(
+    velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate, rises: ChartRate
+) -> ChartRate:
+    """Jerks (nv,), some of them a little lower, with which no two knots of `stopping` are close but not the same.
+
+    In pieces that short the jerk of a curve is rounding. Where no such jerk is found a joint keeps its own.
+
+    Args:
+        velocity: Shape (nv,) [rad/s or m/s].
+        acceleration: Shape (nv,) [rad/s² or m/s²].
+        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
+        jerks: As of `jerks_of`, shape (nv,) [rad/s³ or m/s³].
+        rises: What jerks are at least, shape (nv,) [rad/s³ or m/s³].
+    """
+    chosen, knots = jerks.copy(), np.zeros(1)
+    for j, (v, a, limit, least) in enumerate(zip(velocity, acceleration, acceleration_limits, rises, strict=True)):
+        jerk = float(jerks[j])
+        for _ in range(TRIES):
+            both = _with(knots, float(v), float(a), float(limit), jerk)
+            if (np.diff(both) >= CLOSE).all():
+                chosen[j] = jerk
+                break
+            jerk *= SLOWER
+            if jerk < least:
+                break
+        knots = _with(knots, float(v), float(a), float(limit), float(chosen[j]))
+    return chosen
+
+
+def _with(knots: np.ndarray, velocity: float, acceleration: float, limit: float, jerk: float) -> np.ndarray:
+    """Times (n,) with those at which a joint's jerk changes, in order, each once."""
+    spans = [span for span, _ in _phases(velocity, acceleration, limit, jerk)]
+    times = np.unique(np.concatenate([knots, np.cumsum(spans)]))
+    apart: np.ndarray = times[np.concatenate([[True], np.diff(times) > APART])]
+    return apart
 
 
 def stopping(
