@@ -355,9 +355,12 @@ def robots(
 @app.command()
 def demo(
     folder: Annotated[Path, typer.Option(help="Where the recordings go.")] = Path("runs"),
+    stream: Annotated[
+        bool, typer.Option("--stream", help="A Panda serves at a table where boxes drift through, instead.")
+    ] = False,
 ) -> None:
     """Start a service, have it plan twice for a Panda at a bookshelf, and say what came of it."""
-    raise typer.Exit(demonstration.run(folder, out))
+    raise typer.Exit(demonstration.run_stream(folder, out) if stream else demonstration.run(folder, out))
 
 
 @app.command()

@@ -36,3 +36,32 @@ def run(folder: Path, out: Console) -> int:
             out.print(plan_table(reply, title))
             codes.append(reply.status.code)
     return 0 if all(code == Status.SUCCESS for code in codes) else 1
+
+
+def run_stream(folder: Path, out: Console) -> int:
+    """Have a Panda serve at a table where boxes drift through, in this process; keep what it did, and its recording.
+
+    Args:
+        folder: Where they go.
+        out: Where it is told.
+
+    Returns:
+        Exit code: 0 if a place was reached and the same pieces come again, else 1.
+    """
+    from guidefield.demo_stream import serve
+    from guidefield.first_start import compile_kernels
+
+    def say(line: str) -> None:
+        out.print(line, style="dim", highlight=False)
+
+    compile_kernels(say)
+    folder.mkdir(parents=True, exist_ok=True)
+    served = serve(folder, say)
+    without = ", ".join(f"{reason} {count}" for reason, count in served.reasons.items())
+    out.print(
+        f"{served.pieces} pieces, each with a proven stop; updates without one: {without or 'none'}\n"
+        f"done again: {'the same' if served.same else 'not the same'}, to the last bit\n"
+        f"recording: {served.recording}",
+        highlight=False,
+    )
+    return 0 if served.places and served.same else 1

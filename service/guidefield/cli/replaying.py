@@ -10,10 +10,11 @@ import typer
 from rich.console import Console
 
 from guidefield.cli.comparison import differing, largest_step, motion_hash
+from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, Service, StreamName, data_folder, find_run
-from guidefield.cli.stream_replaying import replay_stream, stream_files
+from guidefield.cli.stream_replaying import record_stream, replay_stream, stream_files
 from guidefield.engine import Engine
-from guidefield.errors import GuidefieldError
+from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
@@ -31,7 +32,16 @@ Packages = Annotated[
 ]
 
 
-def replay(run: StreamName, data: Data = None, name: Service = "local", packages: Packages = None) -> None:
+def replay(
+    run: StreamName,
+    data: Data = None,
+    name: Service = "local",
+    packages: Packages = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Write a recording of a stream's newest file here (.rrd), to be shown.", callback=writable),
+    ] = None,
+) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
 
     A run of another version of guidefield, or of another kind of processor, counts as any other: where its plan
@@ -42,7 +52,11 @@ def replay(run: StreamName, data: Data = None, name: Service = "local", packages
     kept of it: whether the same pieces come of it.
     """
     if files := stream_files(run, data_folder(data, name)):
+        if record is not None:
+            record_stream(files[-1], data_folder(data, name), packages or (), record)
         raise typer.Exit(replay_stream(files, data_folder(data, name), packages or (), _say, _made_by))
+    if record is not None:
+        raise MalformedRequest(f"{run!r} is no stream, and has a recording already", run=run)
     before = find_run(run, data, name)
     folder = data_folder(data, name)
     there = folder.is_dir()  # looking leaves no folder behind

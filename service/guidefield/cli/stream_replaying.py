@@ -81,6 +81,25 @@ def replay_stream(
     return code
 
 
+def record_stream(file: Path, folder: Path, packages: Sequence[Path], recording: Path) -> None:
+    """Write the recording of a file of a journal, for a viewer.
+
+    Args:
+        file: The file.
+        folder: The service's data folder.
+        packages: Folders of packages with robots' meshes.
+        recording: Where the recording goes.
+
+    Raises:
+        MalformedRequest: if it isn't such a file, or holds no update.
+    """
+    from guidefield.stream.replay import read
+    from guidefield.stream.shown import record
+
+    begun, _ = read(file)
+    record(file, _engine(begun.user, folder, packages).stream, recording)
+
+
 def _engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
     """The engine of a user, on what is stored in a data folder; looking leaves no folder behind."""
     if not folder.is_dir():

@@ -105,7 +105,7 @@ class Obstacles:
                 path=f"{path}.obstacle.name",
             )
         try:
-            built = obstacles.build(_in_its_frame(message), 0)
+            built = obstacles.build(in_its_frame(message), 0)
         except SceneInvalid as error:
             raise SceneInvalid(f"`{path}.obstacle`: {error.message}", **{**error.details, "path": path}) from None
         shape = shape_of(built)
@@ -254,7 +254,7 @@ class Obstacles:
         return np.concatenate(rows)
 
 
-def _in_its_frame(message: messages.Obstacle) -> messages.Obstacle:
+def in_its_frame(message: messages.Obstacle) -> messages.Obstacle:
     """The message of an obstacle in its own frame: at the origin, where it has a placement of its own."""
     if type(message) in POSED:
         placed = posed(message, pin.SE3.Identity())

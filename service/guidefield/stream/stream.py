@@ -83,7 +83,7 @@ class CertifiedStream:
     ) -> None:
         self._opened = asked = opened(request, robot, scene)
         self.request = request
-        self.group = asked.group
+        self.group, self.scene = asked.group, scene
         self.warnings = asked.warnings
         clearance = max(STREAM.resting, request.min_clearance + STREAM.resting)
         self._room = Room(asked.group, asked.joints, asked.world, clearance)

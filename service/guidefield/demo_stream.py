@@ -1,0 +1,106 @@
+"""The demonstration of streams: a Panda serves at a table, from one place to the other, while boxes drift through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from guidefield.engine import Engine
+from guidefield.messages.goals import JointsGoal, Positions
+from guidefield.messages.scene import Box
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
+from guidefield.messages.values import Placement
+from guidefield.stream.journal import Journal, files_of
+from guidefield.stream.replay import replayed
+from guidefield.stream.shown import record
+
+BENT: Positions = {
+    "panda_joint2": 0.15,
+    "panda_joint3": 0.0,
+    "panda_joint4": -2.0,
+    "panda_joint5": 0.0,
+    "panda_joint6": 2.15,
+    "panda_joint7": 0.785398,
+}
+PLACES = (0.9, -0.9)
+"""Where the first joint is at the two places that are served [rad]."""
+SIDE = 0.1
+"""Of the boxes [m]."""
+FASTEST = 0.25
+"""What they declare as their largest speed [m/s]."""
+LASTS = 16.0
+"""How long it is [s]."""
+PERIOD = 0.02
+
+
+@dataclass(frozen=True)
+class Served:
+    """What came of it.
+
+    Attributes:
+        places: How often a place was reached.
+        pieces: How many pieces there were.
+        reasons: How often there was none, by reason.
+        same: Whether the same pieces come again.
+        recording: The recording.
+    """
+
+    places: int
+    pieces: int
+    reasons: dict[str, int]
+    same: bool
+    recording: Path
+
+
+def box_at(number: int, now: float) -> tuple[float, float, float]:
+    """Where a box is: to and fro across the table, slower than it declares."""
+    phase = 1.3 * number
+    x = 0.42 + 0.16 * number + 0.05 * math.sin(0.9 * now + phase)
+    return x, 0.75 * math.sin(0.25 * now + phase), 0.72 - 0.08 * number
+
+
+def serve(folder: Path, say: Callable[[str], None]) -> Served:
+    """Have the Panda serve, on a clock that is counted, and keep what it did.
+
+    Args:
+        folder: Where the recording goes.
+        say: Says a line.
+    """
+    names = [f"box{number}" for number in range(3)]
+    request = StreamOpen(
+        "panda",
+        "table",
+        start={**BENT, "panda_joint1": 0.0},
+        obstacles=[StreamObstacle(Box(name=name, size=(SIDE, SIDE, SIDE)), FASTEST) for name in names],
+    )
+    engine, kept = Engine(), folder / "demo-stream"
+    for old in files_of(kept):
+        old.unlink()
+    journal = Journal(kept, request, "plain", {})
+    places = pieces = 0
+    reasons: dict[str, int] = {}
+    with engine.stream(request, None, journal) as stream:
+        stream.aim_for(_place(places))
+        for cycle in range(round(LASTS / PERIOD)):
+            now = cycle * PERIOD
+            seen = [Observation(name, now, Placement(box_at(index, now))) for index, name in enumerate(names)]
+            answer = stream.update(StreamUpdate(now, seen))
+            if isinstance(answer, Piece):
+                pieces += 1
+                continue
+            reasons[answer.reason] = reasons.get(answer.reason, 0) + 1
+            if answer.reason == "at_goal" and now >= answer.stops:
+                places += 1
+                say(f"{now:5.2f} s: place {places} is reached")
+                stream.aim_for(_place(places))
+    journal.close()
+    (file,) = files_of(kept)
+    recording = folder / "demo-stream.rrd"
+    record(file, engine.stream, recording)
+    return Served(places, pieces, reasons, replayed(file, engine.stream).same, recording)
+
+
+def _place(count: int) -> JointsGoal:
+    return JointsGoal({**BENT, "panda_joint1": PLACES[count % 2]})

@@ -1,0 +1,151 @@
+"""The recording of a stream: how robot and obstacles moved, where the robot would have stood, latency and reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import Chunk
+
+from guidefield.recorder import bodies, bodies_file, robot_entities, scene_entities, surface
+from guidefield.recorder.blueprint import SWITCHED_OFF, Eye
+from guidefield.recorder.camera import choose_eye
+from guidefield.recorder.chunks import PATH_TIME, path_times, still, timed
+from guidefield.recorder.motion import configurations_of, poses
+from guidefield.recorder.writing import write_recording
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene
+
+STOP_COLOR = (235, 87, 87, 255)
+"""Of the tip where the robot would stand (RGBA)."""
+PLOTS = (
+    ("/plots/horizon", "From each update to the proven stop [s]"),
+    ("/plots/latency", "How long each update was worked on [ms]"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingBody:
+    """An obstacle that was seen.
+
+    Attributes:
+        obstacle: Its shape, in its own frame.
+        times: When, shape (n,) [s].
+        placements: Where, position and quaternion (x, y, z, w), shape (n, 7) [m, world].
+    """
+
+    obstacle: Obstacle
+    times: np.ndarray
+    placements: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class StreamMotion:
+    """What a recording of a stream shows, by the client's clock.
+
+    Attributes:
+        times: Of the updates, shape (n,) [s].
+        rows: Where the robot was then, in position columns, shape (n, k) [rad or m].
+        stops: Where it would have stood, the same.
+        horizon: From each update to that stop, shape (n,) [s].
+        latency: How long each was worked on, shape (n,) [s].
+        reasons: Time, and why there was no piece, in words.
+        moving: What was seen.
+    """
+
+    times: np.ndarray
+    rows: np.ndarray
+    stops: np.ndarray
+    horizon: np.ndarray
+    latency: np.ndarray
+    reasons: Sequence[tuple[float, str]]
+    moving: Sequence[MovingBody]
+
+
+def write_stream(file: Path, name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> None:
+    """Write the recording of a stream, with all that a viewer needs.
+
+    Args:
+        file: Where.
+        name: The stream's name; identifies the recording.
+        group: The joints that moved.
+        scene: What rests.
+        motion: What there is to show.
+
+    Raises:
+        OSError: if the file can't be written.
+    """
+    drawn = bodies_file.prepared(group.robot, bodies_file.cache_folder())
+    at = poses(group, configurations_of(group, motion.rows.tolist()))
+    robot = at.placements[:, :, :3].reshape(-1, 3)
+    eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles)
+    chunks = [
+        robot_entities.tip_axes(group),
+        robot_entities.link_motion(group, drawn.links, at, motion.times, PATH_TIME),
+        *scene_entities.obstacles(scene.obstacles, eye.hiding, ()),
+        *_stops(group, motion),
+        *(chunk for number, one in enumerate(motion.moving) for chunk in _moving(number, one)),
+        *_figures(motion),
+        *bodies_file.meshes(group.robot, drawn),
+    ]
+    write_recording(file, name, chunks, _layout(eye))
+
+
+def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
+    """Where the tip would stand, and the way there."""
+    stops = poses(group, configurations_of(group, motion.stops.tolist())).tip
+    now = poses(group, configurations_of(group, motion.rows.tolist())).tip
+    times = [path_times(motion.times)]
+    lines = np.stack([now, stops], axis=1)
+    count = len(motion.times)
+    points = rr.Points3D.columns(positions=stops, colors=[STOP_COLOR] * count, radii=[0.012] * count)
+    yield timed("/path/stop", times, points)
+    strips = rr.LineStrips3D.columns(strips=lines, colors=[STOP_COLOR] * count, radii=[0.003] * count)
+    yield timed("/path/to_stop", times, strips)
+
+
+def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
+    """An obstacle where it was seen."""
+    path, color = scene_entities.single(one.obstacle.name), scene_entities.obstacle_color(one.obstacle, number)
+    if one.obstacle.cloud is not None:
+        cloud = one.obstacle.cloud
+        yield still(path, rr.Points3D(cloud.points, radii=[cloud.radius], colors=[color]))
+    else:
+        yield still(path, bodies.mesh(surface.shaded(one.obstacle.vertices, one.obstacle.triangles), color))
+    columns = rr.Transform3D.columns(translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
+    yield timed(path, [path_times(one.times)], columns)
+
+
+def _figures(motion: StreamMotion) -> Iterator[Chunk]:
+    """Horizon, latency and reasons over time."""
+    for (path, _), values in zip(PLOTS, (motion.horizon, 1e3 * motion.latency), strict=True):
+        yield timed(path, [path_times(motion.times)], rr.Scalars.columns(scalars=values))
+    if motion.reasons:
+        times, texts = zip(*motion.reasons, strict=True)
+        yield timed("/stream/log", [path_times(np.array(times))], rr.TextLog.columns(text=texts))
+
+
+def _layout(eye: Eye) -> rrb.Blueprint:
+    hidden = {path: rrb.EntityBehavior(visible=False) for path in SWITCHED_OFF}
+    scene = rrb.Spatial3DView(
+        origin="/",
+        name="Motion, and where the robot would stand",
+        contents=["+ /robot/**", "+ /obstacles/**", "+ /path/**"],
+        overrides=hidden,
+        eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)),
+    )
+    plots = [rrb.TimeSeriesView(origin=path, name=name) for path, name in PLOTS]
+    log = rrb.TextLogView(origin="/stream/log", name="Why there was no piece")
+    return rrb.Blueprint(
+        rrb.Horizontal(scene, rrb.Vertical(*plots, log), column_shares=[1.75, 1.0]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=PATH_TIME, loop_mode="all", play_state="playing"),
+        auto_views=False,
+        auto_layout=False,
+    )

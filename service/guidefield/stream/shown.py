@@ -1,0 +1,161 @@
+"""The recording of a stream for a viewer, made of a file of its journal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import msgspec
+import numpy as np
+
+from guidefield.errors import MalformedRequest
+from guidefield.messages.streams import Observation, Piece, StreamObstacle
+from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, write_stream
+from guidefield.robot.model.spaces import ChartPoint
+from guidefield.scene import obstacle as obstacles
+from guidefield.stream.commit import Commit
+from guidefield.stream.journal import Entry, Updated
+from guidefield.stream.obstacles import in_its_frame
+from guidefield.stream.replay import Opens, read
+from guidefield.stream.snapshot import KeptObstacle
+from guidefield.stream.stream import CertifiedStream
+from guidefield.stream.takeover import Counted
+
+
+def record(file: Path, opens: Opens, recording: Path) -> int:
+    """Write the recording of a file of a journal, for a viewer.
+
+    Args:
+        file: The file.
+        opens: Opens a stream in this process.
+        recording: Where the recording goes.
+
+    Returns:
+        How many updates it shows.
+
+    Raises:
+        MalformedRequest: if it isn't such a file, or holds no update.
+        OSError: if the recording can't be written.
+    """
+    begun, entries = read(file)
+    updated = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state) and _counts(one)]
+    if not updated:
+        raise MalformedRequest(f"{file.name} holds no update", file=file.name)
+    request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
+    with opens(request, Counted()) as stream:
+        motions = _Motions(stream, [kept.commit() for kept in begun.snapshot.commits])
+        rows, stops, horizon = [], [], []
+        for one in updated:
+            now = one.update.time
+            rows.append(motions.at(one, now))
+            motions.add(one.piece)
+            end = motions.end(one)
+            stops.append(motions.at_end(end))
+            horizon.append(max(0.0, motions.stops(end) - now))
+        motion = StreamMotion(
+            times=np.array([one.update.time for one in updated]),
+            rows=np.array(rows),
+            stops=np.array(stops),
+            horizon=np.array(horizon),
+            latency=np.array([one.seconds for one in updated]),
+            reasons=[
+                (one.update.time, one.state.reason + (f": {' - '.join(one.state.pair)}" if one.state.pair else ""))
+                for one in updated
+                if one.state is not None
+            ],
+            moving=_moving(begun.snapshot.obstacles, entries),
+        )
+        write_stream(recording, f"{file.parent.name}-{file.stem}", stream.group, stream.scene, motion)
+    return len(updated)
+
+
+def _counts(one: Updated) -> bool:
+    return one.state is None or one.state.reason != "late"
+
+
+class _Motions:
+    """Commits and pieces by number, and where the robot is along them."""
+
+    def __init__(self, stream: CertifiedStream, commits: Sequence[Commit]) -> None:
+        self._group = stream.group
+        self._commits = {one.number: one for one in commits}
+        self._pieces: dict[int, Piece] = {}
+        self._last = max(self._commits)
+
+    def add(self, piece: Piece | None) -> None:
+        """Know a piece."""
+        if piece is not None:
+            self._pieces[piece.number] = piece
+            self._last = piece.number
+
+    def at(self, one: Updated, now: float) -> np.ndarray:
+        """Position columns (k,) at a time [s]: as the client told, or as the piece has it that is executed."""
+        number = one.update.executing if one.update.executing is not None else self._begun(now)
+        piece = self._pieces.get(number)
+        if piece is None:
+            commit = self._commits.get(number, self._commits[max(self._commits)])
+            return np.array(self._group.wire_positions(cast(ChartPoint, commit.state(now)[:, 0])))
+        return _along(piece, now)
+
+    def end(self, one: Updated) -> int:
+        """Number of what is executed to its end if nothing follows."""
+        return self._last if one.state is None else one.state.executing
+
+    def at_end(self, number: int) -> np.ndarray:
+        """Position columns (k,) where that ends."""
+        piece = self._pieces.get(number)
+        if piece is not None:
+            return np.array(piece.trajectory.positions[-1])
+        commit = self._commits.get(number, self._commits[max(self._commits)])
+        return np.array(self._group.wire_positions(commit.ends))
+
+    def stops(self, number: int) -> float:
+        """When that ends [s]."""
+        piece = self._pieces.get(number)
+        return piece.stops if piece is not None else self._commits.get(number, self._commits[max(self._commits)]).stops
+
+    def _begun(self, now: float) -> int:
+        """The last piece that has begun."""
+        begun = [number for number, piece in self._pieces.items() if piece.begins <= now]
+        return max(begun, default=max(self._commits))
+
+
+def _along(piece: Piece, now: float) -> np.ndarray:
+    """Position columns (k,) of a piece at a time [s]."""
+    told = piece.trajectory
+    k = int(np.clip(np.searchsorted(told.times, now, side="right") - 1, 0, len(told.times) - 2))
+    span = told.times[k + 1] - told.times[k]
+    s = float(np.clip(now - told.times[k], 0.0, span))
+    q, v, a, after = (np.array(row) for row in (*_knot(piece, k), told.accelerations[k + 1]))
+    moved: np.ndarray = q + s * (v + s * (a / 2.0 + s * (after - a) / (6.0 * span)))
+    return moved
+
+
+def _knot(piece: Piece, k: int) -> tuple[list[float], list[float], list[float]]:
+    told = piece.trajectory
+    return told.positions[k], told.velocities[k], told.accelerations[k]
+
+
+def _moving(kept: Sequence[KeptObstacle], entries: Sequence[Entry]) -> list[MovingBody]:
+    """What was seen, each as it was declared last."""
+    declared: dict[str, StreamObstacle] = {}
+    seen: dict[str, list[Observation]] = {}
+    for one in kept:
+        declared[one.declared.obstacle.name] = one.declared
+        if one.seen is not None:
+            seen[one.seen.name] = [one.seen]
+    for entry in entries:
+        if isinstance(entry, Updated) and entry.refused is None:
+            declared.update({shape.obstacle.name: shape for shape in entry.update.declare})
+            for observation in entry.update.obstacles:
+                seen.setdefault(observation.name, []).append(observation)
+    bodies: list[MovingBody] = []
+    for name, shape in declared.items():
+        if name not in seen:
+            continue
+        there = sorted(seen[name], key=lambda one: one.time)
+        placements = np.array([(*one.placement.position, *one.placement.quaternion_xyzw) for one in there])
+        built = obstacles.build(in_its_frame(shape.obstacle), 0)
+        bodies.append(MovingBody(built, np.array([one.time for one in there]), placements))
+    return bodies

@@ -1,0 +1,89 @@
+"""The recording of a stream for a viewer, and the demonstration that makes one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from typer.testing import CliRunner
+
+from guidefield import demo_stream
+from guidefield.cli import app
+from guidefield.errors import MalformedRequest
+from guidefield.messages.scene import Box
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
+from guidefield.messages.values import Placement
+from guidefield.scene.scene import Scene as BuiltScene
+from guidefield.stream.journal import Journal, files_of
+from guidefield.stream.shown import record
+from guidefield.stream.stream import CertifiedStream
+from guidefield.stream.takeover import TakeOver
+from tests.robots import robot
+from tests.stream.test_journal import EMPTY
+
+ASKED = StreamOpen(
+    "ur5",
+    "empty",
+    start={"shoulder_lift_joint": -1.5, "elbow_joint": 0.5},
+    obstacles=[StreamObstacle(Box(name="crate", size=(0.2, 0.1, 0.1)), 0.2)],
+)
+
+
+def opens(request: StreamOpen, taking: TakeOver) -> CertifiedStream:
+    scene: BuiltScene = EMPTY
+    return CertifiedStream(request, robot("ur5"), scene, taking)
+
+
+def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_piece(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "s", ASKED, "plain", {})
+    pieces = []
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
+        for cycle in range(12):
+            now = 0.02 * cycle
+            if cycle == 2:
+                stream.aim_for({"type": "joints", "positions": {"shoulder_pan_joint": 1.2, "elbow_joint": 0.9}})
+            seen = Observation("crate", now, Placement((1.2 - now, 0.1, 0.5)))
+            answer = stream.update(StreamUpdate(now, [seen]))
+            pieces += [answer] if isinstance(answer, Piece) else []
+    journal.close()
+    (file,) = files_of(tmp_path / "s")
+    recording = tmp_path / "s.rrd"
+    assert record(file, opens, recording) == 12
+    chunks = {chunk.entity_path: chunk for chunk in RrdReader(recording).stream().to_chunks() if not chunk.is_static}
+    assert {"/obstacles/single/crate", "/path/stop", "/path/to_stop", "/stream/log"} <= set(chunks)
+    moved = _column(chunks["/obstacles/single/crate"], "translation")
+    assert np.allclose([row[0][0] for row in moved], [1.2 - 0.02 * k for k in range(12)], atol=1e-6)
+    assert [row[0] for row in _column(chunks["/stream/log"], "text")] == ["standing", "standing"]
+    horizon = [row[0] for row in _column(chunks["/plots/horizon"], "scalars")]
+    assert horizon[2:] == pytest.approx([piece.stops - piece.update for piece in pieces])
+    assert all(row[0] > 0.0 for row in _column(chunks["/plots/latency"], "scalars"))
+    written = file.read_bytes()
+    file.write_bytes(written[: 4 + int.from_bytes(written[:4], "little")])  # the beginning alone
+    with pytest.raises(MalformedRequest, match="holds no update"):
+        record(file, opens, recording)
+
+
+def _column(chunk: object, name: str) -> list[object]:
+    """The rows of a component by the end of its name."""
+    batch = chunk.to_record_batch()  # type: ignore[attr-defined]
+    (column,) = (one for one in batch.schema.names if one.endswith(name))
+    rows: list[object] = batch.column(column).to_pylist()
+    return rows
+
+
+def test_the_demonstration_serves_and_can_be_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo_stream, "LASTS", 0.6)
+    told = CliRunner().invoke(app, ["demo", "--stream", "--folder", str(tmp_path)])
+    assert told.exit_code == 1, "no place is reached so soon"
+    assert "done again: the same, to the last bit" in told.output
+    assert (tmp_path / "demo-stream.rrd").read_bytes()[:3] == b"RRF"
+    command = ["replay", str(tmp_path / "demo-stream" / "000001.stream"), "--record", str(tmp_path / "again.rrd")]
+    told = CliRunner().invoke(app, command)
+    assert told.exit_code == 0
+    assert "bit-identical: 30 updates" in told.output
+    assert (tmp_path / "again.rrd").read_bytes()[:3] == b"RRF"
+    for number in range(3):
+        path = np.array([demo_stream.box_at(number, 0.01 * k) for k in range(1_700)])
+        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.01 * demo_stream.FASTEST
