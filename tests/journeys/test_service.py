@@ -22,6 +22,7 @@ import guidefield
 from guidefield import Box, Client, NoService, Scene
 from guidefield.cli.loopback import free_port
 from guidefield.messages.scene_changes import SceneChanged
+from guidefield.system import processor_time
 from tests.journeys.service import (
     ANSWERED_WITHIN,
     ENDED_WITHIN,
@@ -37,6 +38,8 @@ from tests.journeys.service import (
 HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
 POTENTIAL = {"type": "potential", "scene": BALL, "points": [[0, 0, 1]]}
+AT_WORK = 0.5
+"""A worker that used so much of a processor since it was given a long plan has begun with it [s]."""
 
 
 # ---- every key, by a client that knows only the wire
@@ -377,10 +380,12 @@ def test_nobody_there_is_said(service: Service) -> None:
 def test_a_killed_worker_costs_its_request_and_is_replaced(service: Service, wire: PlainClient) -> None:
     before = wire.ask("guidefield/local/info")["counters"]["crashes"]
     wire.ask("guidefield/local/kinematics", POTENTIAL)  # its worker has started: a start that fails costs no request
+    (worker,) = service.workers()
+    used = processor_time(worker)
     with concurrent.futures.ThreadPoolExecutor(1) as thread:
         doomed = thread.submit(wire.refusal, "guidefield/local/plan", json.dumps({**LONG, "run_id": "doomed"}).encode())
         await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])
-        (worker,) = service.workers()
+        await_that(lambda: processor_time(worker) > used + AT_WORK)
         os.kill(worker, signal.SIGKILL)
         assert doomed.result()["name"] == "CRASH"
     assert wire.ask("guidefield/local/kinematics", POTENTIAL)["winding"] == [0.0]
