@@ -39,6 +39,8 @@ SECONDS = 30.0
 """Budget of one plan."""
 
 WIRE_REPEATS = 30
+WRITTEN = 0.3
+"""A recording is written by then [s]."""
 
 _FIRST_ANSWER = """
 import sys, time
@@ -115,16 +117,21 @@ def _refusals(options: argparse.Namespace) -> None:
 
 
 def _wire(_options: argparse.Namespace) -> None:
-    """The same plan and the same refusal over a service on loopback, with a recording and without, asked in turn."""
+    """The same plan and the same refusal over a service on loopback, without a recording, with one, and right after it.
+
+    Before the first two the service has time to write what it owes.
+    """
     refusals = refused_requests()
     plan = PlanRequest("panda", "bookshelf", JointsGoal({"panda_joint1": 0.8}), guide_planes=[], recording="off")
     with service_in_child(lambda _: None) as service, Client.connect(service.endpoint, wait=20.0) as client:
         for name, request in {"a plan": plan, "goal in collision": refusals["goal in collision"]}.items():
-            times: dict[str, list[float]] = {"off": [], "full": []}
+            without, recorded = request, msgspec.structs.replace(request, recording="full")
+            turns = (("off", without, WRITTEN), ("full", recorded, WRITTEN), ("off, right after one", without, 0.0))
+            times: dict[str, list[float]] = {recording: [] for recording, *_ in turns}
             for _ in range(WIRE_REPEATS + 3):
-                for recording, found in times.items():
-                    asked = msgspec.structs.replace(request, recording=recording)
-                    found.append(_seconds(lambda asked=asked: client.plan(asked))[0])
+                for recording, asked, pause in turns:
+                    time.sleep(pause)
+                    times[recording].append(_seconds(lambda asked=asked: client.plan(asked))[0])
             for recording, found in times.items():
                 p50, p95 = np.quantile(1e3 * np.array(found[3:]), (0.5, 0.95))
                 print(f"over the wire, {name}, recording {recording}: {p50:.1f} / {p95:.1f}")
