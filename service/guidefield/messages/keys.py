@@ -51,6 +51,11 @@ class Query:
         return Asker(self.user, self.client)
 
 
+def _allowed(asked: float, most: float, default: float) -> float:
+    """A time [s] within what a valid request can ask for; who asks for none at all is refused when it is read."""
+    return min(asked, most) if asked > 0.0 else default
+
+
 class PlanHead(msgspec.Struct, frozen=True):
     """What a plan request says about the run itself, read without looking at the rest."""
 
@@ -63,7 +68,7 @@ class PlanHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed planning time, brought within what a valid request can ask for [s]."""
-        return min(self.allowed_planning_time, 3600.0) if self.allowed_planning_time > 0.0 else 0.0
+        return _allowed(self.allowed_planning_time, 3600.0, 5.0)
 
 
 class CertifyHead(msgspec.Struct, frozen=True):
@@ -75,7 +80,7 @@ class CertifyHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
-        return min(self.allowed_time, 3600.0) if self.allowed_time > 0.0 else 0.0
+        return _allowed(self.allowed_time, 3600.0, 5.0)
 
 
 class _Head(msgspec.Struct):
@@ -96,7 +101,7 @@ class WorkHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
-        return min(self.allowed_time, LONGEST_TIME) if self.allowed_time > 0.0 else 0.0
+        return _allowed(self.allowed_time, LONGEST_TIME, DEFAULT_TIME)
 
 
 def check(query: Query) -> None:
