@@ -10,19 +10,19 @@ from typing import Any, Self, TypeVar
 
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange
-from guidefield.client.execution import Motion
 from guidefield.client.questions import Question
+from guidefield.client.stream_facts import StreamFacts
 from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.client.streams import END_WITHIN
 from guidefield.errors import GuidefieldError
 from guidefield.messages.goals import Positions
 from guidefield.messages.stream_requests import StreamAimed, StreamReply
-from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamUpdate
 
 _R = TypeVar("_R")
 
 
-class AsyncServiceStream:
+class AsyncServiceStream(StreamFacts):
     """`ServiceStream`, for asyncio; an asynchronous context manager, which opens and ends it.
 
     `async for` waits for the pieces that a robot takes, until the stream has ended.
@@ -58,36 +58,6 @@ class AsyncServiceStream:
     ) -> None:
         await self.close()
 
-    @property
-    def stream_id(self) -> str:
-        """Its name."""
-        return self._link.stream_id
-
-    @property
-    def position_names(self) -> list[str]:
-        """Names of the columns of its pieces."""
-        return [] if self._link.reply is None else list(self._link.reply.position_names)
-
-    @property
-    def now(self) -> float:
-        """What the client's clock says [s]."""
-        return self._link.clock()
-
-    @property
-    def state(self) -> StreamState | None:
-        """The last state that came; None: none did."""
-        return self._link.state
-
-    @property
-    def ended(self) -> StreamState | None:
-        """What was said when it ended; None: it goes on, as far as is known."""
-        return self._link.ended
-
-    @property
-    def late(self) -> int:
-        """How many pieces came after they began, and aren't taken."""
-        return self._link.execution.late
-
     async def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
         """Send what is seen, as `ServiceStream.update`; waits for no answer. Its time [s]."""
         filled = self._link.filled(update, fields)
@@ -114,10 +84,6 @@ class AsyncServiceStream:
             if self._link.ended is not None:
                 return
             await self._next()
-
-    def at(self, now: float) -> Motion:
-        """Where a robot that takes the pieces is at a time of the client's clock [s]; times must not go back."""
-        return self._link.at(now)
 
     async def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
         """Change the goal, as `ServiceStream.aim_for`; its number."""
