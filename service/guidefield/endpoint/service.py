@@ -19,6 +19,7 @@ import zenoh
 from guidefield.endpoint.clients import Clients
 from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.endpoint import Endpoint
+from guidefield.endpoint.lingering import close_links_at_once
 from guidefield.endpoint.link import RUNTIME, UNLESS_TOLD
 from guidefield.endpoint.metrics import metrics_server
 from guidefield.endpoint.own_session import DEFAULT_LISTEN
@@ -138,6 +139,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         told = _Told(condition)
         _tell_metrics(settings, told, opened)
         session = opened.enter_context(_opened(config))
+        opened.callback(close_links_at_once(session).undeclare)
         trace = _trace(settings, opened)
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
