@@ -13,7 +13,7 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
-from guidefield.planner.connect.escape_test import can_be_left
+from guidefield.planner.connect.escape import can_be_left
 from guidefield.planner.connect.unconnected import why_not
 from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup

@@ -19,7 +19,7 @@ from guidefield.kernels.tree.constrained_connect import Strides, grow_within
 from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.kernels.tree.sphere_rejection import SIEVE
-from guidefield.planner.connect.escape_test import can_be_left
+from guidefield.planner.connect.escape import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
 from guidefield.planner.connect.settings import CONSTRAINED, TREE
 from guidefield.planner.task.conditions import Budget
