@@ -12,6 +12,8 @@ from guidefield.messages.goals import Positions, require_finite_positions
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
     LARGEST,
+    PLANNING_TIME,
+    AllowedTime,
     Message,
     Name,
     NonNegative,
@@ -124,7 +126,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     leave_start_contact: bool = False
-    allowed_time: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] = 5.0
+    allowed_time: AllowedTime = PLANNING_TIME
     recording: Literal["full", "summary", "off"] = "full"
 
     def __post_init__(self) -> None:

@@ -12,10 +12,11 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker
-from guidefield.messages.kinematics_requests import DEFAULT_TIME, LONGEST_TIME
+from guidefield.messages.kinematics_requests import DEFAULT_TIME
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneDiff
 from guidefield.messages.served import SERVED, SHARING
+from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME
 
 LONGEST_STORING = 120.0
 """How long a robot or scene may take that is stored or described, and how long the list of robots [s]."""
@@ -51,16 +52,16 @@ class Query:
         return Asker(self.user, self.client)
 
 
-def _allowed(asked: float, most: float, default: float) -> float:
+def _allowed(asked: float, default: float) -> float:
     """A time [s] within what a valid request can ask for; who asks for none at all is refused when it is read."""
-    return min(asked, most) if asked > 0.0 else default
+    return min(asked, LONGEST_TIME) if asked > 0.0 else default
 
 
 class PlanHead(msgspec.Struct, frozen=True):
     """What a plan request says about the run itself, read without looking at the rest."""
 
     run_id: str | None = None
-    allowed_planning_time: float = 5.0
+    allowed_planning_time: float = PLANNING_TIME
     planner: str = "auto"
     objective: str = "balanced"
     seed: int = 0
@@ -68,19 +69,19 @@ class PlanHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed planning time, brought within what a valid request can ask for [s]."""
-        return _allowed(self.allowed_planning_time, 3600.0, 5.0)
+        return _allowed(self.allowed_planning_time, PLANNING_TIME)
 
 
 class CertifyHead(msgspec.Struct, frozen=True):
     """What a certify request says about the run itself, read without looking at the rest."""
 
     run_id: str | None = None
-    allowed_time: float = 5.0
+    allowed_time: float = PLANNING_TIME
 
     @property
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
-        return _allowed(self.allowed_time, 3600.0, 5.0)
+        return _allowed(self.allowed_time, PLANNING_TIME)
 
 
 class _Head(msgspec.Struct):
@@ -101,7 +102,7 @@ class WorkHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
-        return _allowed(self.allowed_time, LONGEST_TIME, DEFAULT_TIME)
+        return _allowed(self.allowed_time, DEFAULT_TIME)
 
 
 def check(query: Query) -> None:

@@ -10,6 +10,7 @@ from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.goals import Positions, Tolerance3, require_finite_positions
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
+    AllowedTime,
     Message,
     Name,
     Placement,
@@ -22,8 +23,6 @@ from guidefield.messages.values import (
 
 DEFAULT_TIME = 60.0
 """How long a request may take that doesn't say it [s]."""
-LONGEST_TIME = 3600.0
-AllowedTime = Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_TIME)]
 
 
 class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):

@@ -66,6 +66,8 @@ from guidefield.messages.store_requests import (
     StoreScene as StoreScene,
 )
 from guidefield.messages.values import (
+    PLANNING_TIME,
+    AllowedTime,
     Message,
     Name,
     NonNegative,
@@ -152,7 +154,7 @@ class PlanRequest(Message):
     limits: dict[str, JointLimits] = {}
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
-    allowed_planning_time: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] = 5.0
+    allowed_planning_time: AllowedTime = PLANNING_TIME
     optimization_iterations: Annotated[int, msgspec.Meta(ge=0, le=1_000_000)] | None = None
     objective: Objective = "balanced"
     leave_start_contact: bool = False

@@ -15,6 +15,12 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
 RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
+PLANNING_TIME = 5.0
+"""How long a plan, or the judgement of a motion, may take that doesn't say it [s]."""
+LONGEST_TIME = 3600.0
+"""How long a request may allow itself [s]."""
+AllowedTime = Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_TIME)]
+
 MAX_URDF_CHARACTERS = 4_000_000
 UrdfCharacters = Annotated[str, msgspec.Meta(max_length=MAX_URDF_CHARACTERS)]
 RootJoint = Literal["fixed", "planar", "free"]

@@ -15,12 +15,12 @@ from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.geometry.placements import se3
 from guidefield.messages.kinematics_replies import ForwardKinematicsReply
 from guidefield.messages.requests import ForwardKinematics, InverseKinematics, TargetPose
+from guidefield.messages.values import LONGEST_TIME
 
 IK_RESPONSE = "moveit_msgs/srv/GetPositionIK_Response"
 FK_RESPONSE = "moveit_msgs/srv/GetPositionFK_Response"
 UNSET_TIME = 1.0
 """How long is looked for a solution where a request doesn't say it [s]."""
-MOST_TIME = 3600.0
 
 
 @dataclass(frozen=True)
@@ -155,4 +155,4 @@ def _allowed(timeout: Any) -> float:
     seconds = timeout.sec + timeout.nanosec / NANO
     if seconds <= 0.0:
         return UNSET_TIME
-    return number(min(seconds, MOST_TIME), "ik_request.timeout")
+    return number(min(seconds, LONGEST_TIME), "ik_request.timeout")

@@ -20,11 +20,11 @@ from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.kinematics_replies import InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
+from guidefield.messages.values import LONGEST_TIME
 
 RESPONSE = "moveit_msgs/srv/GetMotionPlan_Response"
 UNSET_TIME = 1.0
 """The planning time where a request has none, as in MoveIt [s]."""
-MOST_TIME = 3600.0
 SOLUTIONS = 8
 """How many configurations are looked for at each of several poses."""
 
@@ -190,8 +190,9 @@ def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
     number(seconds, "allowed_planning_time")
     if seconds <= 0.0:
         return UNSET_TIME, (f"`allowed_planning_time` is unset and means {UNSET_TIME:g} s",)
-    if seconds > MOST_TIME:
-        raise Refused(MoveItCode.FAILURE, f"`allowed_planning_time` must be at most {MOST_TIME:g} s, got {seconds:g}")
+    if seconds > LONGEST_TIME:
+        told = f"`allowed_planning_time` must be at most {LONGEST_TIME:g} s, got {seconds:g}"
+        raise Refused(MoveItCode.FAILURE, told)
     return seconds, ()
 
 
