@@ -105,6 +105,7 @@ class Judge:
             axes=np.zeros((joints, 6)),
             middle=np.zeros(self._coordinates),
             half=np.zeros(self._coordinates),
+            chords=np.zeros(joints),
             swept=np.zeros(bodies),
             ways=np.zeros(bodies),
             pairs=np.zeros((DEEPEST + 2, pairs), np.int64),

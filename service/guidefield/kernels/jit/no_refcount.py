@@ -24,3 +24,8 @@ def uncounted(kernel: Kernel) -> Kernel:
 def counted(kernel: Kernel) -> Kernel:
     """Decorator like `inlined`, of what makes arrays and is called from parts that don't count."""
     return cast(Kernel, part(kernel, counting=True, fastmath=FASTMATH))
+
+
+def lane_uncounted(kernel: Kernel) -> Kernel:
+    """Decorator like `lane_part`, of what neither makes nor returns arrays, or is only called from such parts."""
+    return cast(Kernel, part(kernel, counting=False, fastmath={"contract"}))

@@ -31,6 +31,7 @@ from guidefield.kernels.jit.fields import (
     RowsOut,
     numba_type,
 )
+from guidefield.kernels.jit.no_refcount import lane_uncounted
 from guidefield.kernels.jit.signatures import (
     BLOCKS,
     INDICES,
@@ -41,7 +42,6 @@ from guidefield.kernels.jit.signatures import (
     Floats,
     Integers,
     lane_kernel,
-    lane_part,
 )
 from guidefield.kernels.stream.curves import keeps_limits, range_of
 from guidefield.kernels.stream.separation import Solids, apart
@@ -131,8 +131,10 @@ class JudgeMemory(NamedTuple):
     Attributes:
         joints: Poses of joints, shape (n, 12).
         axes: Their axes and origins in the world, shape (n, 6).
-        middle, half: Middles and half widths of the coordinates, shape (nv,).
-        swept, ways: How far bodies can move, shape (r,).
+        middle, half: Middles and half widths of the coordinates, shape (nv,); -1 of a half width: not looked at yet.
+        chords: How far a joint moves what is 1 m from its axis, within the half widths, shape (n,) [m].
+        swept: How far bodies can move, shape (r,) [m]; -1: not looked at yet.
+        ways: How far they moved altogether, shape (r,) [m].
         pairs: For each depth which pairs are left, shape (`DEEPEST` + 2, own + m).
         counts: How many, shape (`DEEPEST` + 2,).
         work: Shape (8, 3).
@@ -144,6 +146,7 @@ class JudgeMemory(NamedTuple):
     axes: RowsOut
     middle: RowOut
     half: RowOut
+    chords: RowOut
     swept: RowOut
     ways: RowOut
     pairs: IndexRowsOut
@@ -168,13 +171,48 @@ FREE, LIMITS, OWN, OBSTACLE, UNDECIDED = range(5)
 """Verdicts: free; limits aren't kept; the robot meets itself, or an obstacle; nothing was found that proves either."""
 
 
-@lane_part
-def _place(robot: JudgedRobot, z: Floats, memory: JudgeMemory) -> None:
-    """Place the joints for coordinates z, shape (nv,)."""
+@lane_uncounted
+def _enclose(
+    robot: JudgedRobot,
+    phases: Floats,
+    counts: Integers,
+    tolerances: Floats,
+    a: float,
+    b: float,
+    joints: int,
+    memory: JudgeMemory,
+) -> None:
+    """Boxes of the coordinates' values within a time, and how far they let each joint move.
+
+    Args:
+        robot: As in `judged`.
+        phases: As there.
+        counts: As there.
+        tolerances: As there.
+        a: From when, from the motion's beginning [s].
+        b: Until when [s].
+        joints: So many joints matter, the first ones.
+        memory: Out: middles, half widths and chords; of bodies it isn't known yet how far they can move.
+    """
+    memory.half[:] = -1.0
+    memory.swept[:] = -1.0
+    for joint in range(1, joints):
+        k = robot.drivers[joint]
+        if memory.half[k] < 0.0:
+            least, largest = range_of(phases[k], counts[k], a, b)
+            memory.middle[k] = 0.5 * (least + largest)
+            memory.half[k] = 0.5 * (largest - least) + tolerances[k]
+        e = abs(robot.multipliers[joint]) * memory.half[k]
+        memory.chords[joint] = e if robot.kinds[joint] == SLIDES else 2.0 * math.sin(0.5 * min(e, math.pi))
+
+
+@lane_uncounted
+def _place(robot: JudgedRobot, z: Floats, joints: int, memory: JudgeMemory) -> None:
+    """Place the first joints, as many as are given, for coordinates z, shape (nv,)."""
     poses, axes = memory.joints, memory.axes
     for k in range(12):
         poses[0, k] = 1.0 if k in (0, 5, 10) else 0.0
-    for j in range(1, robot.parents.shape[0]):
+    for j in range(1, joints):
         up, own = poses[robot.parents[j]], robot.placements[j]
         value = robot.multipliers[j] * z[robot.drivers[j]] + robot.offsets[j]
         ux, uy, uz = robot.axes[j, 0], robot.axes[j, 1], robot.axes[j, 2]
@@ -199,38 +237,53 @@ def _place(robot: JudgedRobot, z: Floats, memory: JudgeMemory) -> None:
                 poses[j, 4 * r + 3] = origin
 
 
-@lane_part
+@lane_uncounted
 def _moved(pose: Floats, ball: Floats, k: int) -> float:
     """Coordinate k, in the world, of the centre of a ball, shape (4,), carried at a pose, shape (12,)."""
     return float(pose[4 * k] * ball[0] + pose[4 * k + 1] * ball[1] + pose[4 * k + 2] * ball[2] + pose[4 * k + 3])
 
 
-@lane_part
+@lane_uncounted
 def _reach(robot: JudgedRobot, body: int, joint: int, memory: JudgeMemory) -> float:
     """How far a joint moves a point of a body it moves at most, within the half widths there are [m]."""
-    e = abs(robot.multipliers[joint]) * memory.half[robot.drivers[joint]]
     if robot.kinds[joint] == SLIDES:
-        return float(e)
+        return float(memory.chords[joint])
     pose, ball, axis = memory.joints[robot.carriers[body]], robot.balls[body], memory.axes[joint]
     x = _moved(pose, ball, 0) - axis[3]
     y = _moved(pose, ball, 1) - axis[4]
     t = _moved(pose, ball, 2) - axis[5]
     cx, cy, cz = y * axis[2] - t * axis[1], t * axis[0] - x * axis[2], x * axis[1] - y * axis[0]
     far = math.sqrt(cx * cx + cy * cy + cz * cz) + ball[3]
-    return float(2.0 * math.sin(0.5 * min(e, math.pi)) * far)
+    return float(memory.chords[joint] * far)
 
 
-@lane_part
+@lane_uncounted
 def _swept_by(robot: JudgedRobot, body: int, memory: JudgeMemory) -> float:
     """How far any point of a body can be from where it is at the middle [m]."""
-    joint, whole = robot.carriers[body], 0.0
-    while joint > 0:
-        whole += _reach(robot, body, joint, memory)
-        joint = robot.parents[joint]
-    return whole
+    if memory.swept[body] < 0.0:
+        joint, whole = robot.carriers[body], 0.0
+        while joint > 0:
+            whole += _reach(robot, body, joint, memory)
+            joint = robot.parents[joint]
+        memory.swept[body] = whole
+    return float(memory.swept[body])
 
 
-@lane_part
+@lane_uncounted
+def _joints_of(robot: JudgedRobot, places: JudgedPlaces, depth: int, memory: JudgeMemory) -> int:
+    """How many joints matter for the pairs that are left at a depth, the first ones."""
+    last, own = 0, robot.own.shape[0]
+    for at in range(memory.counts[depth]):
+        pair = memory.pairs[depth, at]
+        if pair < own:
+            first, second = robot.own[pair, 0], robot.own[pair, 1]
+            last = max(last, robot.carriers[first], robot.carriers[second])
+        else:
+            last = max(last, robot.carriers[places.met[pair - own, 0]])
+    return int(last) + 1
+
+
+@lane_uncounted
 def _moves(robot: JudgedRobot, joint: int, body: int) -> bool:
     """Whether a joint moves a body."""
     at = robot.carriers[body]
@@ -239,7 +292,7 @@ def _moves(robot: JudgedRobot, joint: int, body: int) -> bool:
     return bool(at == joint)
 
 
-@lane_part
+@lane_uncounted
 def _between(robot: JudgedRobot, body: int, other: int, memory: JudgeMemory) -> float:
     """How far the joints that move a body and not another can move it [m]."""
     joint, whole = robot.carriers[body], 0.0
@@ -250,7 +303,7 @@ def _between(robot: JudgedRobot, body: int, other: int, memory: JudgeMemory) -> 
     return whole
 
 
-@lane_part
+@lane_uncounted
 def _own_apart(
     robot: JudgedRobot, first: int, second: int, wanted: float, needed: float, memory: JudgeMemory
 ) -> tuple[float, float]:
@@ -271,7 +324,7 @@ def _own_apart(
     return least, most
 
 
-@lane_part
+@lane_uncounted
 def _solid_apart(
     robot: JudgedRobot,
     body: int,
@@ -296,7 +349,7 @@ def _solid_apart(
     return least, most
 
 
-@lane_part
+@lane_uncounted
 def _winding(shapes: JudgedShapes, obstacle: int, x: float, y: float, z: float) -> float:
     """How often the triangles of an obstacle wind around a point in its frame: van Oosterom and Strackee's angles."""
     whole, points = 0.0, shapes.solids.points
@@ -314,7 +367,7 @@ def _winding(shapes: JudgedShapes, obstacle: int, x: float, y: float, z: float) 
     return whole / (4.0 * math.pi)
 
 
-@lane_part
+@lane_uncounted
 def _obstacle_apart(
     robot: JudgedRobot,
     body: int,
@@ -367,7 +420,7 @@ def _obstacle_apart(
     return least, most
 
 
-@lane_part
+@lane_uncounted
 def _inside(robot: JudgedRobot, body: int, shapes: JudgedShapes, obstacle: int, memory: JudgeMemory) -> bool:
     """Whether a point of a body is inside of a closed surface."""
     here, there = memory.joints[robot.carriers[body]], memory.pose
@@ -381,7 +434,7 @@ def _inside(robot: JudgedRobot, body: int, shapes: JudgedShapes, obstacle: int, 
     return bool(abs(_winding(shapes, obstacle, px, py, pz)) > 0.25)
 
 
-@lane_part
+@lane_uncounted
 def _above(
     robot: JudgedRobot, body: int, shapes: JudgedShapes, obstacle: int, memory: JudgeMemory
 ) -> tuple[float, float]:
@@ -407,7 +460,7 @@ def _above(
     return gap, gap
 
 
-@lane_part
+@lane_uncounted
 def _stand(places: JudgedPlaces, obstacle: int, since: float, pose: Floats) -> None:
     """Put the frame of an obstacle where it is predicted so long after it was seen [s], into a pose, shape (12,)."""
     for k in range(12):
@@ -416,7 +469,7 @@ def _stand(places: JudgedPlaces, obstacle: int, since: float, pose: Floats) -> N
         pose[4 * k + 3] += since * places.velocities[obstacle, k]
 
 
-@lane_part
+@lane_uncounted
 def _decided(
     robot: JudgedRobot,
     shapes: JudgedShapes,
@@ -435,7 +488,7 @@ def _decided(
         pair: The robot's own ones first.
         middle: Of the stretch [s].
         half: Half of its length [s].
-        memory: The robot stands as in the middle; with half widths and what they sweep.
+        memory: The robot stands as in the middle; with how far its joints can move.
     """
     count = robot.own.shape[0]
     if pair < count:
@@ -458,7 +511,7 @@ def _decided(
     speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
     rate = places.rates[obstacle]
     needed = rate * since + places.margins[obstacle]
-    wanted = memory.swept[body] + (speed + rate) * half + needed + LEAST
+    wanted = _swept_by(robot, body, memory) + (speed + rate) * half + needed + LEAST
     _stand(places, obstacle, since, memory.pose)
     if shapes.flat[obstacle] == 0:
         here, a, b = memory.joints[robot.carriers[body]], robot.balls[body], shapes.nodes[shapes.roots[obstacle]]
@@ -473,7 +526,7 @@ def _decided(
     return OBSTACLE if upper <= needed else UNDECIDED
 
 
-@lane_part
+@lane_uncounted
 def _looked_at(
     robot: JudgedRobot,
     shapes: JudgedShapes,
@@ -502,13 +555,9 @@ def _looked_at(
         depth: How often it was halved.
         memory: To work in; its pairs of that depth are looked at.
     """
-    for j in range(counts.shape[0]):
-        least, largest = range_of(phases[j], counts[j], a, b)
-        memory.middle[j] = 0.5 * (least + largest)
-        memory.half[j] = 0.5 * (largest - least) + tolerances[j]
-    _place(robot, memory.middle, memory)
-    for body in range(robot.carriers.shape[0]):
-        memory.swept[body] = _swept_by(robot, body, memory)
+    joints = _joints_of(robot, places, depth, memory)
+    _enclose(robot, phases, counts, tolerances, a, b, joints, memory)
+    _place(robot, memory.middle, joints, memory)
     left, met = 0, -1
     for at in range(memory.counts[depth]):
         pair = memory.pairs[depth, at]
@@ -590,8 +639,13 @@ def judged(
     for pair in range(count):
         memory.pairs[0, pair] = pair
     memory.counts[0] = count
+    # what is refused mostly is at the end, where obstacles may have come closest: that is looked at before all
+    looked = 1
+    left, verdict, met = _looked_at(robot, shapes, places, phases, begins, until, until, counts, tolerances, 0, memory)
+    if verdict in (OWN, OBSTACLE):
+        found[0], found[1], found[2] = float(looked), float(met), begins + until
+        return verdict
     depth, index = 0, 0
-    looked = 0
     while True:
         share = (until - since) / (1 << depth)
         a, b = since + index * share, since + (index + 1) * share
@@ -636,16 +690,13 @@ def travelled(
         parts: In so many parts it is added up.
         memory: To work in.
     """
-    ways = memory.ways
+    ways, joints, exact = memory.ways, robot.parents.shape[0], np.zeros(counts.shape[0])
     ways[:] = 0.0
     for part in range(parts):
         a = since + (until - since) * part / parts
         b = since + (until - since) * (part + 1) / parts
-        for j in range(counts.shape[0]):
-            least, largest = range_of(phases[j], counts[j], a, b)
-            memory.middle[j] = 0.5 * (least + largest)
-            memory.half[j] = 0.5 * (largest - least)
-        _place(robot, memory.middle, memory)
+        _enclose(robot, phases, counts, exact, a, b, joints, memory)
+        _place(robot, memory.middle, joints, memory)
         for body in range(robot.carriers.shape[0]):
             # from one end of the part to any place in it, both within the box about the middle
             ways[body] += 2.0 * _swept_by(robot, body, memory)
