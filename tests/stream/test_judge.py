@@ -42,7 +42,7 @@ def moved(q: np.ndarray, p: np.ndarray) -> Any:
 @pytest.mark.parametrize("second", SHAPES, ids=lambda one: one.name)
 def test_bounds_of_distances_hold_coals_distance(first: Obstacle, second: Obstacle) -> None:
     rng = np.random.default_rng(5)
-    solids = [solids_of(shape_of(built(one, 0)).solids) for one in (first, second)]
+    solids = [solids_of([shape_of(built(one, 0)).solids]) for one in (first, second)]
     shapes = [built(one, 0).shape for one in (first, second)]
     work = np.zeros((8, 3))
     for _ in range(15):

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, UnknownObject
-from guidefield.geometry.placements import se3
+from guidefield.geometry.placements import frames
 from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
 from guidefield.messages import scene as messages
 from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle
@@ -31,15 +31,15 @@ class Known:
         declared: What it was declared as.
         shape: Its shape.
         seen: Its last observation; None: not yet, or gone.
-        boxes: Boxes that stand for it, where it was seen, shape (b, 16) [m].
         gone: Whether it was there, and isn't any more.
+        written: Whether what was seen last is in the arrays that are judged.
     """
 
     declared: StreamObstacle
     shape: JudgedShape
     seen: Observation | None = None
-    boxes: np.ndarray | None = None
     gone: bool = False
+    written: bool = False
 
     @property
     def name(self) -> str:
@@ -114,8 +114,7 @@ class Obstacles:
         before = self.known.get(message.name)
         if before is None:
             self._make_room(path)
-        one = self.known[message.name] = Known(declared, shape, None if before is None else before.seen)
-        one.boxes = None if one.seen is None else _turned(shape.boxes, one.seen)
+        self.known[message.name] = Known(declared, shape, None if before is None else before.seen)
         self._remade = True
 
     def _make_room(self, path: str) -> None:
@@ -158,7 +157,7 @@ class Obstacles:
         if one.seen is not None and seen.time < one.seen.time:
             return False
         fresh = one.seen is None
-        one.seen, one.boxes, one.gone = seen, _turned(one.shape.boxes, seen), False
+        one.seen, one.gone, one.written = seen, False, False
         self._met_changed |= fresh
         return fresh
 
@@ -186,26 +185,43 @@ class Obstacles:
 
     def judged(self, reserve: float) -> tuple[JudgedShapes, JudgedPlaces, JudgedPlaces]:
         """Shapes, places, and places with what obstacles cover in a time [s] in reserve; the same arrays each time."""
+        self._bring_up_to_date()
+        np.add(self._margins, reserve * self._rates, out=self._kept)
+        return self._shapes, self._places, self._reserved
+
+    def _bring_up_to_date(self) -> None:
         if self._remade:
             self._remake()
         if self._met_changed:
             self._meet()
-        self._rewrite(reserve)
-        return self._shapes, self._places, self._reserved
+        self._write()
 
     def _remake(self) -> None:
-        shapes = [*self._resting, *(one.shape for one in self.known.values())]
+        known = list(self.known.values())
+        shapes = [*self._resting, *(one.shape for one in known)]
         count = max(1, len(shapes))
         self._shapes = shapes_of(shapes)
         self._poses, self._velocities = np.zeros((count, 12)), np.zeros((count, 3))
         self._rates, self._margins, self._kept, self._times = (np.zeros(count) for _ in range(4))
         resting = len(self._resting)
         self._poses[:resting] = np.array(self._resting_poses).reshape(-1, 12)
-        self._margins[:resting] = self._kept[:resting] = self.assumption.min_clearance
+        self._margins[:resting] = self.assumption.min_clearance
+        turns = self.assumption.deviation is not None
+        self._reaches = np.array(
+            [one.shape.reach if turns or one.declared.largest_angular_speed else 0.0 for one in known]
+        )
+        self._declared = np.array(
+            [(d.largest_speed, d.largest_angular_speed, d.uncertainty) for d in (one.declared for one in known)]
+        ).reshape(-1, 3)
+        self._boxes = np.concatenate([np.empty((0, 16)), *(one.shape.boxes for one in known)])
+        self._boxes_of = np.repeat(np.arange(len(known)), [len(one.shape.boxes) for one in known]).astype(np.int64)
+        for one in known:
+            one.written = False
         self._remade, self._met_changed = False, True
 
     def _meet(self) -> None:
-        there = [True] * len(self._resting) + [one.seen is not None for one in self.known.values()]
+        self._there = np.array([one.seen is not None for one in self.known.values()], bool)
+        there = [True] * len(self._resting) + self._there.tolist()
         rows = [
             np.column_stack([bodies, np.full(len(bodies), index)])
             for index, (name, present) in enumerate(zip(self.names, there, strict=True))
@@ -215,41 +231,58 @@ class Obstacles:
         arrays = (self._poses, self._velocities, self._rates)
         self._places = read_only_views(JudgedPlaces(*arrays, self._margins, self._times, met))
         self._reserved = read_only_views(JudgedPlaces(*arrays, self._kept, self._times, met))
+        self._placed: np.ndarray | None = None
         self._met_changed = False
 
-    def _rewrite(self, reserve: float) -> None:
-        """Write where obstacles were seen into the places' arrays."""
-        assumed = self.assumption
-        for index, one in enumerate(self.known.values(), len(self._resting)):
-            seen = one.seen
-            if seen is None:
-                continue
-            self._poses[index] = _row(se3(seen.placement.position, seen.placement.quaternion_xyzw))
-            if assumed.deviation is None:
-                speed, turning, velocity = one.declared.largest_speed, one.declared.largest_angular_speed, (0.0,) * 3
-            else:
-                velocity = seen.velocity
-                speed = assumed.deviation.speed
-                turning = assumed.deviation.angular_speed + float(np.linalg.norm(seen.angular_velocity))
-            rate = speed + (turning * one.shape.reach if turning > 0.0 else 0.0)
-            self._velocities[index], self._rates[index], self._times[index] = velocity, rate, seen.time
-            fast = rate + float(np.linalg.norm(velocity))
-            margin = one.declared.uncertainty + assumed.min_clearance + fast * assumed.clock_error
-            self._margins[index], self._kept[index] = margin, margin + rate * reserve
+    def _write(self) -> None:
+        """Write what was seen since into the places' arrays."""
+        found = [
+            (index, one.seen)
+            for index, one in enumerate(self.known.values())
+            if one.seen is not None and not one.written
+        ]
+        if not found:
+            return
+        seen = [one for _, one in found]
+        which = np.array([index for index, _ in found])
+        rows, assumed = len(self._resting) + which, self.assumption
+        speeds, turning, uncertain = self._declared[which].T
+        velocities = np.zeros((len(seen), 3))
+        if assumed.deviation is not None:
+            velocities = np.array([one.velocity for one in seen])
+            turns = np.linalg.norm([one.angular_velocity for one in seen], axis=1)
+            speeds, turning = np.full(len(seen), assumed.deviation.speed), assumed.deviation.angular_speed + turns
+        reaches = np.where(turning > 0.0, self._reaches[which], 0.0)  # a half-space reaches without end
+        rates = speeds + turning * reaches
+        fast = rates + np.linalg.norm(velocities, axis=1)
+        margins = uncertain + assumed.min_clearance + fast * assumed.clock_error
+        placements = [one.placement for one in seen]
+        self._poses[rows] = frames(
+            np.array([one.position for one in placements]), np.array([one.quaternion_xyzw for one in placements])
+        )
+        self._velocities[rows], self._rates[rows], self._times[rows] = velocities, rates, [one.time for one in seen]
+        self._margins[rows] = margins
+        for one in self.known.values():
+            one.written = True
+        self._placed = None
 
     def boxes(self, times: Iterable[float]) -> np.ndarray:
         """Rounded boxes that stand for what was seen, where it is predicted at some times [s], shape (k, 16)."""
-        seen = [one for one in self.known.values() if one.seen is not None and one.boxes is not None]
-        if not seen:
+        self._bring_up_to_date()
+        kept = self._there[self._boxes_of]
+        if not kept.any():
             return np.empty((0, 16))
-        placed = np.concatenate([one.boxes for one in seen if one.boxes is not None])
-        counts = [len(one.shape.boxes) for one in seen]
-        velocities = np.repeat([one.seen.velocity for one in seen if one.seen is not None], counts, axis=0)
-        since = np.repeat([one.seen.time for one in seen if one.seen is not None], counts)
+        if self._placed is None:
+            of = self._boxes_of[kept]
+            seen = [one.seen for one in self.known.values()]
+            speeds = np.array([(0.0,) * 3 if one is None else one.velocity for one in seen])
+            poses = self._poses[len(self._resting) + of]
+            self._placed = _placed_at(self._boxes[kept], poses)
+            self._drifts, self._since = speeds[of], self._times[len(self._resting) + of]
         rows = []
         for time in times:
-            moved = placed.copy()
-            moved[:, [3, 7, 11]] += (time - since)[:, None] * velocities
+            moved = self._placed.copy()
+            moved[:, [3, 7, 11]] += (time - self._since)[:, None] * self._drifts
             rows.append(moved)
         return np.concatenate(rows)
 
@@ -275,11 +308,11 @@ def _row(placement: pin.SE3) -> np.ndarray:
     return np.column_stack([placement.rotation, placement.translation]).ravel()
 
 
-def _turned(boxes: np.ndarray, seen: Observation) -> np.ndarray:
-    """Boxes (k, 16) of an obstacle's frame in the world, where it was seen."""
-    placement = se3(seen.placement.position, seen.placement.quaternion_xyzw)
+def _placed_at(boxes: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Boxes (k, 16) of frames in the world, given where each one's frame is, shape (k, 12)."""
     placed = boxes.copy()
-    frames = placement.rotation @ boxes[:, :12].reshape(-1, 3, 4)
-    frames[:, :, 3] += placement.translation
-    placed[:, :12] = frames.reshape(-1, 12)
+    outer, inner = poses.reshape(-1, 3, 4), boxes[:, :12].reshape(-1, 3, 4)
+    there = np.einsum("kij,kjn->kin", outer[:, :, :3], inner)
+    there[:, :, 3] += outer[:, :, 3]
+    placed[:, :12] = there.reshape(-1, 12)
     return placed

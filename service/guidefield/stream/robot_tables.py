@@ -15,7 +15,7 @@ from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joint_tables import CODES, axis_of
-from guidefield.stream.shapes import Convexes, convex_of, joined, polytope, solids_of
+from guidefield.stream.shapes import Convexes, convex_of, polytope, solids_of
 from guidefield.stream.views import read_only_views
 
 
@@ -90,7 +90,7 @@ def judged_robot(group: PlanningGroup, joints: JointRows, own: np.ndarray) -> Ju
             solids = [polytope(np.asarray(part.hull.vertices)) for part in hulls]
         bodies.append([_moved(one, shape.placement) for one in solids])
     counts = [len(one) for one in bodies]
-    solids_table = solids_of(joined([solid for one in bodies for solid in one]))
+    solids_table = solids_of([solid for one in bodies for solid in one])
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     robot = JudgedRobot(
         parents=joints.parents,
