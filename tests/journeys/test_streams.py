@@ -7,11 +7,13 @@ is the same on any machine, and contacts are looked for with plain Pinocchio and
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import re
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -243,6 +245,24 @@ def test_a_worker_that_dies_says_so_and_a_client_that_comes_back_goes_on(service
         arrive(stream, clock, judge, 20.0)
 
 
+@contextlib.contextmanager
+def kept_open(stream: ServiceStream) -> Iterator[None]:
+    """Updates go on, however long something else takes: a stream without any ends."""
+    over = threading.Event()
+
+    def send() -> None:
+        while not over.wait(0.5):
+            stream.update()
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
 def test_streams_beyond_what_there_may_be_are_refused_and_those_of_who_vanishes_end(
     service: Service, client: Client
 ) -> None:
@@ -254,7 +274,8 @@ def test_streams_beyond_what_there_may_be_are_refused_and_those_of_who_vanishes_
         with Client.connect(service.endpoint, user="ben", wait=CONNECTED_WITHIN) as ben:
             with Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as vanishing:
                 left = vanishing.stream(ASKED)
-                left.__enter__()
+                with kept_open(first):
+                    left.__enter__()
                 left.update(time=0.0)
                 assert left.answer(ANSWERED_WITHIN) is not None
                 assert set(client.streams()) == {left.stream_id, f"anna:{first.stream_id}"}
