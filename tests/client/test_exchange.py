@@ -1,15 +1,26 @@
-"""Waiting for an answer."""
+"""Asking, being refused, and waiting for an answer."""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import subprocess
 import sys
-from concurrent.futures import Future
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, wait
 
 import pytest
+import zenoh
 
-from guidefield.client.exchange import awaited
+from guidefield.cli.loopback import LOOPBACK, free_port
+from guidefield.client.exchange import ASKS, Exchange, awaited
+from guidefield.client.questions import Question
 from guidefield.errors import ServerBusy
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import error_reply
+from tests.journeys.service import ANSWERED_WITHIN, await_that
 
 INTERRUPTED_IN_ANOTHER_THREAD = """
 import signal, sys, threading, time
@@ -43,3 +54,64 @@ def test_a_ctrl_c_that_another_thread_takes_interrupts_the_wait() -> None:
     command = [sys.executable, "-c", INTERRUPTED_IN_ANOTHER_THREAD]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (done.returncode, done.stderr) == (1, "interrupted\n")
+
+
+@contextlib.contextmanager
+def _asking(*instances: str) -> Iterator[Exchange]:
+    """Instances of which the first refuses, being busy, and the others answer with their names."""
+    with free_port() as port, contextlib.ExitStack() as opened:
+        service = opened.enter_context(zenoh.open(_config("peer", "listen", port)))
+        for name in instances:
+            opened.enter_context(
+                service.declare_queryable(f"guidefield/{name}/**", _busy if name == "busy" else _named)
+            )
+            opened.enter_context(service.liveliness().declare_token(f"guidefield/{name}/alive"))
+        exchange = Exchange(zenoh.open(_config("client", "connect", port)), None)
+        opened.callback(exchange.close)
+        await_that(lambda: all(exchange.is_there(name) for name in instances))
+        exchange.remember("own", "busy")
+        yield exchange
+
+
+def _config(mode: str, way: str, port: int) -> zenoh.Config:
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5(f"{way}/endpoints", json.dumps([f"tcp/{LOOPBACK}:{port}"]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
+def _busy(query: zenoh.Query) -> None:
+    with query:
+        query.reply_err(codec.encode(error_reply(ServerBusy("later", retry_after=1.0)), Encoding.MSGPACK))
+
+
+def _named(query: zenoh.Query) -> None:
+    with query:
+        query.reply(query.key_expr, str(query.key_expr).split("/")[1].encode())
+
+
+def _answered(exchange: Exchange) -> tuple[Future[bytes], list[str]]:
+    """The answer to a question that goes to the busy instance first, and the name of the thread that brought it."""
+    brought: list[str] = []
+    answer = exchange.ask(Question("plan", bytes, run_id="own", work=True, timeout=ANSWERED_WITHIN))
+    answer.add_done_callback(lambda _: brought.append(threading.current_thread().name))
+    wait([answer], ANSWERED_WITHIN)
+    await_that(lambda: brought)
+    return answer, brought
+
+
+def test_a_refusal_by_the_only_instance_is_brought_at_once() -> None:
+    """Without a thread of its own: to start one took longer than the refusal."""
+    with _asking("busy") as exchange:
+        answer, brought = _answered(exchange)
+        with pytest.raises(ServerBusy, match="later"):
+            answer.result()
+        assert brought != [ASKS]
+
+
+def test_where_one_instance_refuses_another_one_is_asked() -> None:
+    with _asking("busy", "free") as exchange:
+        answer, _ = _answered(exchange)
+        assert answer.result() == b"free"

@@ -35,6 +35,8 @@ PAUSE = 0.1
 """How long it waits before it goes there again, twice as long each time: Zenoh may not know yet that it is gone [s]."""
 LOOK_UP = 0.2
 """How often who waits for an answer looks up [s]."""
+ASKS = "guidefield-ask"
+"""The name of a thread that asks another instance."""
 MOST_RUNS = 1_000
 """For how many runs it is remembered which instance has them."""
 
@@ -113,6 +115,10 @@ class Exchange:
         asking.answer.set_running_or_notify_cancel()  # who waits may give up, the question stays on its way
         asking.send(self._asked_for(question))
         return asking.answer
+
+    def has_other(self, tried: frozenset[str]) -> bool:
+        """Whether a question may go to another instance than those where it was."""
+        return self.named is None and bool(self._instances.living() - tried)
 
     def leave(self, instance: str, tried: frozenset[str], *, back: bool) -> str | None:
         """Where to go from an instance that gave no answer; None if there is no such place.
@@ -224,9 +230,10 @@ class _Asking:
             self.answer.set_result(bytes(self._brought[0].ok.payload.to_bytes()))
             return
         error = self._refusal() if self._brought else self._gone()
-        if not self._brought or isinstance(error, ServerBusy | QuotaExceeded):
+        refused = isinstance(error, ServerBusy | QuotaExceeded) and self._exchange.has_other(self._tried)
+        if not self._brought or refused:
             # Not in Zenoh's own thread: to look for another instance takes its answers.
-            threading.Thread(target=self._ask_another, args=(error,), name="guidefield-ask", daemon=True).start()
+            threading.Thread(target=self._ask_another, args=(error,), name=ASKS, daemon=True).start()
         else:
             self.answer.set_exception(error)
 
