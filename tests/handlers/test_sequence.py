@@ -344,6 +344,7 @@ def test_a_rectangle_is_drawn_with_straight_sides() -> None:
 
 
 TAKE = {"attach": {"object": "can"}}
+PASS = {"stop": False}
 
 
 @pytest.mark.parametrize(
@@ -351,7 +352,15 @@ TAKE = {"attach": {"object": "can"}}
     [
         ([{}], MalformedRequest, "$.steps[0]", "must have a `goal`"),
         ([joints() | {"start_velocities": {}}], MalformedRequest, "$.steps[0]", "unknown field"),
-        ([joints(), joints() | {"stop": False}], MalformedRequest, "$.steps[1]", "`stop: false` is not served"),
+        ([joints(), joints() | PASS], MalformedRequest, "$.steps[1]", "needs a step after it: the last one"),
+        ([joints() | PASS, {"pause": 1.0}, joints()], MalformedRequest, "$.steps[0]", "that one has no `goal`"),
+        ([joints() | PASS, joints() | {"group": "hand"}], MalformedRequest, "$.steps[0]", "moves the same joints"),
+        ([joints(), {"pause": 1.0} | PASS, joints()], MalformedRequest, "$.steps[1]", "`stop: false` needs a `goal`"),
+        ([joints() | PASS | {"pause": 0.1}, joints()], MalformedRequest, "$.steps[0]", "goes without `pause`"),
+        ([joints() | PASS | {"detach": "can"}, joints()], MalformedRequest, "$.steps[0]", "goes without `detach`"),
+        ([joints() | PASS | TAKE, joints()], MalformedRequest, "$.steps[0]", "goes without `attach`"),
+        ([{"goal": {"type": "guide_plane"}} | PASS, joints()], MalformedRequest, "$.steps[0]", "of joints or a pose"),
+        ([joints() | {"radius": 0.0}, joints()], MalformedRequest, "$.steps[0].radius", "> 0.0"),
         ([joints() | {"linear": True}], MalformedRequest, "$.steps[0]", "`linear` needs a `goal` of type"),
         ([joints(), joints(elbow=1.0)], InvalidGoal, "$.steps[1]", "no joint 'elbow'"),
         ([joints() | {"group": "legs"}], InvalidGroup, "$.steps[0]", "legs"),
@@ -363,7 +372,7 @@ TAKE = {"attach": {"object": "can"}}
         ([joints() | {"detach": "can"}], UnknownObject, "$.steps[0]", "'can' is not held"),
         ([{"pause": 1.0}], MalformedRequest, "$.steps", "nothing moves"),
         ([joints() | {"pause": -1.0}], MalformedRequest, "$.steps[0].pause", ">= 0.0"),
-        ([joints() | {"radius": 0.1}], MalformedRequest, "$.steps[0]", "unknown field `radius`"),
+        ([joints() | {"radii": 0.1}], MalformedRequest, "$.steps[0]", "unknown field `radii`"),
     ],
 )
 def test_a_step_that_is_wrong_is_named(

@@ -116,6 +116,7 @@ def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measu
             for one in made.permissions
             if (since := max(one.begin, begin)) < (until := min(one.end, end))
         ],
+        passed=leg.passed,
     )
 
 

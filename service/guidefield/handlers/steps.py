@@ -65,6 +65,7 @@ class Steps:
         objects = tuple(Held(one) for one in request.attached_objects)
         self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
         self.whole = self._group(robot, self.start.q)
+        self._require_passable()
         self._tried()
 
     def __len__(self) -> int:
@@ -122,6 +123,11 @@ class Steps:
     def pause(self, index: int) -> float:
         """As in `Course`."""
         return self._request.steps[index].pause
+
+    def passes(self, index: int) -> float | None:
+        """As in `Course`."""
+        step = self._request.steps[index]
+        return None if step.stop else step.radius
 
     def attached(self, index: int) -> str | None:
         """As in `Course`."""
@@ -223,6 +229,35 @@ class Steps:
             return derivation.told_in(plan(derived, Planner(asked.planner), ATTEMPTS[asked.minimizer](problem.group)))
 
         return planned
+
+    def _require_passable(self) -> None:
+        """Refuse to pass a goal where nothing goes on, or other joints do."""
+        for index, step in enumerate(self._request.steps):
+            if step.stop:
+                continue
+            with _in_step(index):
+                if index + 1 == len(self):
+                    raise MalformedRequest("`stop: false` needs a step after it: the last one ends at rest")
+                after = self._request.steps[index + 1]
+                if after.goal is None:
+                    raise MalformedRequest("`stop: false` needs a step after it that moves: that one has no `goal`")
+                one, other = (self._moved(step), self._moved(after))
+                if one != other:
+                    raise MalformedRequest(
+                        f"`stop: false` needs a step after it that moves the same joints: this one moves"
+                        f" {', '.join(one)}, that one {', '.join(other)}",
+                        joints=one,
+                        next_joints=other,
+                    )
+
+    def _moved(self, step: PlanStep) -> list[str]:
+        """Names of the joints that a step moves."""
+        return [
+            joint.name
+            for joint in select(
+                self.start.robot, self._joints(step), self._tip(step), self.start.q, self.start.root
+            ).joints
+        ]
 
     def _tried(self) -> None:
         """Every step as it would be if no goal moved the robot: what is ill-posed is refused before any is planned.

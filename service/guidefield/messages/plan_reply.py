@@ -184,7 +184,7 @@ class StepFigures(Reply):
 
     Attributes:
         begin: When it begins [s].
-        end: When it ends, its pause included [s].
+        end: When it ends, its pause included [s]; when it passes its goal where it doesn't stop.
         held: Names of the objects that are held meanwhile.
         attached: What is picked up at its end.
         detached: What is put down at its end.
@@ -192,6 +192,8 @@ class StepFigures(Reply):
         self_clearance: Of the robot from itself; the same.
         certificate: The judgement of the trajectory between `begin` and `end`, with what is held then.
         permissions: What a held object may touch meanwhile.
+        passed: How far from its goal it passes at `end` where it doesn't stop: the tip's place [m] or its turn [rad],
+            whichever is more, for a pose or relative goal; the farthest joint [rad or m] for one of joints.
     """
 
     begin: float
@@ -203,6 +205,7 @@ class StepFigures(Reply):
     self_clearance: SelfClearance | None
     certificate: CertificateFigures
     permissions: list[Permission]
+    passed: float | None = None
 
 
 class PlanReply(Reply):

@@ -82,7 +82,9 @@ class PlanStep(Message):
         pause: For how long the robot waits after its motion [s].
         detach: Name of an object that is put down where it is then: an obstacle from the end of the step on.
         attach: What is picked up at the end of the step, after what is put down.
-        stop: Whether the robot comes to rest at the step's end.
+        stop: Whether the robot comes to rest at the step's end; false: it passes the goal on its way to the next one.
+        radius: How far from a goal that is passed the robot may leave its way: the tip's place [m] and its turn [rad]
+            for a pose or relative goal, every joint [rad or m] for one of joints.
     """
 
     goal: StepGoal | None = None
@@ -99,15 +101,26 @@ class PlanStep(Message):
     detach: Name | None = None
     attach: Attach | None = None
     stop: bool = True
+    radius: Positive = 0.05
 
     def __post_init__(self) -> None:
-        for field in ("line_tolerance", "turn_tolerance", "pause"):
+        for field in ("line_tolerance", "turn_tolerance", "pause", "radius"):
             require_finite_number(field, getattr(self, field))
         if self.goal is None and not self.pause and self.detach is None and self.attach is None:
             raise ValueError("a step must have a `goal`, a `pause`, or something to `attach` or `detach`")
-        if not self.stop:
-            raise ValueError("`stop: false` is not served: a step ends at rest")
+        self._require_passed()
         self._require_straight()
+
+    def _require_passed(self) -> None:
+        if self.stop:
+            return
+        if self.goal is None:
+            raise ValueError("`stop: false` needs a `goal`: there is nothing to pass")
+        if isinstance(self.goal, GuidePlaneGoal):
+            raise ValueError("`stop: false` needs a `goal` of joints or a pose: a plane is crossed with `guide_planes`")
+        for field in ("pause", "detach", "attach"):
+            if getattr(self, field):
+                raise ValueError(f"`stop: false` goes without `{field}`: that takes a robot at rest")
 
     def _require_straight(self) -> None:
         if not self.linear:

@@ -25,7 +25,11 @@ from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 
 def parameterize_gently(
-    spline: CubicSpline, velocity_limits: ChartRate, acceleration_limits: ChartRate, jerk_limits: ChartRate
+    spline: CubicSpline,
+    velocity_limits: ChartRate,
+    acceleration_limits: ChartRate,
+    jerk_limits: ChartRate,
+    finer: int = 1,
 ) -> Trajectory:
     """A fast motion along a spline, from rest to rest, that exceeds no limit at any time.
 
@@ -36,6 +40,7 @@ def parameterize_gently(
         velocity_limits: Shape (nv,), finite and positive [rad/s or m/s].
         acceleration_limits: Shape (nv,), finite and positive [rad/s² or m/s²].
         jerk_limits: Shape (nv,), positive, infinite where there is none [rad/s³ or m/s³].
+        finer: How many times as many pieces it has as a smooth curve needs: it keeps closer to one with corners.
 
     Returns:
         The motion; a single knot if the spline is a point.
@@ -51,7 +56,7 @@ def parameterize_gently(
     best = None
     ways = [fastest(spline, velocity_limits, share * acceleration_limits) for share in JERK.accelerations]
     for (s, times, rates), window in product(ways, JERK.windows):
-        motion = _averaged(spline, s, times, rates, window * times[-1])
+        motion = _averaged(spline, s, times, rates, window * times[-1], finer)
         load = limit_load(*motion, velocity_limits, acceleration_limits, jerk_limits)
         if best is None or load * motion[0][-1] < best[0]:
             best = load * motion[0][-1], load, motion
@@ -62,11 +67,11 @@ def parameterize_gently(
 
 
 def _averaged(
-    spline: CubicSpline, s: np.ndarray, times: np.ndarray, rates: np.ndarray, window: float
+    spline: CubicSpline, s: np.ndarray, times: np.ndarray, rates: np.ndarray, window: float, finer: int
 ) -> tuple[np.ndarray, ChartPoints, ChartRates]:
     """Knots of the motion whose parameter is the average of s over a window: times, positions, velocities."""
     duration = float(times[-1]) + window
-    count = int(np.clip(math.ceil(JERK.pieces * duration / window), 8, JERK.most_pieces))
+    count = finer * int(np.clip(math.ceil(JERK.pieces * duration / window), 8, JERK.most_pieces))
     fine = np.linspace(0.0, duration, JERK.samples * count + 1)
     before, now = (_integral(s, times, rates, moment) for moment in (fine - window, fine))
     share = (now - before)[:: JERK.samples] / window

@@ -34,12 +34,13 @@ class Composition:
         """Where it ends, a chart point, shape (n,)."""
         return self._positions[-1]
 
-    def move(self, motion: Trajectory, embedding: Embedding) -> None:
-        """Go on along a motion that begins where this ends."""
-        since = self.end - float(motion.times[0])
+    def move(self, motion: Trajectory, embedding: Embedding) -> list[float]:
+        """Go on along a motion that begins where this ends; returns when it is at each of its knots [s]."""
+        first, since = len(self._times) - 1, self.end - float(motion.times[0])
         self._times += (since + motion.times[1:]).tolist()
         self._positions += list(embedding.points(motion.positions)[1:])
         self._velocities += list(embedding.rates(motion.velocities)[1:])
+        return self._times[first:]
 
     def wait(self, seconds: float) -> None:
         """Stay for some time."""

@@ -80,6 +80,13 @@ class Course(Protocol[S]):
         """For how long the robot waits after a step's motion [s]."""
         ...
 
+    def passes(self, index: int) -> float | None:
+        """How far from its goal the way of a step may be left that doesn't stop there [m, rad]; None where it stops.
+
+        The step after it moves the same joints.
+        """
+        ...
+
     def attached(self, index: int) -> str | None:
         """Name of what is picked up at a step's end."""
         ...

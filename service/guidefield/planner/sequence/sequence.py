@@ -1,6 +1,7 @@
 """The sequence: every step planned from where the one before ended, put together, and certified as it will be executed.
 
-It fails as a whole. What a step ends at is chosen so that the later steps stay possible (`ahead`).
+It fails as a whole. What a step ends at is chosen so that the later steps stay possible (`ahead`). One that is passed
+is planned to its end, too, and joined with the one after it (`passing`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from guidefield.planner.sequence.ahead import Refused, with_future
 from guidefield.planner.sequence.composed import Composition, with_knots_at
 from guidefield.planner.sequence.course import Course, S, StepMotion
 from guidefield.planner.sequence.embedding import Embedding, whole_configuration
+from guidefield.planner.sequence.nearness import PassedGoal
+from guidefield.planner.sequence.passing import Joined, NotJoined, Part, join
 from guidefield.planner.sequence.permissions import Allowed, allowed, holdings
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
@@ -39,6 +42,11 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
 SNAPPED = 1e-6
 """A time that is no further from a knot stands for the knot [s]."""
 
+SLOWER = (
+    "to pass goals without stopping takes longer here than the {:.3f} s with stops: `radius` is small for the limits"
+)
+"""Warning about steps that are passed."""
+
 
 @dataclass(frozen=True, eq=False)
 class Leg(ReadOnly, Generic[S]):
@@ -51,7 +59,9 @@ class Leg(ReadOnly, Generic[S]):
         conditions: What the motion of all joints is judged by meanwhile, where nothing may touch.
         path: What the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves.
         way: The straight way of the tip, if it goes straight.
+        straight: From when to when it does [s]: not while a goal is passed.
         problem: What was planned; None where nothing moves.
+        passed: How near to the goal it ends, as `PassedGoal.distances` [m, rad], where it is passed.
     """
 
     index: int
@@ -60,7 +70,18 @@ class Leg(ReadOnly, Generic[S]):
     conditions: Conditions
     path: ChartPoints
     way: StraightWay | None = None
+    straight: tuple[float, float] = (0.0, 0.0)
     problem: Problem | None = None
+    passed: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """The motion of a step that is not yet part of the whole."""
+
+    motion: StepMotion
+    trajectory: Trajectory
+    embedding: Embedding
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +147,8 @@ class _Planning(Generic[S]):
         self._budget, self._observer = budget, observer
         self._composition = Composition(whole.chart(whole.q_origin))
         self._legs: list[Leg[S]] = []
+        self._moved: list[_Moved] = []
+        self._z = self._composition.z
         self._stages: list[StageLeft] = []
         self._seconds: dict[str, float] = {}
         self._warnings: list[str] = []
@@ -141,31 +164,80 @@ class _Planning(Generic[S]):
 
     def _step(self, index: int) -> SequencePlan[S] | None:
         """Plan a step; the end of it all where it fails."""
-        course, at, begin = self._course, self._at, self._composition.end
+        course, at = self._course, self._at
         if index and (spent := self._budget.spent()) is not None:
             why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
-            return self._refused(Refused(index, Ending(spent, f"{why} before it was planned", {"stage": "ends"})), at)
+            ending = Ending(spent, f"{why} before it was planned", {"stage": "ends"})
+            return self._refused(Refused(index, ending), index, at)
         conditions, motion = course.conditions(index, at), course.motion(index, at)
-        base = self._composition.z
-        path, q = base[None], at.q
+        path, q = self._z[None], at.q
         if motion is not None:
             group = motion.problem.group
-            embedding = Embedding.of(group, motion.problem.z_start, self._whole, base)
+            embedding = Embedding.of(group, motion.problem.z_start, self._whole, self._z)
             made = self._planned(index, motion, embedding)
             if isinstance(made, Refused):
-                return self._refused(made, at)
+                return self._refused(made, index, at)
             self._add(made.stages, made.seconds, made.warnings, index)
             path = embedding.points(made.path)
             if made.status is not Status.SUCCESS or made.trajectory is None:
                 return self._failed(index, Ending(made.status, made.message, made.details), at, path, made.verdict)
-            self._composition.move(made.trajectory, embedding)
+            self._moved.append(_Moved(motion, made.trajectory, embedding))
+            self._z = cast(ChartPoint, embedding.points(made.trajectory.positions[-1:])[0])
             q = whole_configuration(group, group.from_chart(made.trajectory.positions[-1]))
-        self._composition.wait(course.pause(index))
-        span = (begin, self._composition.end)
         way, problem = (None, None) if motion is None else (motion.way, motion.problem)
-        self._legs.append(Leg(index, at, span, conditions, path, way, problem))
+        now = self._composition.end
+        self._legs.append(Leg(index, at, (now, now), conditions, path, way, (now, now), problem))
         self._at = course.after(index, at, q)
+        return self._composed(index) if course.passes(index) is None else None
+
+    def _composed(self, index: int) -> SequencePlan[S] | None:
+        """Put the motions up to the end of a step together, and its pause; the end of it all where they don't join."""
+        begin, moved = self._composition.end, self._moved
+        if len(moved) > 1:
+            failed = self._joined(index + 1 - len(moved))
+            if failed is not None:
+                return failed
+        elif moved:
+            self._composition.move(moved[0].trajectory, moved[0].embedding)
+            self._legs[-1] = dataclasses.replace(self._legs[-1], straight=(begin, self._composition.end))
+        self._composition.wait(self._course.pause(index))
+        last = self._legs[-1]
+        self._legs[-1] = dataclasses.replace(
+            last, span=(begin if len(moved) < 2 else last.span[0], self._composition.end)
+        )
+        self._moved = []
         return None
+
+    def _joined(self, first: int) -> SequencePlan[S] | None:
+        """Join the motions of steps, all but the last of which are passed; the end of it all where they don't join."""
+        moved, legs = self._moved, self._legs[first:]
+        parts = [self._part(first + k, one) for k, one in enumerate(moved)]
+        stages = Stages(dataclasses.replace(legs[0].conditions, observer=self._observer))
+        joined = join(parts, stages)
+        stopping = sum(one.motion.duration for one in parts)
+        slow = isinstance(joined, Joined) and joined.motion.duration > stopping
+        self._add(tuple(stages.left), stages.seconds, (SLOWER.format(stopping),) if slow else (), first)
+        if isinstance(joined, NotJoined):
+            leg = legs[joined.part]
+            return self._failed(leg.index, joined.ending, leg.at, leg.path, joined.verdict)
+        times = self._composition.move(joined.motion, moved[0].embedding)
+        marks = [0, *(one.nearest for one in joined.passages), -1]
+        since = [0, *(one.left for one in joined.passages)]
+        until = [*(one.entered for one in joined.passages), -1]
+        distances = [*(one.distance for one in joined.passages), None]
+        for k, leg in enumerate(legs):
+            span, straight = (times[marks[k]], times[marks[k + 1]]), (times[since[k]], times[until[k]])
+            self._legs[first + k] = dataclasses.replace(leg, span=span, straight=straight, passed=distances[k])
+        return None
+
+    def _part(self, index: int, moved: _Moved) -> Part:
+        """The motion of a step in the chart of the first that it is joined with."""
+        shift = moved.embedding.shift - self._moved[0].embedding.shift
+        motion = moved.trajectory
+        turned = Trajectory(motion.times, cast(ChartPoints, motion.positions + shift), motion.velocities)
+        radius, problem = self._course.passes(index), moved.motion.problem
+        goal = None if radius is None else PassedGoal(problem, turned.positions[-1], radius)
+        return Part(problem, turned, moved.motion.way, goal)
 
     def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | Refused:
         """The plan of a step's motion, to an end that leaves the later steps possible."""
@@ -230,16 +302,17 @@ class _Planning(Generic[S]):
         stretches = [
             stretch
             for leg in legs
-            for stretch in stretches_of(leg.index, leg.conditions, trajectory, leg.span, permissions, leg.way)
+            for stretch in stretches_of(
+                leg.index, leg.conditions, trajectory, leg.span, permissions, leg.way, leg.straight
+            )
         ]
         return trajectory, stretches, permissions
 
-    def _refused(self, refused: Refused, at: S) -> SequencePlan[S]:
+    def _refused(self, refused: Refused, step: int, at: S) -> SequencePlan[S]:
         """The end where a step has no end that it could be done by."""
-        base = self._composition.z
-        conditions = self._course.conditions(len(self._legs), at)
-        verdict = certify_stretch(_standing(conditions, len(self._legs), base))
-        ending, step = refused.ending, len(self._legs)
+        base = self._z
+        verdict = certify_stretch(_standing(self._course.conditions(step, at), step, base))
+        ending = refused.ending
         if refused.index > step:
             message = f"{ending.message}, from any end of `steps[{step}]` that was tried"
             ending = Ending(ending.status, message, {**ending.details, "chosen_by": step})
@@ -293,5 +366,5 @@ def _snapped(time: float, knots: np.ndarray) -> float:
 def _standing(conditions: Conditions, index: int, z: ChartPoint) -> Stretch:
     """Nothing but a configuration (nv,), to be judged."""
     still = Trajectory(np.zeros(1), z[None], cast(ChartRates, np.zeros((1, len(z)))))
-    (stretch,) = stretches_of(index, conditions, still, (0.0, 0.0), (), None)
+    (stretch,) = stretches_of(index, conditions, still, (0.0, 0.0), (), None, (0.0, 0.0))
     return stretch

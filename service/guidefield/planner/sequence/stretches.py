@@ -63,19 +63,22 @@ def stretches_of(
     span: tuple[float, float],
     permissions: Sequence[Allowed],
     way: StraightWay | None,
+    straight: tuple[float, float],
 ) -> list[Stretch]:
     """The stretches of a step.
 
     Args:
         index: The step.
         conditions: What it is judged by, where nothing may touch.
-        trajectory: The sequence's, with a knot wherever a permission begins or ends.
+        trajectory: The sequence's, with a knot wherever a permission, or a straight way, begins or ends.
         span: When the step begins and ends [s].
         permissions: What may touch when.
         way: The straight way that the tip keeps to.
+        straight: From when to when it does [s].
     """
     begin, end = span
-    cuts = {time for one in permissions for time in (one.begin, one.end) if begin < time < end}
+    changes = [time for one in permissions for time in (one.begin, one.end)] + list(straight if way else ())
+    cuts = {time for time in changes if begin < time < end}
     fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
     stretches = []
     for first, last in pairwise([begin, *sorted(cuts), end]):
@@ -86,8 +89,8 @@ def stretches_of(
             fields["world"] = World.build(conditions.group, conditions.scene, pairs)
         else:
             fields["allowed_collisions"], fields["world"] = conditions.allowed_collisions, conditions.world
-        motion = part(trajectory, first, last)
-        stretches.append(Stretch(**fields, index=index, motion=motion, way=way))
+        motion, kept = part(trajectory, first, last), straight[0] <= first and last <= straight[1]
+        stretches.append(Stretch(**fields, index=index, motion=motion, way=way if kept else None))
     return stretches
 
 

@@ -1,0 +1,162 @@
+"""Plans with steps that are passed: how near, without a stop, on their ways elsewhere, within limits, free."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.scene import Scene
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import build
+from tests.examples import example
+from tests.handlers.test_sequence import PASS, Bare, ask, distance, joints, states
+from tests.robots import box_arm, robot
+
+ARM = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+BENT = dict(zip(ARM, (0.0, -1.57, 1.57, -1.57, -1.57, 0.0), strict=True))
+OUT, ASIDE = BENT | {"elbow_joint": 1.0, "wrist_1_joint": -1.2}, BENT | {"shoulder_pan_joint": 0.8, "elbow_joint": 1.1}
+EMPTY = {"name": "empty"}
+
+
+def planned(steps: list[dict[str, Any]], scene: dict[str, Any] = EMPTY, **fields: Any) -> PlanReply:
+    reply = ask(steps, "ur5", scene, start=BENT, **fields)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.certificate.covers == "trajectory"
+    assert all(step.certificate.collision_free for step in reply.steps)
+    return reply
+
+
+def obstacles_of(scene: dict[str, Any]) -> tuple[Obstacle, ...]:
+    return build(msgspec.convert(scene, Scene)).obstacles
+
+
+def at(reply: PlanReply, moment: float) -> np.ndarray:
+    return states(reply, np.array([moment]))[0]
+
+
+def speed(reply: PlanReply, moment: float) -> float:
+    assert reply.trajectory is not None
+    return float(np.abs(reply.trajectory.velocities[reply.trajectory.times.index(moment)]).max())
+
+
+def duration(reply: PlanReply) -> float:
+    assert reply.metrics is not None
+    return reply.metrics.duration
+
+
+@pytest.mark.parametrize("jerk", [None, 200.0])
+def test_a_goal_of_joints_is_passed_within_its_radius_and_limits(jerk: float | None) -> None:
+    fields = {"limits": {name: {"acceleration": 4.0, "jerk": jerk} for name in ARM}}
+    way = [joints(**OUT) | PASS | {"radius": 0.2}, joints(**ASIDE)]
+    reply, stopped = planned(way, **fields), planned([joints(**OUT), joints(**ASIDE)], **fields)
+    passed, last = reply.steps
+    away = np.abs(at(reply, passed.end) - [OUT[name] for name in reply.position_names]).max()
+    assert passed.passed == pytest.approx(away, abs=1e-9)
+    assert 0.0 < away <= 0.2
+    assert last.passed is None
+    assert speed(reply, passed.end) > 0.1
+    assert duration(reply) < duration(stopped)
+    assert reply.warnings == stopped.warnings
+    within_limits(reply, 4.0, jerk)
+
+
+def within_limits(reply: PlanReply, acceleration: float, jerk: float | None) -> None:
+    """Every Hermite piece, by its own polynomial: its velocity's extrema, its acceleration's ends, its jerk."""
+    assert reply.trajectory is not None
+    t, p, v = (np.array(getattr(reply.trajectory, name)) for name in ("times", "positions", "velocities"))
+    h, most = np.diff(t)[:, None], 1.0 + 1e-9
+    mean = np.diff(p, axis=0) / h
+    first, last = (6 * mean - 4 * v[:-1] - 2 * v[1:]) / h, (2 * v[:-1] + 4 * v[1:] - 6 * mean) / h
+    assert max(np.abs(first).max(), np.abs(last).max()) <= acceleration * most
+    tops = np.array([robot("ur5").joint(name).velocity[0] for name in reply.position_names])  # type: ignore[union-attr]
+    turning = np.clip(np.divide(-first, last - first, out=np.zeros_like(first), where=last != first), 0.0, 1.0)
+    inner = v[:-1] + h * turning * (first + 0.5 * turning * (last - first))
+    assert (np.maximum(np.abs(inner), np.abs(v[1:])) <= tops * most).all()
+    if jerk is not None:
+        assert np.abs((last - first) / h).max() <= jerk * most
+
+
+def test_straight_steps_are_straight_but_for_their_corners() -> None:
+    request = json.loads(example("rounded"))
+    reply = ask(request["steps"], "ur5", request["scene"], start=request["start"], max_velocity_scaling_factor=0.5)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    corners = np.array([(0.35, -0.12), (0.35, 0.12), (0.51, 0.12), (0.51, -0.12), (0.35, -0.12)])
+    bare, obstacles = Bare(reply, "ur5"), obstacles_of(request["scene"])
+    for step, one, other in zip(reply.steps[1:5], corners, corners[1:], strict=False):
+        for moment in np.linspace(step.begin, step.end, 60):
+            bare.stand(at(reply, float(moment)))
+            tip = bare.frame("tool0")
+            spot, along = tip.translation[:2], (other - one) / np.linalg.norm(other - one)
+            aside, turned = (spot - one) @ (-along[1], along[0]), pin.log3(np.diag((1.0, -1.0, -1.0)) @ tip.rotation)
+            if min(np.linalg.norm(corner - spot) for corner in (one, other)) > 0.05:
+                assert abs(aside) < 1.2e-3
+                assert np.linalg.norm(turned) < 1.2e-2
+                assert abs(tip.translation[2] - 0.1) < 1.2e-3
+            for link, shape, there in bare.bodies():
+                assert all(distance(shape, there, o.shape, o.placement) > 0.0 for o in obstacles), link
+    for step, corner in zip(reply.steps[1:4], corners[1:], strict=False):
+        bare.stand(at(reply, step.end))
+        assert step.passed is not None
+        away = np.linalg.norm(bare.frame("tool0").translation - (*corner, 0.1))
+        assert away == pytest.approx(step.passed, abs=1e-3)
+        assert away < 0.05
+        assert speed(reply, step.end) > 0.1
+    stopped = [step | {"stop": True} for step in request["steps"]]
+    whole = ask(stopped, "ur5", request["scene"], start=request["start"], max_velocity_scaling_factor=0.5)
+    assert duration(reply) < 0.95 * duration(whole)
+
+
+def test_a_corner_that_would_come_too_close_is_rounded_more_tightly() -> None:
+    """A ball beside the corner: with stops the robot keeps farther from it than where it cuts the corner."""
+    ball = {"type": "sphere", "name": "ball", "radius": 0.01, "position": [0.4, 0.07, 0.07]}
+    there, (begin, side, across) = {"name": "mine", "obstacles": [ball]}, json.loads(example("rounded"))["steps"][:3]
+    wide = [begin, side | {"radius": 0.1}, across | {"stop": True}]
+    stopped, free = planned([begin, side | {"stop": True}, wide[-1]], there), planned(wide, there)
+    kept, cut = nearest(stopped), nearest(free)
+    assert cut < kept - 2e-3
+    asked = 0.5 * (kept + cut)
+    tight = planned(wide, there, min_clearance=asked)
+    assert free.steps[1].passed is not None
+    assert tight.steps[1].passed is not None
+    assert tight.steps[1].passed < 0.7 * free.steps[1].passed
+    bare, (obstacle,) = Bare(tight, "ur5"), obstacles_of(there)
+    for moment in np.linspace(tight.steps[1].begin, duration(tight), 100):
+        bare.stand(at(tight, float(moment)))
+        for link, shape, placed in bare.bodies():
+            assert distance(shape, placed, obstacle.shape, obstacle.placement) > asked, link
+
+
+def nearest(reply: PlanReply) -> float:
+    figures = [step.clearance for step in reply.steps[1:]]
+    return min(one.minimum for one in figures if one is not None and one.minimum is not None)
+
+
+def test_the_slower_of_two_steps_is_minded_past_their_goal() -> None:
+    slow = joints(**ASIDE) | {"max_velocity_scaling_factor": 0.1}
+    reply = planned([joints(**OUT) | PASS, slow])
+    assert reply.trajectory is not None
+    tops = [0.1 * robot("ur5").joint(name).velocity[0] for name in reply.position_names]  # type: ignore[union-attr]
+    assert (np.abs(reply.trajectory.velocities).max(axis=0) <= np.array(tops) * (1.0 + 1e-9)).all()
+
+
+def test_goals_are_passed_beyond_a_turn() -> None:
+    reply = ask([joints(j1=3.0) | PASS, joints(j1=5.0) | PASS, joints(j1=7.0)], box_arm("continuous", 2), EMPTY)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    column = reply.position_names.index("j1")
+    marks = [at(reply, step.end)[column] for step in reply.steps]
+    np.testing.assert_allclose(marks, (3.0, 5.0, 7.0), atol=0.05)
+    assert marks[-1] == pytest.approx(7.0, abs=1e-9)
+    assert min(speed(reply, step.end) for step in reply.steps[:2]) > 0.1
+
+
+def test_what_takes_longer_than_stopping_is_told() -> None:
+    limits = {name: {"acceleration": 15.0, "jerk": 20.0} for name in ARM}
+    reply = planned([joints(**OUT) | PASS | {"radius": 0.01}, joints(**ASIDE)], limits=limits)
+    assert any("takes longer here" in one for one in reply.warnings)
+    within_limits(reply, 15.0, 20.0)
