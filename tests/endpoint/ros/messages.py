@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from guidefield.endpoint.ros.known_robot import KnownRobot
@@ -119,9 +120,16 @@ def scene(*things: Any, diff: bool = True, **fields: Any) -> Any:
     return new("moveit_msgs/msg/PlanningScene", world=world, is_diff=diff, **fields)
 
 
-def state(positions: dict[str, float] | None = None, *, attached: Any = (), diff: bool = True) -> Any:
+def state(
+    positions: dict[str, float] | None = None,
+    *,
+    attached: Any = (),
+    diff: bool = True,
+    velocities: Sequence[float] = (),
+) -> Any:
     given = positions or {}
-    joints = new("sensor_msgs/msg/JointState", name=list(given), position=list(given.values()))
+    values, rates = list(given.values()), list(velocities)
+    joints = new("sensor_msgs/msg/JointState", name=list(given), position=values, velocity=rates)
     return new(
         "moveit_msgs/msg/RobotState", joint_state=joints, attached_collision_objects=list(attached), is_diff=diff
     )

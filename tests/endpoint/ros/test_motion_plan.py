@@ -153,6 +153,13 @@ class TestRequests:
         assert asked().allowed_planning_time == 1.0
         assert asked(allowed_planning_time=2.5).allowed_planning_time == 2.5
 
+    def test_the_motion_begins_as_the_joints_move(self):
+        moving = state(
+            {"panda_joint1": 0.1, "panda_joint2": 0.2, "panda_finger_joint1": 0.0}, velocities=(0.3, 1e-4, 0)
+        )
+        assert asked(start_state=moving).start_velocities == {"panda_joint1": 0.3}
+        assert asked(start_state=state({"panda_joint1": 0.1})).start_velocities == {}
+
     def test_what_is_not_used_is_told(self):
         found = asked_plan(plan_request(pipeline_id="ompl", planner_id="RRT", num_planning_attempts=10), START)
         assert "`pipeline_id`, `planner_id`, `num_planning_attempts` not used" in found.notes
@@ -169,6 +176,21 @@ class TestRequests:
             ({"allowed_planning_time": math.nan}, MoveItCode.FAILURE, "`allowed_planning_time`"),
             ({"allowed_planning_time": 1e5}, MoveItCode.FAILURE, "`allowed_planning_time`"),
             ({"max_cartesian_speed": 0.1}, MoveItCode.FAILURE, "`max_cartesian_speed`"),
+            (
+                {"start_state": state({"panda_joint1": 0.1}, velocities=(0.1, 0.2))},
+                MoveItCode.INVALID_ROBOT_STATE,
+                "velocity` must have a value for each name, 1, or none, got 2",
+            ),
+            (
+                {"start_state": state({"panda_joint1": 0.1}, velocities=(math.inf,))},
+                MoveItCode.INVALID_ROBOT_STATE,
+                "velocity of panda_joint1",
+            ),
+            (
+                {"start_state": state({"panda_finger_joint1": 0.01}, velocities=(0.1,))},
+                MoveItCode.INVALID_ROBOT_STATE,
+                "panda_finger_joint1 moves at 0.1, and is no joint of the group",
+            ),
             (
                 {"trajectory_constraints": new("moveit_msgs/msg/TrajectoryConstraints", constraints=[constraints()])},
                 MoveItCode.INVALID_GOAL_CONSTRAINTS,

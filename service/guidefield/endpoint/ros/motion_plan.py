@@ -25,6 +25,8 @@ from guidefield.messages.values import LONGEST_TIME
 RESPONSE = "moveit_msgs/srv/GetMotionPlan_Response"
 UNSET_TIME = 1.0
 """The planning time where a request has none, as in MoveIt [s]."""
+RESTING = 1e-3
+"""A joint slower than this at the start is at rest: velocities that a robot measures are never 0 [rad/s or m/s]."""
 SOLUTIONS = 8
 """How many configurations are looked for at each of several poses."""
 
@@ -69,6 +71,7 @@ def asked_plan(message: Any, now: Snapshot) -> AskedPlan:
         group=group,
         tip=goal.tip,
         start=dict(start.whole),
+        start_velocities=_start_velocities(asked.start_state.joint_state, group),
         guide_planes=[],
         attached_objects=start.attached(),
         allowed_collisions=start.allowed(),
@@ -196,6 +199,33 @@ def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
     return seconds, ()
 
 
+def _start_velocities(state: Any, group: Sequence[str]) -> dict[str, float]:
+    """The velocities of the joints that move at the start, by name [rad/s or m/s].
+
+    Raises:
+        Refused: if there isn't one for each name, one isn't finite, or a joint moves that isn't planned for.
+    """
+    field = "start_state.joint_state.velocity"
+    names, values = state.name, state.velocity.tolist()
+    if values and len(names) != len(values):
+        raise Refused(
+            MoveItCode.INVALID_ROBOT_STATE,
+            f"`{field}` must have a value for each name, {len(names)}, or none, got {len(values)}",
+        )
+    moving = {}
+    for name, value in zip(names, values, strict=False):
+        velocity = number(value, f"{field} of {name[:64]}", MoveItCode.INVALID_ROBOT_STATE)
+        if abs(velocity) < RESTING:
+            continue
+        if name not in group:
+            raise Refused(
+                MoveItCode.INVALID_ROBOT_STATE,
+                f"`{field}`: {name[:64]} moves at {velocity:.6g}, and is no joint of the group: {', '.join(group)}",
+            )
+        moving[name] = velocity
+    return moving
+
+
 def _start_notes(start: Snapshot) -> list[str]:
     if not start.unheard:
         return []
@@ -209,7 +239,6 @@ def _ignored(asked: Any) -> list[str]:
         "planner_id": bool(asked.planner_id),
         "num_planning_attempts": asked.num_planning_attempts > 1,
         "reference_trajectories": bool(asked.reference_trajectories),
-        "start_state.joint_state.velocity": any(asked.start_state.joint_state.velocity.tolist()),
     }
     names = ", ".join(f"`{name}`" for name, given in ignored.items() if given)
     return [f"{names} not used"] if names else []
