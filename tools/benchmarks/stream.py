@@ -1,7 +1,7 @@
 """Streams among moving obstacles: success, contacts, how much longer they take, and how long a cycle does.
 
-Usage: tools/bench stream FOLDER [--arms 10,14,18,22] [--runs N] [--first N]
-       tools/bench stream panda [--runs N] [--speed V] [--hunters]
+Usage: tools/bench stream FOLDER [--arms 10,14,18,22] [--runs N] [--first N] [--every N]
+       tools/bench stream panda [--runs N] [--first N] [--every N] [--hunters]
 
 FOLDER holds public random scenarios in the neutral format: a robot among five boxes of 0.3 m that drift, each declared
 0.3 m/s. *panda*: a Panda among 20 boxes of 10 to 12 cm that drift at 0.1 to 0.5 m/s, each of which declares its own
@@ -16,6 +16,8 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
+from collections.abc import Callable
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -48,23 +50,24 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--arms", default="10,14,18,22")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--every", type=int, default=1, help="of the runs one in so many")
     parser.add_argument("--hunters", action="store_true")
     asked = parser.parse_args(arguments)
     print(
         f"{'':14s}{'success':>12s}{'at speed/rest':>15s}{'x free':>8s}{'95 %':>7s}{'stood':>7s}"
         f"{'cycle ms':>10s}{'95 %':>7s}{'99 %':>7s}{'late':>7s}"
     )
-    chosen = range(asked.first, asked.first + asked.runs)
+    chosen = range(asked.first, asked.first + asked.runs * asked.every, asked.every)
     if asked.what == "panda":
-        pandas = [panda_run(index, asked.hunters) for index in chosen]
-        told("panda hunted" if asked.hunters else "panda", pandas)
+        told("panda hunted" if asked.hunters else "panda", chosen, partial(panda_run, hunters=asked.hunters))
         return
     for arm in asked.arms.split(","):
-        told(f"{arm} DoF", [public_run(Path(asked.what), int(arm), index) for index in chosen])
+        told(f"{arm} DoF", chosen, partial(public_run, Path(asked.what), int(arm)))
 
 
-def told(name: str, runs: list[tuple[Outcome, Outcome]]) -> None:
-    """Print a row about some runs, each with the one without obstacles."""
+def told(name: str, chosen: range, made: Callable[[int], tuple[Outcome, Outcome]]) -> None:
+    """Do some runs, each with the one without obstacles, and print a row about them."""
+    runs = [made(index) for index in chosen]
     good = [(one, free) for one, free in runs if one.success]
     ratios = [one.reached / free.reached for one, free in good] or [np.nan]
     cycles = 1e3 * np.concatenate([one.cycles for one, _ in runs])
@@ -78,7 +81,7 @@ def told(name: str, runs: list[tuple[Outcome, Outcome]]) -> None:
         f"   beyond limits {np.max(excess):.1e}",
         flush=True,
     )
-    for index, (one, _) in enumerate(runs):
+    for index, (one, _) in zip(chosen, runs, strict=True):
         if not one.success:
             print(f"   run {index}: reached {one.reached:.2f}, {one.at_speed[:1]}, {one.at_rest[:1]}, {one.reasons}")
 

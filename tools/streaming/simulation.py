@@ -275,7 +275,8 @@ def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, lim
         return
     outcome.pieces += 1
     told = answer.trajectory
-    jerks = np.diff(told.accelerations, axis=0) / np.diff(told.times)[:, None]
+    spans = np.diff(told.times) + 2.0 * np.spacing(told.times[1:])  # times are rounded, and knots as close as 1e-9 s
+    jerks = np.diff(told.accelerations, axis=0) / spans[:, None]
     outcome.excess[2] = max(outcome.excess[2], float((np.abs(jerks) / limits[:, 2]).max()) - 1.0)
     executed.take(answer)
 
