@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +53,10 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     (file,) = files_of(tmp_path / "s")
     recording = tmp_path / "s.rrd"
     assert record(file, opens, recording) == 12
-    chunks = {chunk.entity_path: chunk for chunk in RrdReader(recording).stream().to_chunks() if not chunk.is_static}
+    written = [chunk for chunk in RrdReader(recording).stream().to_chunks() if not chunk.is_static]
+    chunks = {chunk.entity_path: chunk for chunk in written if not _has(chunk, "vertex_positions")}
+    drawn = [chunk for chunk in written if _has(chunk, "vertex_positions") and "crate" in chunk.entity_path]
+    assert [chunk.num_rows for chunk in drawn] == [1], "it is there from when it is seen, and isn't drawn before"
     assert {"/obstacles/single/crate", "/path/stop", "/path/to_stop", "/stream/log"} <= set(chunks)
     moved = _column(chunks["/obstacles/single/crate"], "translation")
     assert np.allclose([row[0][0] for row in moved], [1.2 - 0.02 * k for k in range(12)], atol=1e-6)
@@ -59,10 +64,43 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     horizon = [row[0] for row in _column(chunks["/plots/horizon"], "scalars")]
     assert horizon[2:] == pytest.approx([piece.stops - piece.update for piece in pieces])
     assert all(row[0] > 0.0 for row in _column(chunks["/plots/latency"], "scalars"))
-    written = file.read_bytes()
-    file.write_bytes(written[: 4 + int.from_bytes(written[:4], "little")])  # the beginning alone
+    kept = file.read_bytes()
+    file.write_bytes(kept[: 4 + int.from_bytes(kept[:4], "little")])  # the beginning alone
     with pytest.raises(MalformedRequest, match="holds no update"):
         record(file, opens, recording)
+
+
+def test_what_is_gone_is_drawn_no_more_until_it_is_seen_again(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "s", ASKED, "plain", {})
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
+        for cycle in range(10):
+            now = 0.5 * cycle
+            there = cycle not in (3, 4, 5)
+            seen = [Observation("crate", now, Placement((1.2, 0.1, 0.5)))] if there else []
+            # in the last update it is away for no time
+            stream.update(StreamUpdate(now, seen, gone=["crate"] if cycle in (3, 4, 9) else []))
+    journal.close()
+    (file,) = files_of(tmp_path / "s")
+    record(file, opens, tmp_path / "s.rrd")
+    crate = [
+        chunk
+        for chunk in RrdReader(tmp_path / "s.rrd").stream().to_chunks()
+        if chunk.entity_path == "/obstacles/single/crate"
+    ]
+    assert _times([chunk for chunk in crate if _has(chunk, "vertex_positions")]) == [0.0, 3.0]
+    assert _times([chunk for chunk in crate if _has(chunk, "is_recursive")]) == [1.5]
+    assert not any(chunk.is_static for chunk in crate)
+
+
+def _has(chunk: Any, name: str) -> bool:
+    """Whether a chunk has a component of that name."""
+    return any(column.endswith(name) for column in chunk.to_record_batch().schema.names)
+
+
+def _times(chunks: Sequence[Any]) -> list[float]:
+    """When the rows of some chunks are, in order [s]."""
+    times = [time for chunk in chunks for time in chunk.to_record_batch().column("path_time").to_pylist()]
+    return sorted(time.total_seconds() for time in times)
 
 
 def _column(chunk: object, name: str) -> list[object]:

@@ -55,6 +55,18 @@ def still(path: str, *archetypes: Any) -> Chunk:
     return Chunk.from_columns(path, [], [column for archetype in archetypes for column in _single_row(archetype)])
 
 
+def begun(path: str, time: float, *archetypes: Any) -> Chunk:
+    """A chunk that holds from a time of `PATH_TIME` on [s].
+
+    Args:
+        path: Entity path.
+        time: From when on [s].
+        archetypes: Rerun archetypes.
+    """
+    columns = [column for archetype in archetypes for column in _single_row(archetype)]
+    return Chunk.from_columns(path, [path_times(np.array([time]))], columns)
+
+
 def timed(path: str, times: Iterable[rr.TimeColumn], *columns: Iterable[Any]) -> Chunk:
     """A chunk with one row per time.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -14,7 +15,7 @@ from rerun.chunk import Chunk
 from guidefield.recorder import bodies, bodies_file, robot_entities, scene_entities, surface
 from guidefield.recorder.blueprint import SWITCHED_OFF, Eye
 from guidefield.recorder.camera import choose_eye
-from guidefield.recorder.chunks import PATH_TIME, path_times, still, timed
+from guidefield.recorder.chunks import PATH_TIME, begun, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
 from guidefield.recorder.writing import write_recording
 from guidefield.robot.group.group import PlanningGroup
@@ -37,11 +38,15 @@ class MovingBody:
         obstacle: Its shape, in its own frame.
         times: When, shape (n,) [s].
         placements: Where, position and quaternion (x, y, z, w), shape (n, 7) [m, world].
+        appears: When it was there and had not been before, shape (k,) [s].
+        gone: When it wasn't there any more, shape (m,) [s].
     """
 
     obstacle: Obstacle
     times: np.ndarray
     placements: np.ndarray
+    appears: np.ndarray
+    gone: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +115,17 @@ def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
 
 
 def _moving(number: int, one: MovingBody) -> Iterator[Chunk]:
-    """An obstacle where it was seen."""
+    """An obstacle where it was seen, from when it appears until it is gone."""
     path, color = scene_entities.single(one.obstacle.name), scene_entities.obstacle_color(one.obstacle, number)
     if one.obstacle.cloud is not None:
         cloud = one.obstacle.cloud
-        yield still(path, rr.Points3D(cloud.points, radii=[cloud.radius], colors=[color]))
+        drawn: Any = rr.Points3D(cloud.points, radii=[cloud.radius], colors=[color])
     else:
-        yield still(path, bodies.mesh(surface.shaded(one.obstacle.vertices, one.obstacle.triangles), color))
+        drawn = bodies.mesh(surface.shaded(one.obstacle.vertices, one.obstacle.triangles), color)
+    for time in one.appears.tolist():
+        yield begun(path, time, drawn)
+    if len(one.gone):
+        yield timed(path, [path_times(one.gone)], rr.Clear.columns(is_recursive=[False] * len(one.gone)))
     columns = rr.Transform3D.columns(translation=one.placements[:, :3], quaternion=one.placements[:, 3:])
     yield timed(path, [path_times(one.times)], columns)
 

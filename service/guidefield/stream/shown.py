@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
@@ -137,25 +138,64 @@ def _knot(piece: Piece, k: int) -> tuple[list[float], list[float], list[float]]:
     return told.positions[k], told.velocities[k], told.accelerations[k]
 
 
+@dataclass
+class _Seen:
+    """An obstacle, as it was declared last, with what was seen of it.
+
+    Attributes:
+        declared: What it was declared as.
+        there: Whether it is there.
+        observations: What was seen.
+        appears: When it was there and had not been before [s].
+        gone: When it wasn't there any more [s].
+    """
+
+    declared: StreamObstacle
+    there: bool = False
+    observations: list[Observation] = field(default_factory=list)
+    appears: list[float] = field(default_factory=list)
+    gone: list[float] = field(default_factory=list)
+
+    def lose(self, now: float) -> None:
+        """It is gone from a time on [s]."""
+        if self.there:
+            self.gone.append(now)
+        self.there = False
+
+    def see(self, seen: Observation, now: float) -> None:
+        """It is seen, as is told at a time [s]."""
+        self.observations.append(seen)
+        if self.there:
+            return
+        self.there = True
+        if self.gone and self.gone[-1] == now:  # it was away for no time
+            self.gone.pop()
+        else:
+            self.appears.append(now)
+
+
 def _moving(kept: Sequence[KeptObstacle], entries: Sequence[Entry]) -> list[MovingBody]:
     """What was seen, each as it was declared last."""
-    declared: dict[str, StreamObstacle] = {}
-    seen: dict[str, list[Observation]] = {}
+    known: dict[str, _Seen] = {}
     for one in kept:
-        declared[one.declared.obstacle.name] = one.declared
+        known[one.declared.obstacle.name] = _Seen(one.declared)
         if one.seen is not None:
-            seen[one.seen.name] = [one.seen]
+            known[one.seen.name].see(one.seen, one.seen.time)
     for entry in entries:
         if isinstance(entry, Updated) and entry.refused is None:
-            declared.update({shape.obstacle.name: shape for shape in entry.update.declare})
-            for observation in entry.update.obstacles:
-                seen.setdefault(observation.name, []).append(observation)
-    bodies: list[MovingBody] = []
-    for name, shape in declared.items():
-        if name not in seen:
-            continue
-        there = sorted(seen[name], key=lambda one: one.time)
-        placements = np.array([(*one.placement.position, *one.placement.quaternion_xyzw) for one in there])
-        built = obstacles.build(in_its_frame(shape.obstacle), 0)
-        bodies.append(MovingBody(built, np.array([one.time for one in there]), placements))
-    return bodies
+            update = entry.update
+            for shape in update.declare:
+                known.setdefault(shape.obstacle.name, _Seen(shape)).declared = shape
+            for name in update.gone:
+                known[name].lose(update.time)
+            for observation in update.obstacles:
+                known[observation.name].see(observation, update.time)
+    return [_body(one) for one in known.values() if one.observations]
+
+
+def _body(one: _Seen) -> MovingBody:
+    there = sorted(one.observations, key=lambda seen: seen.time)
+    placements = np.array([(*seen.placement.position, *seen.placement.quaternion_xyzw) for seen in there])
+    built = obstacles.build(in_its_frame(one.declared.obstacle), 0)
+    times = np.array([seen.time for seen in there])
+    return MovingBody(built, times, placements, np.array(one.appears), np.array(one.gone))
