@@ -177,13 +177,15 @@ class StreamConversation:
 
         if self.request.recording == "off":
             return None
+        stores = self.setup.engines().stores
         try:
-            folder = kept_streams.begin(self.setup.engines().stores.streams_of(self.user), str(self.request.stream_id))
+            folder = kept_streams.begin(stores.streams_of(self.user), str(self.request.stream_id))
         except OSError as error:
             _log.warning("a stream can't be kept: %s", error.strerror)
             return None
         made_with = {"guidefield": version("guidefield"), "processor": processor()}
-        return Journal(folder, self.request, self.user, made_with)
+        file_bytes = kept_streams.file_bytes(stores.bytes_of(self.user))
+        return Journal(folder, self.request, self.user, made_with, file_bytes)
 
     def _opened(self, journal: Journal | None) -> CertifiedStream:
         from guidefield.stream.takeover import WhenFound

@@ -9,11 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from guidefield.cli.stream_replaying import replay_stream
+from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, InvalidGoal, MalformedRequest, UnknownObject
 from guidefield.messages.goals import JointsGoal, PoseGoal
-from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.scene import PointCloud, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
-from guidefield.messages.values import Placement
+from guidefield.messages.values import Float32Array, Placement
 from guidefield.scene.scene import build
 from guidefield.stream import journal as journals
 from guidefield.stream.journal import Journal, Updated, files_of
@@ -92,7 +94,8 @@ def test_every_file_is_repeated_to_the_bit_and_the_oldest_are_dropped(tmp_path: 
     journal.close()
     assert pieces > 0
     files = files_of(tmp_path)
-    assert [file.stem for file in files] == ["000003", "000004", "000005", "000006"], "the oldest are gone"
+    assert [file.stem for file in files] == [f"{7 - k:06}" for k in range(len(files), 0, -1)], "the oldest are gone"
+    assert 1 < len(files) <= 4
     updates = 0
     for file in files:
         done = replayed(file, opens)
@@ -102,6 +105,39 @@ def test_every_file_is_repeated_to_the_bit_and_the_oldest_are_dropped(tmp_path: 
     assert updates > 20
     begun, _ = read(files[-1])
     assert (begun.request, begun.user, begun.index) == (ASKED, "plain", int(files[-1].stem))
+
+
+def test_large_files_are_fewer(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).uniform(2.0, 3.0, (4_000, 3)).astype("<f4")
+    cloud = StreamObstacle(PointCloud("cloud", points=Float32Array(points.tobytes()), radius=0.01), 0.1)
+    journal = Journal(tmp_path, ASKED, "plain", {}, file_bytes=20_000, most_files=4)
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
+        for cycle in range(8):  # what a file goes on from has the cloud, too
+            stream.update(StreamUpdate(0.02 * cycle, [Observation("cloud", 0.02 * cycle)], declare=[cloud]))
+            await_that(journal._entries.empty)
+    journal.close()
+    files = files_of(tmp_path)
+    assert int(files[-1].stem) > 4
+    assert sum(file.stat().st_size for file in files[:-1]) <= 4 * 20_000
+
+
+def test_who_replays_is_told_from_where_on_a_stream_is_kept(tmp_path: Path) -> None:
+    asked = msgspec.structs.replace(ASKED, scene="table", goal=None, obstacles=[])
+    journal = Journal(tmp_path / "s", asked, "plain", {}, file_bytes=1, most_files=1)
+    with Engine().stream(asked, None, journal) as stream:
+        for cycle in range(3):
+            stream.update(StreamUpdate(0.02 * cycle))
+            await_that(journal._entries.empty)
+    journal.close()
+    (file,) = files_of(tmp_path / "s")
+    begun, entries = read(file)
+    assert begun.index > 1
+    told: list[str] = []
+    assert replay_stream([file], tmp_path, (), told.append, lambda _: "") == 0
+    assert told == [
+        f"s is kept from {begun.snapshot.now} s of its client's clock on: {begun.index - 1} files before made room",
+        f"s/{file.name}: bit-identical: {len(entries)} updates, 0 pieces",
+    ]
 
 
 def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:

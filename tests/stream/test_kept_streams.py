@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from guidefield.stream.kept_streams import MOST_KEPT, begin
+from guidefield.stream.journal import FILE_BYTES, MOST_FILES
+from guidefield.stream.kept_streams import MOST_KEPT, begin, file_bytes
 
 
 def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:
@@ -19,3 +20,9 @@ def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:
     again = begin(streams, "s5")
     assert list(again.iterdir()) == []
     assert len(list(streams.iterdir())) == MOST_KEPT
+
+
+def test_all_streams_of_a_user_keep_its_quota() -> None:
+    assert file_bytes(None) == FILE_BYTES
+    assert MOST_KEPT * MOST_FILES * file_bytes(2**20) <= 2**20
+    assert file_bytes(2**40) == FILE_BYTES

@@ -70,6 +70,11 @@ def replay_stream(
     code = 0
     for file in files:
         begun, _ = read(file)
+        if file is files[0] and begun.index > 1:
+            since = (
+                "its first update" if begun.snapshot.now is None else f"{begun.snapshot.now} s of its client's clock"
+            )
+            say(f"{file.parent.name} is kept from {since} on: {begun.index - 1} files before made room")
         done = replayed(file, _engine(begun.user, folder, packages).stream)
         name = f"{file.parent.name}/{file.name}"
         if done.same:

@@ -20,7 +20,7 @@ class Quota(Message):
         per_second: How many queries a second are answered; as many may come at once.
         payload_per_second: How much comes with them a second in the long run; 256 MiB may come at once [bytes].
         processor_per_minute: Seconds of a processor in a minute, in the long run [s].
-        bytes: What kept runs may take, and what stored robots and scenes may take together [bytes].
+        bytes: What kept runs may take, what kept streams may, and what stored robots and scenes may together [bytes].
         streams: How many streams may be open.
     """
 

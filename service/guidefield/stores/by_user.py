@@ -64,6 +64,10 @@ class StoresByUser:
         """The folder of a user's streams; it may not be there."""
         return self._folder(user) / "streams"
 
+    def bytes_of(self, user: str) -> int | None:
+        """What a user's quota says of what is kept [bytes]; None: nothing."""
+        return self._quotas.of(user).bytes
+
     def users(self) -> list[str]:
         """Who has stores, in alphabetical order; `PLAIN` is not among them."""
         users = self._data / "users"
@@ -95,7 +99,7 @@ class StoresByUser:
         Raises:
             QuotaExceeded: if it has none.
         """
-        most = self._quotas.of(user).bytes
+        most = self.bytes_of(user)
         if most is None:
             return
         folders = (self._folder(user) / kind for kind in ("scenes", "robots"))
@@ -111,7 +115,7 @@ class StoresByUser:
         folder = self._folder(user)
         if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:
             raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
-        most = self._quotas.of(user).bytes
+        most = self.bytes_of(user)
         kept = self._retention
         retention = kept if most is None else replace(kept, bytes=min(most, kept.bytes))
         return Stores(

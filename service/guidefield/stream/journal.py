@@ -115,8 +115,8 @@ class Journal:
         request: What the stream was opened with.
         user: Whose it is.
         versions: Of what it is made with.
-        file_bytes: How large a file may be [bytes].
-        most_files: How many are kept.
+        file_bytes: Another file begins once the entries of one are as large [bytes].
+        most_files: So many are kept, and so many times `file_bytes` when another one begins.
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class Journal:
                         if file is not None:
                             file.close()
                         file = self._path(entry.index).open("xb")
-                        self._drop_old(entry.index)
+                        self._drop_old()
                     if file is not None:
                         written = codec.encode(entry, Encoding.MSGPACK)
                         file.write(_LENGTH.pack(len(written)) + written)
@@ -241,9 +241,14 @@ class Journal:
         self._folder.mkdir(parents=True, exist_ok=True)
         return self._folder / f"{index:06}{ENDING}"
 
-    def _drop_old(self, newest: int) -> None:
-        old = self._folder / f"{newest - self._most_files:06}{ENDING}"
-        old.unlink(missing_ok=True)
+    def _drop_old(self) -> None:
+        """Drop the oldest files, as many as are too many, or too large together; the newest one stays."""
+        files = files_of(self._folder)
+        sizes = [file.stat().st_size for file in files]
+        most = self._most_files * self._file_bytes
+        while len(files) > 1 and (len(files) > self._most_files or sum(sizes) > most):
+            files.pop(0).unlink(missing_ok=True)
+            sizes.pop(0)
 
 
 def _close(file: Any) -> None:

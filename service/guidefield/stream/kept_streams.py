@@ -5,10 +5,15 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from guidefield.stream.journal import files_of
+from guidefield.stream.journal import FILE_BYTES, MOST_FILES, files_of
 
 MOST_KEPT = 8
 """So many streams are kept of a user, one that is open among them."""
+
+
+def file_bytes(most: int | None) -> int:
+    """How large a file of a journal may be, where all that is kept of a user's streams may take so much [bytes]."""
+    return FILE_BYTES if most is None else min(FILE_BYTES, most // (MOST_KEPT * MOST_FILES))
 
 
 def begin(streams: Path, name: str) -> Path:
