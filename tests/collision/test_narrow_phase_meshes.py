@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.collision.ball import obstacle_touched
+from guidefield.collision.coal_transforms import transform
 from guidefield.collision.narrow_phase import NarrowPhase
 from guidefield.messages.scene import Mesh
 from guidefield.scene.facets import bvh
@@ -36,7 +37,7 @@ def test_a_ball_is_as_far_from_a_flat_triangle_as_it_is(kind, seed):
     there = from_segment(place, corners) - RADIUS
     for order in ((0, 1), (1, 0)):
         narrow = NarrowPhase(
-            lambda body, order=order: shapes[order[body]], lambda body, order=order: stand[order[body]], 1
+            lambda body, order=order: shapes[order[body]], lambda body, order=order: transform(stand[order[body]])
         )
         if there > 0.0:
             assert narrow.distance(0, 1).min_distance == pytest.approx(there, rel=0.0, abs=1e-6)

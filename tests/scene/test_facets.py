@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pytest
 
+from guidefield.collision.coal_transforms import transform
 from guidefield.collision.narrow_phase import NarrowPhase
 from guidefield.geometry.placements import se3
 from guidefield.scene import facets
@@ -63,7 +64,7 @@ def test_a_surface_in_patches_is_judged_as_in_one_piece() -> None:
         here = there * _placement(rng)
         here.translation = there.act(rng.uniform([-1.3, -1.3, -0.4], [1.3, 1.3, 0.6]))
         asked = [
-            NarrowPhase(lambda b, o=other: (body, o)[b], lambda b, h=here: (h, there)[b], 1)
+            NarrowPhase(lambda b, o=other: (body, o)[b], lambda b, h=here: transform((h, there)[b]))
             for other in (whole, patches)
         ]
         apart, ours = (float(phase.distance(0, 1).min_distance) for phase in asked)

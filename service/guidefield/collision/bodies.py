@@ -33,15 +33,33 @@ def joint_placements(data: Any) -> np.ndarray:
     Raises:
         RuntimeError: if they don't lie one behind the other, as they do in Pinocchio 3 and 4.
     """
+    return _one_behind_the_other(data.oMi)
+
+
+def body_placements(data: Any) -> np.ndarray:
+    """Placements of all bodies in the world, in Pinocchio's geometry data; see `joint_placements`.
+
+    Returns:
+        Rotation and translation, shape (r, 3, 4) [m]. Who writes in it puts bodies elsewhere, until Pinocchio does.
+
+    Raises:
+        RuntimeError: as there.
+    """
+    return _one_behind_the_other(data.oMg, writeable=True)
+
+
+def _one_behind_the_other(placements: Any, *, writeable: bool = False) -> np.ndarray:
+    if not len(placements):
+        return np.empty((0, 3, 4))
     size = np.dtype(float).itemsize
-    rotations = [placement.rotation for placement in data.oMi]
-    translations = [placement.translation for placement in data.oMi]
+    rotations = [placement.rotation for placement in placements]
+    translations = [placement.translation for placement in placements]
     addresses = np.array([part.__array_interface__["data"][0] for part in (*rotations, *translations)])
     count, first = len(rotations), rotations[0]
     expected = addresses[0] + 12 * size * np.arange(count)
     if first.strides != (size, 3 * size) or not np.array_equal(addresses, np.r_[expected, expected + 9 * size]):
-        raise RuntimeError("Pinocchio's placements of joints don't lie one behind the other")
-    return as_strided(first, (count, 3, 4), (12 * size, size, 3 * size), writeable=False)
+        raise RuntimeError("Pinocchio's placements don't lie one behind the other")
+    return as_strided(first, (count, 3, 4), (12 * size, size, 3 * size), writeable=writeable)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,29 +30,18 @@ class NarrowPhase:
 
     Args:
         shape: Makes a body's Coal shape, by its index; of a body that doesn't move it may be patches of one.
-        placement: Where a body stands now, by its index, a pinocchio.SE3.
-        moving: How many bodies move, the first ones; the others stand still.
+        there: Where a body stands now, by its index, a coal.Transform3s.
     """
 
-    def __init__(self, shape: Callable[[int], Any], placement: Callable[[int], Any], moving: int) -> None:
-        self._shape, self._placement, self._moving = shape, placement, moving
+    def __init__(self, shape: Callable[[int], Any], there: Callable[[int], Any]) -> None:
+        self._shape, self._there = shape, there
         self._shapes: dict[int, Any] = {}
-        self._moved: dict[int, Any] = {}
-        self._still: dict[int, Any] = {}
         self._boxes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._met: dict[_Meeting, tuple[Any, Any]] = {}
         self._collide: dict[_Meeting, Any] = {}
         self._measure: dict[_Meeting, Any] = {}
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._distance_request = coal.DistanceRequest()
-
-    def forget_placements(self) -> None:
-        """The bodies have moved."""
-        self._moved.clear()
-
-    def move(self, body: int, placement: Any) -> None:
-        """Put a body elsewhere, at a pinocchio.SE3, until the bodies move."""
-        self._moved[body] = transform(placement)
 
     def shape(self, body: int) -> Any:
         """A body's Coal shape."""
@@ -128,17 +117,3 @@ class NarrowPhase:
         middle = here.getRotation() @ (0.5 * (low + high)) + here.getTranslation() - there.getTranslation()
         centre, reach = there.getRotation().T @ middle, np.abs(rotation) @ (0.5 * (high - low)) + _ROUNDING
         return centre - reach, centre + reach
-
-    def _there(self, body: int) -> Any:
-        """Where a body stands, as Coal takes it."""
-        if body in self._moved:
-            return self._moved[body]
-        known = self._moved if body < self._moving else self._still
-        if body not in known:
-            known[body] = transform(self._placement(body))
-        return known[body]
-
-
-def transform(placement: Any) -> Any:
-    """A placement (pinocchio.SE3) as Coal takes it."""
-    return coal.Transform3s(np.array(placement.rotation), np.array(placement.translation))

@@ -12,7 +12,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.bodies import Bodies, bodies, joint_placements
+from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
+from guidefield.collision.coal_transforms import CoalTransforms
 from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import NarrowPhase
@@ -113,7 +114,17 @@ class World:
 
     def is_hulled(self, pair: int) -> bool:
         """Whether in `hulls` a hull stands for a body of a pair."""
-        return any(self._hull(body) is not None for body in self.pairs.of(pair))
+        return any(map(self._has_hull, self.pairs.of(pair)))
+
+    def _has_hull(self, body: int) -> bool:
+        if body not in self._hulled:
+            self._hulled[body] = self._hull(body) is not None
+        return self._hulled[body]
+
+    @cached_property
+    def _hulled(self) -> dict[int, bool]:
+        """Whether in `hulls` a hull stands for a body, as far as it was asked for."""
+        return {}
 
     @cached_property
     def boxes(self) -> ObstacleBoxes:
@@ -146,10 +157,21 @@ class World:
         return joint_placements(self.data)
 
     @cached_property
+    def body_placements(self) -> np.ndarray:
+        """Placements of the robot's bodies, shape (r, 3, 4) [m]: where they stand now, so copy what is kept."""
+        return body_placements(self._robot)
+
+    @cached_property
+    def _transforms(self) -> CoalTransforms:
+        """The same of all bodies, as Coal takes it."""
+        world: World = weakref.proxy(self)  # so that a world goes with its last user
+        return CoalTransforms(self.body_placements, partial(World.placement, world))
+
+    @cached_property
     def exact(self) -> NarrowPhase:
         """Coal's judgement of the bodies as they are; where they stand is what `place` was told last."""
-        world: World = weakref.proxy(self)  # so that a world goes with its last user
-        return NarrowPhase(partial(World._shape, world), partial(World.placement, world), self.pairs.links)
+        world: World = weakref.proxy(self)
+        return NarrowPhase(partial(World._shape, world), self._transforms.of)
 
     @cached_property
     def hulls(self) -> NarrowPhase:
@@ -159,7 +181,7 @@ class World:
         def shape(body: int) -> Any:
             return world._hull(body) or world.exact.shape(body)
 
-        return NarrowPhase(shape, partial(World.placement, world), self.pairs.links)
+        return NarrowPhase(shape, self._transforms.of)
 
     def place(self, q: ModelConfiguration) -> None:
         """Put the robot at a configuration of the model, shape (model.nq,)."""
@@ -169,13 +191,16 @@ class World:
     def place_bodies(self) -> None:
         """Put the robot's bodies where the joints in `data` stand."""
         pin.updateGeometryPlacements(self.model, self.data, self.group.geometry, self._robot)
-        self.exact.forget_placements()
-        self.hulls.forget_placements()
+        self._transforms.forget()
+
+    def put_bodies(self, placements: np.ndarray) -> None:
+        """Put the robot's bodies where they stood before, `body_placements` then, shape (r, 3, 4) [m]."""
+        self.body_placements[:] = placements
+        self._transforms.forget()
 
     def move(self, obstacle: int, placement: Any) -> None:
         """Put the body of an obstacle elsewhere, at a pinocchio.SE3, until the robot is placed anew."""
-        self.exact.move(obstacle, placement)
-        self.hulls.move(obstacle, placement)
+        self._transforms.move(obstacle, placement)
 
     def placement(self, body: int) -> Any:
         """Where a body stands, a pinocchio.SE3."""
@@ -202,8 +227,11 @@ class World:
 
         See `NarrowPhase.penetration`. Of a rounded body Coal sees the inside only, and is asked within so much more.
         """
-        first, second = self.pairs.of(pair)
-        rounding = self.rounding(first) + self.rounding(second)
+        return self.penetration_of(*self.pairs.of(pair), margin, by_hulls=by_hulls)
+
+    def penetration_of(self, first: int, second: int, margin: float, *, by_hulls: bool = False) -> float | None:
+        """`penetration` of a pair whose bodies are known, one of the robot's first."""
+        rounding = self.rounding(second)
         apart = (self.hulls if by_hulls else self.exact).penetration(first, second, margin + rounding)
         return None if apart is None else apart - rounding
 

@@ -9,9 +9,10 @@ pairs apart before Coal is asked.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,10 +23,7 @@ from guidefield.collision.certify.settings import CERTIFICATE, LIMITS, with_coal
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelConfiguration
-
-Bound = Callable[[int], float]
-"""How much closer a pair can come within a segment [m], by its index."""
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 
 def certify(
@@ -140,96 +138,126 @@ class _Judge:
         Returns:
             The parts of those that can't be told yet; why the last one that was looked at is refused, or None.
         """
-        qs, bounds, near = self._measured(level)
         finer: list[CurveSegment] = []
-        for segment, q, bound, pairs in zip(level, qs, bounds, near, strict=True):
-            left = self._left(q, bound, pairs) if pairs else {}
+        bodies, near = self._near(level)
+        for segment, placements, asked in zip(level, bodies, near, strict=True):
+            left = self._left(placements, asked) if asked else []
             if not left:
                 continue
-            share = self._decided_share(left, bound)
-            parts = segment.parts(math.ceil(1.0 / share), list(left) if 2 * len(left) < len(self.world.pairs) else None)
-            if share == CERTIFICATE.least_share or min(map(bound, left)) <= CERTIFICATE.mesh_from:
-                refusal = self._refusal_at(parts[len(parts) // 2], segment, list(left), bound)
+            share = _decided_share(left)
+            pairs = [one.pair for one in left] if 2 * len(left) < len(self.world.pairs) else None
+            parts = segment.parts(math.ceil(1.0 / share), pairs)
+            if share == CERTIFICATE.least_share or min(one.bound for one in left) <= CERTIFICATE.mesh_from:
+                refusal = self._refusal_at(parts[len(parts) // 2], segment, left)
                 if refusal is not None:
                     return finer, refusal
             finer += parts
         return finer, None
 
-    def _kept(self, pair: int) -> float:
-        """What a pair has to keep [m]."""
-        return 0.0 if pair < self.world.pairs.n_self else self.min_clearance
-
-    def _decided_share(self, left: Mapping[int, float], bound: Bound) -> float:
-        """Of how large a share of a segment the pairs left would likely be told apart, by how far apart they are."""
-        share = 0.5
-        for pair, apart in left.items():
-            share = min(share, (apart - self._kept(pair)) / bound(pair)) if bound(pair) > 0.0 else share
-        return max(share, CERTIFICATE.least_share)
-
-    def _measured(self, level: Sequence[CurveSegment]) -> tuple[list[ModelConfiguration], list[Bound], list[list[int]]]:
-        """At each segment's middle: configuration, the pairs' bounds in the box, and which pairs Coal has to judge."""
+    def _near(self, level: Sequence[CurveSegment]) -> tuple[np.ndarray, list[list[_Asked]]]:
+        """At each segment's middle: where the robot's bodies stand, (s, r, 3, 4), and the pairs Coal has to judge."""
         world, group = self.world, self.world.group
         self.evaluations += len(level)
         low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
-        qs = [group.expand_from_chart(middle) for middle in 0.5 * (low + high)]
-        jacobians = np.empty((len(qs), 6, world.model.nv))
-        placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
-        for row, q in enumerate(qs):
-            jacobian = pin.computeJointJacobians(world.model, world.data, q)
+        jacobians = np.empty((len(level), 6, world.model.nv))
+        joints, joints_now = np.empty((len(level), world.model.njoints, 3, 4)), world.joint_placements
+        bodies, bodies_now = np.empty((len(level), *world.body_placements.shape)), world.body_placements
+        for row, middle in enumerate(0.5 * (low + high)):
+            jacobian = pin.computeJointJacobians(world.model, world.data, group.expand_from_chart(middle))
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
-            placements[row] = there
-        centres = world.bodies.centres_in_world(placements)
+            world.place_bodies()
+            joints[row], bodies[row] = joints_now, bodies_now
+        centres = world.bodies.centres_in_world(joints)
         own, mixed = world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
-        asked = [[] if segment.pairs is None else segment.pairs for segment in level]
         fresh = np.flatnonzero([segment.pairs is None for segment in level])
         margins = with_coal_error(own[fresh]), with_coal_error(mixed[fresh] + self.min_clearance)
-        near = world.near_pairs.within(placements[fresh], centres[fresh], *margins)
+        near = world.near_pairs.within(joints[fresh], centres[fresh], *margins)
+        pairs = [segment.pairs or [] for segment in level]
         for row, pair in zip(fresh[near[0]].tolist(), near[1].tolist(), strict=True):
-            asked[row].append(pair)
-        return qs, [self._bound(*bounds) for bounds in zip(own, mixed, strict=True)], asked
+            pairs[row].append(pair)
+        return bodies, self._with_margins(pairs, own, mixed)
 
-    def _bound(self, own: np.ndarray, mixed: np.ndarray) -> Bound:
-        """How much closer a pair can come, of bounds of own pairs (n_self,) and of bodies that move (r,) [m]."""
-        pairs, count = self.world.pairs, self.world.pairs.n_self
-        return lambda pair: float(own[pair] if pair < count else mixed[pairs.of(pair)[0]])
+    def _with_margins(self, pairs: list[list[int]], own: np.ndarray, mixed: np.ndarray) -> list[list[_Asked]]:
+        """Pairs at each of s segments with what they may lose and have to keep.
 
-    def _left(self, q: ModelConfiguration, bound: Bound, pairs: list[int]) -> dict[int, float]:
-        """Those of some pairs that are within their bounds, and what they have to keep; how far apart each is [m].
+        Args:
+            pairs: Indices of pairs.
+            own: How much closer own pairs can come, shape (s, n_self) [m].
+            mixed: How much closer the robot's bodies can come to what stands still, shape (s, r) [m].
+        """
+        counts = [len(some) for some in pairs]
+        row, pair = np.repeat(np.arange(len(pairs)), counts), np.fromiter(chain.from_iterable(pairs), int, sum(counts))
+        first, second = self.world.pairs.bodies(pair).T
+        is_own, bound = pair < self.world.pairs.n_self, mixed[row, first]
+        bound[is_own] = own[row[is_own], pair[is_own]]
+        kept = np.where(is_own, 0.0, self.min_clearance)
+        columns = pair, first, second, bound, kept, with_coal_error(bound + kept)
+        asked = zip(*(column.tolist() for column in columns), strict=True)
+        return [list(islice(asked, count)) for count in counts]
+
+    def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
+        """Those of some pairs that are within their margins, the robot's bodies where they are told, (r, 3, 4).
 
         Hulls are asked first, the meshes in them only where that does not tell.
         """
-        world, left = self.world, {}
-        world.place(q)
-        for pair in pairs:
-            margin = with_coal_error(bound(pair) + self._kept(pair))
-            apart = world.penetration(pair, margin, by_hulls=True)
-            meshes = apart is not None and bound(pair) <= CERTIFICATE.mesh_from and world.is_hulled(pair)
-            if apart is not None and not (meshes and world.penetration(pair, margin) is None):
-                left[pair] = apart
+        world, left = self.world, []
+        world.put_bodies(placements)
+        for pair, first, second, bound, kept, margin in asked:
+            apart = world.penetration_of(first, second, margin, by_hulls=True)
+            if apart is None:
+                continue
+            meshes = bound <= CERTIFICATE.mesh_from and world.is_hulled(pair)
+            if not (meshes and world.penetration_of(first, second, margin) is None):
+                left.append(_Left(pair, bound, kept, apart))
         return left
 
-    def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[int], bound: Bound) -> Verdict | None:
+    def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[_Left]) -> Verdict | None:
         """Why a segment is refused where its rest begins: it touches there, or the pairs left can't move any less."""
         z = rest.controls[0, 0]
         found = self._touching(z, left)
         if found is None:
-            undecided = [pair for pair in left if bound(pair) <= self.floor]
+            undecided = [one.pair for one in left if one.bound <= self.floor]
             if not undecided:
                 return None
             found = Reason.UNDECIDED, undecided[0]
         names = self.world.pair_names(found[1])
         return Verdict(found[0], self.evaluations, rest.piece, rest.start, (segment.piece, segment.start), names, z)
 
-    def _touching(self, z: ChartPoint, pairs: list[int]) -> tuple[Reason, int] | None:
+    def _touching(self, z: ChartPoint, left: list[_Left]) -> tuple[Reason, int] | None:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""
         world, group = self.world, self.world.group
         self.evaluations += 1
-        q = group.expand_from_chart(z)
-        world.place(q)
-        for pair in pairs:
-            if world.penetration(pair) is not None:
-                return Reason.CONTACT, pair
-        for pair in pairs:
-            if self._kept(pair) > 0.0 and world.penetration(pair, self._kept(pair)) is not None:
-                return Reason.TOO_CLOSE, pair
+        world.place(group.expand_from_chart(z))
+        for one in left:
+            if world.penetration(one.pair) is not None:
+                return Reason.CONTACT, one.pair
+        for one in left:
+            if one.kept > 0.0 and world.penetration(one.pair, one.kept) is not None:
+                return Reason.TOO_CLOSE, one.pair
         return None
+
+
+_Asked = tuple[int, int, int, float, float, float]
+"""A pair and its bodies; how much closer it can come within a segment, what it has to keep, what to ask Coal [m]."""
+
+
+class _Left(NamedTuple):
+    """A pair that is within its margin at a segment's middle.
+
+    Attributes:
+        pair: Its index.
+        bound: How much closer it can come within the segment [m].
+        kept: What it has to keep [m].
+        apart: How far apart it is [m].
+    """
+
+    pair: int
+    bound: float
+    kept: float
+    apart: float
+
+
+def _decided_share(left: Sequence[_Left]) -> float:
+    """Of how large a share of a segment the pairs left would likely be told apart, by how far apart they are."""
+    share = min([0.5, *((one.apart - one.kept) / one.bound for one in left if one.bound > 0.0)])
+    return max(share, CERTIFICATE.least_share)

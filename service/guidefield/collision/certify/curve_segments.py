@@ -45,15 +45,21 @@ class CurveSegment(NamedTuple):
         pieces = len(self.controls)
         if pieces > 1:
             cuts = [pieces * k // min(count, pieces) for k in range(min(count, pieces) + 1)]
-            return [CurveSegment.of(self.piece + a, self.controls[a:b], 0.0, 1.0, pairs) for a, b in pairwise(cuts)]
+            low = np.minimum.reduceat(self.controls.min(axis=1), cuts[:-1])
+            high = np.maximum.reduceat(self.controls.max(axis=1), cuts[:-1])
+            return [
+                CurveSegment(self.piece + a, self.controls[a:b], low[k], high[k], 0.0, 1.0, pairs)
+                for k, (a, b) in enumerate(pairwise(cuts))
+            ]
         curves = halved(self.controls)
         while len(curves) < count:
             curves = halved(curves)
         share = (self.end - self.start) / len(curves)
         starts = [self.start + k * share for k in range(len(curves))]
+        low, high = curves.min(axis=1), curves.max(axis=1)
         return [
-            CurveSegment.of(self.piece, curve[None], start, end, pairs)
-            for curve, start, end in zip(curves, starts, [*starts[1:], self.end], strict=True)
+            CurveSegment(self.piece, curves[k : k + 1], low[k], high[k], start, end, pairs)
+            for k, (start, end) in enumerate(zip(starts, [*starts[1:], self.end], strict=True))
         ]
 
 

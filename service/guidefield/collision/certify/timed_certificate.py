@@ -20,7 +20,7 @@ import pinocchio as pin
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.settings import CERTIFICATE, with_coal_error
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
-from guidefield.collision.narrow_phase import transform
+from guidefield.collision.coal_transforms import transform
 from guidefield.collision.world import World
 from guidefield.geometry.met import as_met
 from guidefield.read_only import ReadOnly
