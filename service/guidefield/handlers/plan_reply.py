@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import cast
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from guidefield.planner.quality import Clearance, Closest, figures
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartPoints, ChartRates, Tangents
+from guidefield.robot.group.tangents import tangent_accelerations, tangents
 
 CERTIFICATE = (
     "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair;"
@@ -51,6 +50,7 @@ def reply_to(
     """
     group, begin = problem.group, time.monotonic()
     metrics = motion_metrics(made.trajectory, problem.kinematics)
+    path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
     spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
     spent["measure"] += time.monotonic() - begin
     return PlanReply(
@@ -61,8 +61,8 @@ def reply_to(
         warnings=[*warnings, *made.warnings, *unmeasured(measured)],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
-        path=group.wire_path(made.path),
-        trajectory=wire_trajectory(made.trajectory, request.sample_rate, group),
+        path=path,
+        trajectory=trajectory,
         guide_planes=[
             GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()])
             for plane in problem.guide_planes
@@ -111,14 +111,12 @@ def wire_trajectory(
     if trajectory is None:
         return None
     states = _turning_less(trajectory, group) if sample_rate is None else trajectory.resampled(sample_rate)
-    velocities, accelerations = cast(Tangents, states.velocities), cast(Tangents, states.accelerations)
-    if not group.is_euclidean:
-        velocities, accelerations = _tangent_rates(group, states.positions, states.velocities, states.accelerations)
+    along = states.positions, states.velocities
     return replies.Trajectory(
         times=states.times.tolist(),
         positions=[group.wire_positions(z) for z in states.positions],
-        velocities=velocities.tolist(),
-        accelerations=accelerations.tolist(),
+        velocities=tangents(group, *along).tolist(),
+        accelerations=tangent_accelerations(group, *along, states.accelerations).tolist(),
     )
 
 
@@ -129,19 +127,6 @@ def _turning_less(trajectory: Trajectory, group: PlanningGroup) -> Trajectory:
         times = np.sort(np.concatenate([made.times, 0.5 * (made.times[:-1] + made.times[1:])[far]]))
         made = Trajectory(times, *trajectory.evaluate(times)[:2])
     return made
-
-
-def _tangent_rates(
-    group: PlanningGroup, positions: ChartPoints, velocities: ChartRates, accelerations: ChartRates
-) -> tuple[Tangents, Tangents]:
-    """Tangent velocities T z' and accelerations T z'' + T' z', T' by a central difference along the motion."""
-    rates, second = (cast(Tangents, np.empty_like(velocities)) for _ in range(2))
-    h = 1e-6
-    for i, (z, dz, ddz) in enumerate(zip(positions, velocities, accelerations, strict=True)):
-        T = group.tangent_map(z)
-        turning = (group.tangent_map(z + h * dz) - group.tangent_map(z - h * dz)) / (2.0 * h)
-        rates[i], second[i] = T @ dz, T @ ddz + turning @ dz
-    return rates, second
 
 
 def _clearance(measured: Clearance | None, made: Plan, problem: Problem) -> replies.ClearanceFigures | None:

@@ -54,6 +54,7 @@ def reply_to(
     """
     group, begin = course.whole, time.monotonic()
     metrics = motion_metrics(made.trajectory, Kinematics(group))
+    path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
     spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | seconds
     spent["measure"] += time.monotonic() - begin
     robot = course.start.robot
@@ -66,8 +67,8 @@ def reply_to(
         warnings=[*warnings, *dict.fromkeys(text for _, one in measured for text in unmeasured(one))],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
-        path=group.wire_path(made.path),
-        trajectory=wire_trajectory(made.trajectory, request.sample_rate, group),
+        path=path,
+        trajectory=trajectory,
         guide_planes=_planes(made),
         stages=[replies.Stage(name=one.name, outcome=one.outcome, seconds=one.seconds) for one in made.stages],
         clearance=_least_clearance([_figures(stretch, one, made) for stretch, one in measured], measured),

@@ -134,7 +134,8 @@ class Metrics(Reply):
 class Timing(Reply):
     """Time by stage [s].
 
-    `ends` judges start and goal, `relax` optimises the motion, `measure` takes the reply's figures, `queue` is waiting.
+    `ends` judges start and goal, `relax` optimises the motion, `measure` takes the reply's figures and writes its rows,
+    `queue` is waiting.
     """
 
     queue: float = 0.0

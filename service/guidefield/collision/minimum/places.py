@@ -19,8 +19,8 @@ from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.near_pairs import TOGETHER
-from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import ChartPoints, ChartRates, ModelConfigurations, Tangents
+from guidefield.robot.group.tangents import tangents
+from guidefield.robot.model.spaces import ModelConfigurations
 
 BALLS, PARTS, HULLS, EXACT = range(4)
 """Stages of a distance: what it is known by."""
@@ -90,7 +90,7 @@ class Surveyor:
             jacobians[row] = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
             placements[row] = there
         centres = world.bodies.centres_in_world(placements)
-        speeds = self.closing.speeds(jacobians, centres, _tangents(group, zs, rates) @ group.expand_velocity.T)
+        speeds = self.closing.speeds(jacobians, centres, tangents(group, zs, rates) @ group.expand_velocity.T)
         speeds[np.isin(times, self.curve.breaks)] = np.inf
         distances = self._by_balls(centres)
         self._among_what_moves(times, centres, distances)
@@ -256,11 +256,3 @@ class Surveyor:
                 for body, obstacle, _ in self._movers:
                     world.move(body, obstacle.placement_at(float(places.times[row])))
             yield row, pair
-
-
-def _tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangents:
-    """Tangents, shape (m, nv), of rates of the chart at chart points, both of shape (m, nv)."""
-    if group.is_euclidean:
-        return cast(Tangents, rates)
-    tangents = np.array([group.tangent_map(z) @ rate for z, rate in zip(zs, rates, strict=True)])
-    return cast(Tangents, tangents.reshape(zs.shape))
