@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_among
+from guidefield.collision.contact import depth_of
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import PairNames, World
 from guidefield.robot.model.spaces import ModelConfiguration
 
-MOST_LOOKED_AT = 64
+MOST_LOOKED_AT = 16
 """Configurations that are looked at: what is met most is known by then."""
 
 
@@ -68,16 +70,16 @@ def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: fl
     """
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()
-    depths: dict[PairNames, float] = {}
+    touching: defaultdict[PairNames, list[tuple[np.ndarray, int]]] = defaultdict(list)
     looked_at = qs[:MOST_LOOKED_AT]
     for q, pairs in zip(looked_at, world.near_each(looked_at), strict=True):
         world.place(q)
-        contacts = contacts_among(world, pairs)
-        counts.update({contact.pair for contact in contacts})
-        for contact in contacts:
-            if contact.depth is not None:
-                depths[contact.pair] = max(contact.depth, depths.get(contact.pair, 0.0))
-        if contacts:
+        there = world.body_placements.copy()
+        met = {pair: world.pair_names(pair) for pair in pairs if world.touches(pair)}
+        counts.update(set(met.values()))
+        for pair, names in met.items():
+            touching[names].append((there, pair))
+        if met:
             continue
         if (inside := enclosed(world, q)) is not None:
             counts[inside] += 1
@@ -85,4 +87,13 @@ def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: fl
             counts[near.obstacle_pair] += 1
             clearest = max(near.obstacle_distance, clearest or 0.0)
     ordered = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-    return BlockingPairs(len(looked_at), ordered, depths.get(next(iter(ordered), ("", ""))), clearest)
+    return BlockingPairs(len(looked_at), ordered, _deepest(world, touching[next(iter(ordered), ("", ""))]), clearest)
+
+
+def _deepest(world: World, touching: Sequence[tuple[np.ndarray, int]]) -> float | None:
+    """The greatest depth of pairs that touch where the robot's bodies stand so, (r, 3, 4) [m]; None if none has one."""
+    depths = []
+    for placements, pair in touching:
+        world.put_bodies(placements)
+        depths.append(depth_of(world, pair))
+    return max((depth for depth in depths if depth is not None), default=None)

@@ -28,10 +28,11 @@ def contacts_at(world: World, q: ModelConfiguration) -> list[Contact]:
 
 def contacts_among(world: World, pairs: list[int]) -> list[Contact]:
     """Those of some pairs that touch where the robot is placed."""
-    return [Contact(world.pair_names(pair), _depth(world, pair)) for pair in pairs if world.touches(pair)]
+    return [Contact(world.pair_names(pair), depth_of(world, pair)) for pair in pairs if world.touches(pair)]
 
 
-def _depth(world: World, pair: int) -> float | None:
+def depth_of(world: World, pair: int) -> float | None:
+    """How deep the bodies of a pair that touches are in each other where the robot is placed; see `Contact.depth`."""
     if not world.is_signed(pair):
         return None
     return max(0.0, -world.distance(pair)[0])
