@@ -29,6 +29,9 @@ class StreamSettings:
             prototype's.
         planned_grown: The same where a new one is planned [m].
         resting: What ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven.
+        resting_looked_at: What a way is looked at with then [m]: less, or each way would be left soon for another one.
+        closer: Shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had
+            no way out of there any more.
         spacing: Of samples along ways [rad or m].
         longest: An edge of the trees, for each root of the number of coordinates [rad or m].
         samples: So many points are drawn for a tree at most.
@@ -54,6 +57,8 @@ class StreamSettings:
     grown: float = 0.04
     planned_grown: float = 0.10
     resting: float = 0.004
+    resting_looked_at: float = 0.002
+    closer: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
     spacing: float = 0.1
     longest: float = 0.5
     samples: int = 1000

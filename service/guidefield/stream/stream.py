@@ -85,10 +85,9 @@ class CertifiedStream:
         self.request = request
         self.group, self.scene = asked.group, scene
         self.warnings = asked.warnings
-        clearance = max(STREAM.resting, request.min_clearance + STREAM.resting)
-        self._room = Room(asked.group, asked.joints, asked.world, clearance)
+        self._room = Room(asked.group, asked.joints, asked.world, request.min_clearance)
         self._taking: TakeOver = taking or Counted()
-        beside = Room(asked.group, asked.joints, asked.world, clearance)
+        beside = Room(asked.group, asked.joints, asked.world, request.min_clearance)
         self._planner = Planner(beside, asked.group, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
         for index, one in enumerate(request.obstacles):
@@ -513,8 +512,9 @@ class CertifiedStream:
         assert self._way is not None, "there is a way"
         boxes = self._obstacles.boxes([cycle.now + time for time in STREAM.predicted])
         points = self._way.rest(self._place, self._place + STREAM.looked_at)
-        grown = self._room.grown(boxes, STREAM.grown, [stand, self._way.goal])
-        return all(self._room.straight(boxes, grown, points[k], points[k + 1]) for k in range(len(points) - 1))
+        ends = [stand, self._way.goal]
+        grown = self._room.grown(boxes, STREAM.grown, ends)
+        return self._room.straight(boxes, grown, self._room.clearance(STREAM.resting_looked_at, ends), points)
 
     def _sent(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
         number = max(self._commits) + 1

@@ -41,13 +41,13 @@ class Room:
         group: The robot's planned joints.
         joints: Their rows.
         world: The robot among what rests.
-        clearance: What to keep from what rests [m].
+        least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
     """
 
-    def __init__(self, group: PlanningGroup, joints: JointRows, world: World, clearance: float) -> None:
+    def __init__(self, group: PlanningGroup, joints: JointRows, world: World, least: float) -> None:
         self.robot: RoomRobot = room_robot(group, joints)
         self._lanes = BatchCollision.build(world)
-        self._clearance = clearance
+        self._least = least
 
     def grown(self, boxes: np.ndarray, most: float, ends: list[ChartPoint]) -> np.ndarray:
         """What to keep from boxes (k, 16), shape (k,) [m]: less than most where one of some ends is closer."""
@@ -56,13 +56,27 @@ class Room:
             kept = np.minimum(kept, nearest(self.robot, boxes, z, FAR) - INSIDE)
         return kept
 
+    def clearance(self, most: float, ends: list[ChartPoint]) -> float:
+        """What to keep from what rests [m]: `most` beyond the least, or less where one of some ends (nv,) is closer."""
+        zs = np.array(ends)
+        kept = [self._least + share * most for share in STREAM.closer]
+        return next((one for one in kept if not self._lanes.touching(zs, one).any()), kept[-1])
+
     def resting_free(self, zs: ChartPoints) -> np.ndarray:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
-        return ~self._lanes.touching(zs, self._clearance)
+        return ~self._lanes.touching(zs, self._least + STREAM.resting)
 
-    def straight(self, boxes: np.ndarray, grown: np.ndarray, z0: ChartPoint, z1: ChartPoint) -> bool:
-        """Whether the straight way between two points (nv,) is free of boxes (k, 16), grown by (k,) [m]."""
-        return bool(straight_free(self._among(boxes, grown), z0, z1))
+    def straight(self, boxes: np.ndarray, grown: np.ndarray, clearance: float, points: ChartPoints) -> bool:
+        """Whether a way is free.
+
+        Args:
+            boxes: What moves, shape (k, 16) [m].
+            grown: What to keep from each, shape (k,) [m].
+            clearance: What to keep from what rests [m].
+            points: The way, straight from each point to the next, shape (m, nv).
+        """
+        among = self._among(boxes, grown, clearance)
+        return all(straight_free(among, points[k], points[k + 1]) for k in range(len(points) - 1))
 
     def way(
         self,
@@ -85,18 +99,18 @@ class Room:
         """
         path = np.empty((2 * len(samples) + len(cuts) + 4, len(z0)))
         z0, z1 = np.ascontiguousarray(z0, float), np.ascontiguousarray(z1, float)
-        among = self._among(boxes, grown)
+        among = self._among(boxes, grown, self.clearance(STREAM.resting, [z0, z1]))
         count = way_between(among, z0, z1, STREAM.longest * np.sqrt(len(z0)), samples, path)
         if count == 0:
             return None
         count = cut_short(among, cuts, count, path)
         return path[:count].copy()
 
-    def _among(self, boxes: np.ndarray, grown: np.ndarray) -> Surroundings:
-        """The robot among what rests and boxes (k, 16), grown by (k,) [m]."""
+    def _among(self, boxes: np.ndarray, grown: np.ndarray, clearance: float) -> Surroundings:
+        """The robot among what rests, with a clearance [m], and boxes (k, 16), grown by (k,) [m]."""
         words, boxes, grown = self._lanes.words.view(), boxes.view(), grown.view()
         read_only(words, boxes, grown)
-        return Surroundings(self.robot, words, self._clearance, boxes, grown, STREAM.spacing)
+        return Surroundings(self.robot, words, clearance, boxes, grown, STREAM.spacing)
 
 
 @dataclass(frozen=True)
