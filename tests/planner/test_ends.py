@@ -69,6 +69,17 @@ def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
     assert failure.details["solutions"] >= failure.details["looked_at"]
 
 
+def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:
+    place = np.array([0.8, 0.1, 0.5])
+    far = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
+    near = clearance_at(far.world, far.group.expand_from_chart(goal_points(far)[0]))
+    hand, other = near.witness
+    place += (hand - other) * (1.0 - 0.5 * GOALS.grazing / near.obstacle_distance)
+    made = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
+    for z in goal_points(made):
+        assert 0.0 < clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance < GOALS.grazing
+
+
 def test_a_search_that_is_stopped_says_so() -> None:
     made = problem("panda", scene_of(ball(0.1, *DOWN.translation)), pose(), budget=Budget(cancelled=lambda: True))
     assert refused(made).status is Status.PREEMPTED

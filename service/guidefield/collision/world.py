@@ -261,11 +261,16 @@ class World:
         return [pairs.tolist() for pairs in np.split(found, np.searchsorted(at, np.arange(1, len(qs))))][: len(qs)]
 
     def in_collision_each(self, qs: Sequence[ModelConfiguration]) -> list[bool]:
-        """Whether any pair touches, at each of some configurations of the model, each of shape (model.nq,)."""
-        found = []
+        """Whether any pair touches, at each of some configurations of the model, each of shape (model.nq,).
+
+        The pair that touched at the one before is asked first.
+        """
+        found, last = [], -1
         for q, pairs in zip(qs, self.near_each(qs), strict=True):
             self.place(q)
-            found.append(any(map(self.touches, pairs)))
+            touching = next(filter(self.touches, [last, *pairs] if last in pairs else pairs), None)
+            found.append(touching is not None)
+            last = last if touching is None else touching
         return found
 
     def in_collision(self, q: ModelConfiguration) -> bool:

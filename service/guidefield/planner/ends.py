@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def tip_points(
             TIMED_OUT or PREEMPTED.
     """
     result = _solved(problem, target, starts, count, _keep_some_distance)
-    if not result.solutions and result.rejected:
+    if not result.solutions and result.rejected and not _hopeless(problem, result):
         result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
     zs = [z for z in result.solutions if _is_outside(problem, z)]
     if result.solutions and not zs:  # all that were chosen are inside of something: choose among the others
@@ -130,6 +130,11 @@ def tip_points(
         **result.details,
         **met.details(),
     )
+
+
+def _hopeless(problem: Problem, result: IkResult) -> bool:
+    """Whether no search finds what the last one did not, and all of that touches something, as far as lanes tell."""
+    return result.exhausted and not _touch_nothing(problem, cast(ChartPoints, np.array(result.rejected))).any()
 
 
 def _solved(

@@ -277,6 +277,18 @@ def test_solutions_that_are_not_accepted_are_counted():
     goal = exact(tip(arm, np.array([0.4, 1.1, -0.3])))
     one = found(arm, goal, accept=lambda zs: zs[:, 1] > 0.0, fault="too close")
     assert one.reason == "1 distinct solution from 128 starts, 1 more is too close"
+    assert not one.exhausted
+
+
+def test_a_search_that_finds_nothing_new_is_exhausted():
+    arm = grouped(box_arm("y", 3))
+    goal = exact(tip(arm, np.array([0.4, 1.1, -0.3])))
+    none = found(arm, goal, accept=lambda zs: np.zeros(len(zs), bool))
+    assert none.exhausted
+    assert len(none.rejected) == 2
+    longer = found(arm, goal, accept=lambda zs: np.zeros(len(zs), bool), most=8192)
+    assert np.array_equal(longer.rejected, none.rejected)
+    assert not found(arm, goal, accept=lambda zs: np.zeros(len(zs), bool), most=64).exhausted
 
 
 def test_it_stops_when_it_is_told_to():

@@ -33,6 +33,8 @@ class IkResult(ReadOnly):
         details: The values that the reason speaks about.
         rejected: Those found that were not accepted.
         cause: What stands in the way where nothing was found, not even something that was not accepted; else None.
+        exhausted: Whether nothing was accepted, the last starts led to nothing new, and all that was found is in
+            `rejected`: the same search with another rule for what is accepted finds the same.
     """
 
     solutions: tuple[ChartPoint, ...]
@@ -40,6 +42,7 @@ class IkResult(ReadOnly):
     details: dict[str, Any] = field(default_factory=dict)
     rejected: tuple[ChartPoint, ...] = ()
     cause: Cause | None = None
+    exhausted: bool = False
 
     @classmethod
     def unreached(cls, why: Unreached) -> IkResult:
@@ -106,7 +109,9 @@ def solve(
     if not len(found.accepted):
         details = {"cause": fault, "solutions": len(rejected)}
         more = "at least " if len(rejected) == SEARCH.most_kept else ""
-        return IkResult((), f"{more}{_solutions(len(rejected))} from {tried}, all {fault}", details, rejected)
+        reason = f"{more}{_solutions(len(rejected))} from {tried}, all {fault}"
+        exhausted = not found.fresh and len(rejected) < SEARCH.most_kept
+        return IkResult((), reason, details, rejected, exhausted=exhausted)
     chosen = _chosen(search, found.accepted, from_starts, len(starts) > 0, count)
     solutions = tuple(chosen)
     if len(solutions) == count:
