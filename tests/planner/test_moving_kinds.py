@@ -35,7 +35,9 @@ from tests.robots import box_arm, group, grouped, rest
 SECONDS = 3.0
 """Budget of one request: a motion that only got part of the way is judged as well."""
 
-KINDS = ("box", "sphere", "capsule", "cylinder", "convex mesh", "dented mesh", "triangle", "corner")
+KINDS = (
+    "box", "sphere", "capsule", "cylinder", "convex mesh", "dented mesh", "triangle", "corner", "half space", "cloud",
+)  # fmt: skip
 
 L_SHAPE = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
 L_TRIANGLES = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
@@ -73,25 +75,35 @@ def moving(kind: str, name: str, rng: np.random.Generator, since: float = 0.0, u
         ),
         "triangle": lambda: messages.Polygon(vertices=sheet, **at),
         "corner": lambda: messages.Polygon(vertices=[(x * size[0], y * size[1], 0.0) for x, y in L_SHAPE], **at),
+        "half space": lambda: messages.HalfSpace(normal=tuple(size.tolist()), offset=-float(size @ size), **at),
+        "cloud": lambda: messages.PointCloud(points=corners.tolist(), radius=0.2 * size[0], **at),
     }
     return makers[kind]()
 
 
-def bare_shape(message: Any) -> Any:
-    """Coal's shape of a message, in the frame that its trajectory moves."""
+def bare_shapes(message: Any) -> list[Any]:
+    """Coal's shapes of a message, in the frame that its trajectory moves, and where they are in it."""
     match message:
         case messages.Box():
-            return coal.Box(*message.size)
+            shape = coal.Box(*message.size)
         case messages.Sphere():
-            return coal.Sphere(message.radius)
+            shape = coal.Sphere(message.radius)
         case messages.Capsule():
-            return coal.Capsule(message.radius, message.length)
+            shape = coal.Capsule(message.radius, message.length)
         case messages.Cylinder():
-            return coal.Cylinder(message.radius, message.length)
+            shape = coal.Cylinder(message.radius, message.length)
         case messages.Mesh():
-            return surface(np.array(message.vertices, float), message.triangles)
-    triangles = [(0, 1, 2)] if len(message.vertices) == 3 else L_TRIANGLES
-    return surface(np.array(message.vertices, float), triangles)
+            shape = surface(np.array(message.vertices, float), message.triangles)
+        case messages.HalfSpace():
+            length = np.linalg.norm(message.normal)
+            shape = coal.Halfspace(np.array(message.normal) / length, message.offset / length)
+        case messages.PointCloud():
+            ball = coal.Capsule(message.radius, 0.0)  # Coal finds balls in contact with triangles without area
+            return [(ball, pin.SE3(np.eye(3), np.array(point))) for point in message.points]
+        case _:
+            triangles = [(0, 1, 2)] if len(message.vertices) == 3 else L_TRIANGLES
+            shape = surface(np.array(message.vertices, float), triangles)
+    return [(shape, pin.SE3.Identity())]
 
 
 def surface(vertices: np.ndarray, triangles: Any) -> Any:
@@ -115,14 +127,14 @@ def placed(trajectory: messages.ObstacleTrajectory, time: float) -> Any:
 def least_apart(planned: PlanningGroup, obstacles: Any, trajectory: Trajectory, times: np.ndarray) -> float:
     """The smallest distance of a robot to what moves at some times."""
     data, scratch = planned.model.createData(), planned.geometry.createData()
-    shapes = [(message, bare_shape(message)) for message in obstacles]
+    shapes = [(message, *one) for message in obstacles for one in bare_shapes(message)]
     bodies = [i for i, body in enumerate(planned.geometry.geometryObjects) if body.parentJoint]
     least = np.inf
     for instant in times:
         q = planned.from_chart(trajectory.evaluate(np.array([instant]))[0][0])
         pin.updateGeometryPlacements(planned.model, data, planned.geometry, scratch, planned.expand(q))
-        for message, shape in shapes:
-            there = placed(message.trajectory, instant)
+        for message, shape, within in shapes:
+            there = placed(message.trajectory, instant) * within
             for body in bodies:
                 link, at = planned.geometry.geometryObjects[body].geometry, scratch.oMg[body]
                 request, result = coal.DistanceRequest(), coal.DistanceResult()

@@ -73,7 +73,7 @@ def _obstacle(rng: np.random.Generator, name: str, moving: bool) -> Any:
     place: dict[str, Any] = {"position": tuple(position.tolist()), "quaternion_xyzw": _turned(rng)}
     kind = list(KINDS)[int(rng.integers(0, len(KINDS)))]
     made = KINDS[kind](rng, name, rng.uniform(0.03, 0.25, 3), place)
-    if not moving or kind in ("half_space", "point_cloud"):
+    if not moving:
         return made
     times = np.cumsum(rng.uniform(0.1, 1.0, int(rng.integers(1, 4)))) - 0.3
     stops = [Placement(tuple((position + 0.3 * rng.normal(size=3)).tolist()), _turned(rng)) for _ in times]

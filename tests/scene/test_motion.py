@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.scene.motion import ObstacleMotion
+from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.scene import build
 
 HALF = float(np.sqrt(0.5))
@@ -33,6 +33,8 @@ KINDS = [
         triangles=[(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
         trajectory=SWING,
     ),
+    messages.HalfSpace(name="o", normal=(0.2, -0.4, 2.0), offset=-0.3, trajectory=SWING),
+    messages.PointCloud(name="o", points=[(0.1, 0, 0), (0.3, 0, 0.2), (0.2, 0.4, 0)], radius=0.05, trajectory=SWING),
 ]
 
 
@@ -58,6 +60,22 @@ def test_no_point_is_faster_than_the_speed_that_is_said(start: float, span: floa
     assert moved <= motion.speed(start, start + span, centre, radius) * span + 1e-9
 
 
+@given(st.floats(0.0, 5.0), st.floats(1e-4, 0.5), st.integers(0, 2**31))
+@settings(max_examples=50)
+def test_no_plane_comes_closer_to_a_point_at_rest_than_it_is_said_to_pass_it(
+    start: float, span: float, seed: int
+) -> None:
+    motion, rng = ObstacleMotion.of(SWING), np.random.default_rng(seed)
+    centre, radius = 3.0 * rng.normal(size=3), 0.3
+    offset, normal = rng.normal(size=(2, 3))
+    point = centre + radius * offset / np.linalg.norm(offset)
+    plane = messages.HalfSpace(name="o", normal=tuple((normal / np.linalg.norm(normal)).tolist()), offset=0.4)
+    posed_then, posed_later = (posed(plane, motion.at(time)) for time in (start, start + span))
+    lost = (point @ posed_then.normal - posed_then.offset) - (point @ posed_later.normal - posed_later.offset)
+    during = slice(np.searchsorted(motion.times, start, side="right"), np.searchsorted(motion.times, start + span) + 1)
+    assert abs(lost) <= motion.passing(centre, radius)[during].max() * span + 1e-9
+
+
 @pytest.mark.parametrize("message", KINDS, ids=lambda m: type(m).__name__)
 def test_a_scene_at_a_time_has_its_obstacles_there(message: messages.Obstacle) -> None:
     scene = build(messages.Scene(name="s", obstacles=[message]))
@@ -66,12 +84,24 @@ def test_a_scene_at_a_time_has_its_obstacles_there(message: messages.Obstacle) -
     assert scene.end == 4.0
     assert scene.resting.obstacles == ()
     for time in (0.0, 1.7, 3.0, 8.0):
-        (posed,) = scene.at(time).obstacles
+        (there_then,) = scene.at(time).obstacles
         carried = first.placement_at(time) * first.placement.inverse()
+        if isinstance(message, messages.HalfSpace):  # its patch lies elsewhere on the same plane
+            plane = there_then.message
+            np.testing.assert_allclose([carried.act(v) @ plane.normal for v in first.vertices], plane.offset, atol=1e-9)
+            inward = carried.rotation @ np.array(message.normal)
+            assert inward @ plane.normal > 0.999 * np.linalg.norm(message.normal) ** 2
+            continue
+        if isinstance(message, messages.PointCloud):
+            there = [carried.act(point) for point in first.cloud.points]
+            np.testing.assert_allclose(
+                sorted(map(tuple, there_then.cloud.points)), sorted(map(tuple, there)), atol=1e-9
+            )
+            continue
         if not isinstance(message, messages.Sphere):  # a ball doesn't turn
-            np.testing.assert_allclose(posed.vertices, [carried.act(v) for v in first.vertices], atol=1e-9)
+            np.testing.assert_allclose(there_then.vertices, [carried.act(v) for v in first.vertices], atol=1e-9)
         centre = first.vertices.mean(axis=0)
-        np.testing.assert_allclose(posed.vertices.mean(axis=0), carried.act(centre), atol=1e-9)
+        np.testing.assert_allclose(there_then.vertices.mean(axis=0), carried.act(centre), atol=1e-9)
 
 
 def test_a_scene_at_rest_is_itself_at_any_time() -> None:

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Float32Array, Placement
+from guidefield.messages.values import Float32Array
 from guidefield.scene.obstacle import BUILDERS, build
 from tests.scene.solids import box_mesh, l_prism, mesh_message
 
@@ -224,10 +224,7 @@ def polygon(*vertices):
 
 
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
-STILL = messages.ObstacleTrajectory(times=[0.0], placements=[Placement()])
 FAULTS = [
-    (messages.HalfSpace(name="bad", normal=(0, 0, 1), trajectory=STILL), ".trajectory", "can't move"),
-    (messages.PointCloud(name="bad", points=POINTS, radius=0.1, trajectory=STILL), ".trajectory", "can't move"),
     (polygon((0, 0, 0), (1, 0, 0), (1, 1, 0.01), (0, 1, 0)), ".vertices", "off a plane"),
     (polygon((0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1.5, 0)), ".vertices", "isn't simple"),
     (polygon((0, 0, 0), (1, 0, 0), (2, 0, 0)), ".vertices", "a line"),

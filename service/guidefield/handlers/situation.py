@@ -95,9 +95,7 @@ class Standing:
             getattr(attached.obstacle, "quaternion_xyzw", IDENTITY),
         )
         in_link = se3(attached.placement.position, attached.placement.quaternion_xyzw)
-        placed = posed(attached.obstacle, self.frame(attached.link) * in_link * own)
-        assert placed is not None, "only what can be placed is carried"
-        return placed
+        return posed(attached.obstacle, self.frame(attached.link) * in_link * own)
 
     def moved(self, q: RobotConfiguration, min_clearance: float) -> Standing:
         """The same with the robot at a configuration, shape (nq,); what has left what it stood on is known to have.

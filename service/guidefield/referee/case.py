@@ -35,7 +35,7 @@ class Body:
         exact: Coal's shape of what is declared; of a cloud tiny triangles at its points.
         rounding: What it is rounded by all around: the radius of a cloud's balls [m].
         corners: Points whose hull contains the body, in the shape's frame, shape (8, 3) [m]; of a half-space, which
-            nothing moves, zeros.
+            has none, zeros.
         parts: Coal's convex shapes that are said to contain the mesh, in the same frame; none where there are none.
         triangles: The mesh's triangles, shape (t, 3, 3) [m, the shape's frame]; none where it isn't a mesh.
         shell: Triangles that are said to be the mesh closed and turned outwards, shape (s, 3, 3); often none.

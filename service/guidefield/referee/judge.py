@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint
+from guidefield.referee.solid import closed, winding
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
 SLACK = FLOOR = 1e-6  # of constraints, rates, Coal's distances (2e-6 more a metre); what moves less is undecided
@@ -53,7 +54,7 @@ def _false_part(case: Case) -> Finding | None:
             gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in places]
             within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK + ROUNDING).all(axis=1)
         told = [{frozenset(map(tuple, t)) for t in a.tolist() if len(body.shell)} for a in (body.triangles, body.shell)]
-        whole = {t for t in told[0] if len(t) == 3} <= told[1] and _closed(body.shell)
+        whole = {t for t in told[0] if len(t) == 3} <= told[1] and closed(body.shell)
         if (body.parts and not within.all()) or (len(body.shell) and not whole):
             return Finding(Answer.FALSE_PART, (body.name,))
     return None
@@ -125,14 +126,16 @@ class _Along:
             points = b.points @ seen.rotation.T + seen.translation
             near = points[((points >= a.corners.min(axis=0)) & (points <= a.corners.max(axis=0))).all(axis=1)]
             shell = a.shell if len(a.shell) else a.triangles
-            if len(near) and _closed(shell) and any(abs(_winding(point, shell)) > 0.5 for point in near):
+            if len(near) and closed(shell) and any(abs(winding(point, shell)) > 0.5 for point in near):
                 return Finding(Answer.INSIDE, (a.name, b.name), start)
         return None
 
     def judged(self) -> Finding:
         """Halve the motion until everything is told apart, or something is broken."""
         unsure, n = None, len(self.pairs)
-        stack = [(piece, 0.0, piece[-1], list(range(len(self.names)))) for piece in _pieces(self.case)][::-1]
+        every = list(range(len(self.names)))
+        stack = [(p, low, high, every) for p in _pieces(self.case) for low, high in itertools.pairwise(self._cuts(p))]
+        stack.reverse()
         while stack:
             piece, low, high, asked = stack.pop()
             start, middle, r = piece[0], 0.5 * (low + high), 0.5 * (high - low)
@@ -141,7 +144,7 @@ class _Along:
             z, v, a, j = _at(piece, middle)
             self._stand(z, start + middle)
             moves, turns = self._reach(r * (np.abs(v) + r * (np.abs(a) / 2 + r * np.abs(j) / 6)))  # Taylor's terms
-            moves[:, 0] = [r * _fastest(one, start + low, start + high) for one in self.carried]
+            moves[:, 0] = [r * self._fastest(k, start + low, start + high) for k in range(len(self.carried))]
             left = []
             for k in asked:
                 broken, room, loss, distance = self._pair(k, moves) if k < n else self._constraint(k - n, moves, turns)
@@ -155,6 +158,11 @@ class _Along:
                     left.append(k)
             stack += [(piece, middle, high, left), (piece, low, middle, left)] if left else []
         return unsure or Finding(Answer.FREE)
+
+    def _cuts(self, piece: Piece) -> list[float]:
+        """Times since the start of a piece between which no obstacle goes from one screw to the next."""
+        stops = [time - piece[0] for one in self.carried if one.screw is not None for time in one.screw.times]
+        return sorted({0.0, piece[-1], *(float(stop) for stop in stops if 0.0 < stop < piece[-1])})
 
     def _stand(self, z: np.ndarray, now: float) -> None:
         """Place everything where it is with the motion's columns z at a time: joints slide first and turn then."""
@@ -176,7 +184,7 @@ class _Along:
         inequality the ways add up. What moves two bodies moves both as one.
         """
         y = np.abs(self.case.spread) @ half
-        points = np.array([one.homogeneous[:3] for one in self.placed]) @ self.corners
+        self.points = points = np.array([one.homogeneous[:3] for one in self.placed]) @ self.corners
         moves, turns = np.zeros(self.moved.shape), np.zeros(self.moved.shape[1])
         for i, rows in enumerate(self.rows[1:], 1):
             e, turning = y[rows], self.case.turning[rows]
@@ -189,6 +197,20 @@ class _Along:
                 arms = np.linalg.norm(points - self.data.oMi[i].translation[:, None], axis=1).max(axis=1)
                 moves[:, i] = np.linalg.norm(e[~turning]) + turns[i] * arms
         return np.where(self.moved, moves, 0.0), turns
+
+    def _fastest(self, k: int, start: float, end: float) -> float:
+        """The largest speed of any point of an obstacle between two times: v + w x p in its frame, all along a screw.
+
+        Of a half-space that of its points where the robot's corners are: these are on the screw as it sees them.
+        """
+        one, placed = self.carried[k], self.placed[k]
+        if one.screw is None:
+            return 0.0
+        v, w = np.split(one.screw.twists[(one.screw.times[1:] > start) & (one.screw.times[:-1] < end), None], 2, axis=2)
+        points = one.corners @ one.placement.rotation.T + one.placement.translation
+        if not one.corners.any():
+            points = (self.points[self.moved.any(axis=1)].swapaxes(1, 2) - placed.translation) @ placed.rotation
+        return float(np.linalg.norm(v + np.cross(w, points.reshape(-1, 3)), axis=2).max(initial=0.0))
 
     def _pair(self, k: int, moves: np.ndarray) -> Told:
         """Two bodies: first the parts that contain them, less what may stand out of these; then as declared."""
@@ -221,29 +243,6 @@ def _carrier(one: Body | Constraint, data: Any, now: float) -> Any:
     times, stops = one.screw.times, one.screw.stops
     k = min(max(int(np.searchsorted(times, now)) - 1, 0), len(times) - 2)
     return stops[k] * pin.exp6((min(max(now, times[0]), times[-1]) - times[k]) * one.screw.twists[k])
-
-
-def _fastest(one: Body | Constraint, start: float, end: float) -> float:
-    """The largest speed of any point of an obstacle between two times: v + w x p in its frame, all along a screw."""
-    if one.screw is None:
-        return 0.0
-    v, w = np.split(one.screw.twists[(one.screw.times[1:] > start) & (one.screw.times[:-1] < end), None], 2, axis=2)
-    points = one.corners @ one.placement.rotation.T + one.placement.translation
-    return float(np.linalg.norm(v + np.cross(w, points), axis=2).max(initial=0.0))
-
-
-def _closed(triangles: np.ndarray) -> bool:
-    """Whether every edge of triangles (t, 3, 3) is run through as often in one direction as in the other."""
-    index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
-    edges = np.column_stack([index.ravel(), np.roll(index, -1, axis=1).ravel()])
-    return len(edges) > 0 and sorted(edges.tolist()) == sorted(edges[:, ::-1].tolist())
-
-
-def _winding(point: np.ndarray, triangles: np.ndarray) -> float:
-    """How often closed triangles (t, 3, 3) wind around a point (3,): their solid angles over 4 pi."""
-    arms = triangles - point
-    (a, b, c), (ab, bc, ca) = np.linalg.norm(arms, axis=2).T, (arms * np.roll(arms, -1, axis=1)).sum(axis=2).T
-    return float(np.arctan2(np.linalg.det(arms), a * b * c + ab * c + bc * a + ca * b).sum() / (2 * np.pi))
 
 
 def _distance(a: Any, at_a: Any, b: Any, at_b: Any) -> float:

@@ -237,7 +237,7 @@ def _objects(model: Any, told: Told, unknown: list[str]) -> Iterator[Body]:
             yield _body(held["obstacle"]["name"], frame.parentJoint, placement, one, parts, obstacle=False)
     for obstacle in told["obstacles"]:
         one, moves = shape_of(obstacle), obstacle.get("trajectory")
-        if one is None or (moves and obstacle["type"] in ("half_space", "point_cloud")):
+        if one is None:
             unknown.append(f"obstacle {obstacle['name']!r} of type {obstacle['type']!r}, as it is declared")
             continue
         screw = _screw(moves) if moves else None  # its placements take the place of its own

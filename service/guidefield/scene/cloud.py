@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import cloud_rows, spacings
+from guidefield.kept import kept_with
 from guidefield.scene.charges import Charges
 
 MOST_IN_BODIES = 5_000
@@ -94,23 +95,37 @@ def cloud_charges(points: np.ndarray, radius: float) -> Charges:
         radius: Of the balls around them [m].
     """
     points = np.unique(points, axis=0)
-    points, counts = _put_together(points)
+    points, members = _put_together(points, _MOST_CHARGED)
+    counts = np.bincount(members)
     return Charges(cloud=cloud_rows(points, spacings(points, _DENSEST * radius, np.sqrt(counts) * _SPHERE * radius)))
 
 
-def _put_together(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most `_MOST_CHARGED` points (n, 3) in place of more, and how many each stands for (n,)."""
-    if len(points) <= _MOST_CHARGED:
-        return points, np.ones(len(points))
+@kept_with
+def covering(cloud: Cloud, most: int) -> Cloud:
+    """A cloud of at most so many points whose balls contain those of another.
+
+    Args:
+        cloud: The other.
+        most: How many points it may have.
+    """
+    centres, members = _put_together(cloud.points, most)
+    away = np.linalg.norm(cloud.points - centres[members], axis=1)
+    return Cloud(centres, cloud.radius + float(away.max()))
+
+
+def _put_together(points: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most so many points (k, 3) in place of more, (n, 3), and which of them each stands for, shape (n,)."""
+    if len(points) <= most:
+        return points, np.arange(len(points))
     low = points.min(axis=0)
     extent = np.sort(points.max(axis=0) - low)
-    side = max(math.sqrt(float(extent[1] * extent[2]) / _MOST_CHARGED), float(extent[2]) / _MOST_CHARGED)
+    side = max(math.sqrt(float(extent[1] * extent[2]) / most), float(extent[2]) / most)
     while True:
         cells = np.floor((points - low) / side).astype(np.int64)
         keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
         _, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
-        if len(counts) <= _MOST_CHARGED:
+        if len(counts) <= most:
             break
-        side *= max(1.05, (len(counts) / _MOST_CHARGED) ** 0.4)
+        side *= max(1.05, (len(counts) / most) ** 0.4)
     sums = [np.bincount(members, points[:, axis]) for axis in range(3)]
-    return np.column_stack(sums) / counts[:, None], counts
+    return np.column_stack(sums) / counts[:, None], members

@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.placements import se3
+from guidefield.geometry.placements import moved, se3
 from guidefield.messages import scene as messages
+from guidefield.scene.points import points_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,21 +85,41 @@ class ObstacleMotion:
         speeds, accelerations = _rates(self.twists, centre, radius)
         return np.r_[0.0, speeds, 0.0], np.r_[0.0, accelerations, 0.0]
 
+    def passing(self, centre: np.ndarray, radius: float) -> np.ndarray:
+        """The largest speed at which what the frame carries passes points of a ball that stands in the world.
+
+        No distance of such a point from the obstacle changes faster, however large the obstacle is: seen from its
+        frame the point is on a screw, and keeps its speed.
+
+        Args:
+            centre: Centre of the ball, shape (3,) [m, world].
+            radius: Its radius [m].
+
+        Returns:
+            Before, between any two times, and after, shape (k + 1,), the first and the last 0 [m/s].
+        """
+        seen = np.array([placement.actInv(centre) for placement in self.placements[:-1]]).reshape(-1, 3)
+        speeds: np.ndarray = np.r_[0.0, _rates(self.twists, seen, radius)[0], 0.0]
+        return speeds
+
 
 def _rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """The largest speed and acceleration of points of a ball on screws of some twists (k, 6), both of shape (k,)."""
+    """The largest speed and acceleration of points of a ball on screws of some twists (k, 6), both of shape (k,).
+
+    Its centre, shape (3,) or (k, 3), is seen from the frame.
+    """
     angular = np.linalg.norm(twists[:, 3:], axis=1)
     speeds = np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], centre), axis=1) + radius * angular
     return speeds, angular * speeds
 
 
-def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle | None:
-    """An obstacle at rest where its trajectory has it at some time; None if one of its kind can't move.
+def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
+    """An obstacle at rest where its trajectory has it at some time.
 
-    A placement takes the place of the obstacle's own, and moves the corners of a polygon as they are declared.
+    A placement takes the place of the obstacle's own. It moves the corners of a polygon, the points of a cloud and the
+    plane of a half-space as they are declared.
     """
-    pose = POSED.get(type(message))
-    return None if pose is None else pose(message, placement)
+    return POSED[type(message)](message, placement)
 
 
 def _placed(message: Any, placement: Any) -> messages.Obstacle:
@@ -118,6 +139,16 @@ def _cornered(message: Any, placement: Any) -> messages.Obstacle:
     return _replaced(message, vertices=corners)
 
 
+def _plane(message: Any, placement: Any) -> messages.Obstacle:
+    normal = placement.rotation @ np.array(message.normal, float)
+    offset = message.offset + float(normal @ placement.translation)
+    return _replaced(message, normal=tuple(normal.tolist()), offset=offset)
+
+
+def _points(message: Any, placement: Any) -> messages.Obstacle:
+    return _replaced(message, points=moved(placement, points_in(message.points)).tolist())
+
+
 POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
     messages.Box: _placed,
     messages.Cylinder: _placed,
@@ -125,8 +156,10 @@ POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = 
     messages.Mesh: _placed,
     messages.Sphere: _centred,
     messages.Polygon: _cornered,
+    messages.HalfSpace: _plane,
+    messages.PointCloud: _points,
 }
-"""How the message of a kind is posed; others don't move."""
+"""How the message of a kind is posed."""
 
 
 def _replaced(message: Any, **fields: Any) -> messages.Obstacle:

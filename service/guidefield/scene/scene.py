@@ -73,7 +73,7 @@ class Scene:
 
     def _posed(self, time: float) -> list[messages.Obstacle]:
         pairs = zip(self.message.obstacles, self.obstacles, strict=True)
-        return [one if o.motion is None else posed(one, o.motion.at(time)) or one for one, o in pairs]
+        return [one if o.motion is None else posed(one, o.motion.at(time)) for one, o in pairs]
 
     def of(self, chosen: Sequence[int]) -> Scene:
         """The scene with some of its obstacles alone, by their indices."""

@@ -14,7 +14,7 @@ from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
 from guidefield.messages import scene as messages
 from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle
 from guidefield.scene import obstacle as obstacles
-from guidefield.scene.motion import POSED, posed
+from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 from guidefield.stream.shapes import JudgedShape, shape_of, shapes_of
@@ -289,11 +289,7 @@ class Obstacles:
 
 def in_its_frame(message: messages.Obstacle) -> messages.Obstacle:
     """The message of an obstacle in its own frame: at the origin, where it has a placement of its own."""
-    if type(message) in POSED:
-        placed = posed(message, pin.SE3.Identity())
-        assert placed is not None, "its kind can be posed"
-        return placed
-    return message
+    return posed(message, pin.SE3.Identity()) if hasattr(message, "position") else message
 
 
 def _frame(one: Obstacle) -> pin.SE3:

@@ -2,8 +2,8 @@
 
 What rests is judged by the certificate of curves, whatever their timing. For what moves, segments of time are halved
 until at their middles every robot body keeps more from every moving obstacle than both can lose within the segment:
-the robot by `MotionBound`, the obstacle by its largest speed. Balls and boxes about them tell most pairs apart before
-Coal is asked.
+the robot by `MotionBound`, the obstacle by its largest speed; a half-space, which is endless, by the largest speed at
+which it passes where the robot is. Balls and boxes about them tell most pairs apart before Coal is asked.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.settings import CERTIFICATE, with_coal_error
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.coal_transforms import transform
+from guidefield.collision.robot_ball import robot_ball
 from guidefield.collision.world import World
 from guidefield.geometry.met import as_met
 from guidefield.read_only import ReadOnly
@@ -40,14 +41,15 @@ class TimedWorld(ReadOnly):
         moving: The robot among all, those that move where they are at first.
         pairs: Indices of `moving.pairs` that are of a robot body and an obstacle that moves.
         obstacles: The obstacle of each.
-        balls: Centre (3,) in the frame of the obstacle's motion and radius of a ball about each.
+        balls: Centre (3,) in the frame of the obstacle's motion and radius of a ball about each; None about a
+            half-space.
     """
 
     resting: World
     moving: World
     pairs: np.ndarray
     obstacles: tuple[Obstacle, ...]
-    balls: tuple[tuple[np.ndarray, float], ...]
+    balls: tuple[tuple[np.ndarray, float] | None, ...]
 
     @classmethod
     def of(cls, resting: World, moving: World) -> TimedWorld:
@@ -102,8 +104,9 @@ def certify_moving(
         floor: As there.
         stopped: As there.
     """
-    judge = _Judge(worlds, min_clearance, floor, stopped)
-    for index, piece in enumerate(np.asarray(pieces, float)):
+    pieces = np.asarray(pieces, float)
+    judge = _Judge(worlds, pieces, min_clearance, floor, stopped)
+    for index, piece in enumerate(pieces):
         every = list(range(len(worlds.pairs)))
         refusal = judge.refusal(
             _TimedSegment(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), every)
@@ -113,22 +116,40 @@ def certify_moving(
     return Verdict(Reason.FREE, judge.evaluations)
 
 
-def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float]:
-    """A ball about an obstacle in the frame of its motion."""
+def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float] | None:
+    """A ball about an obstacle in the frame of its motion; None if it is endless."""
     assert obstacle.motion is not None, "only what moves is asked for"
-    vertices = obstacle.vertices
-    centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    box = obstacle.shape.aabb_local
+    if obstacle.endless:
+        return None
+    low, high = obstacle.box
+    middle = 0.5 * (low + high) if obstacle.cloud is not None else _middle(obstacle)
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    low, high = np.asarray(box.min_), np.asarray(box.max_)
-    reach = [float(np.linalg.norm(obstacle.placement.act(low + c * (high - low)) - centre)) for c in corners]
-    return np.asarray(obstacle.motion.placements[0].actInv(centre)), max(reach)
+    reach = [float(np.linalg.norm(obstacle.placement.act(low + c * (high - low)) - middle)) for c in corners]
+    return np.asarray(obstacle.motion.placements[0].actInv(middle)), max(reach) + obstacle.rounding
 
 
-def _largest_speeds(obstacle: Obstacle, centre: np.ndarray, radius: float) -> tuple[list[float], list[float]]:
-    """When an obstacle is on its placements [s], and the largest speed of a ball about it from each to the next."""
-    assert obstacle.motion is not None, "only what moves is judged here"
-    return obstacle.motion.times.tolist(), obstacle.motion.rates(centre, radius)[0][1:-1].tolist()
+def _middle(obstacle: Obstacle) -> np.ndarray:
+    """The middle of the box about an obstacle along the world's axes, shape (3,) [m, world]."""
+    vertices = obstacle.vertices
+    middle: np.ndarray = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    return middle
+
+
+def _largest_speeds(
+    obstacle: Obstacle, ball: tuple[np.ndarray, float] | None, about_robot: tuple[np.ndarray, float]
+) -> tuple[list[float], list[float]]:
+    """When an obstacle is on its placements [s], and how fast it loses distance at most from each to the next."""
+    motion = obstacle.motion
+    assert motion is not None, "only what moves is judged here"
+    speeds = motion.passing(*about_robot) if ball is None else motion.rates(*ball)[0]
+    return motion.times.tolist(), speeds[1:-1].tolist()
+
+
+def _about_robot(worlds: TimedWorld, pieces: ChartCurves) -> tuple[np.ndarray, float]:
+    """A ball that the robot stays in along a motion; see `robot_ball`. It is asked for where an obstacle is endless."""
+    if all(ball is not None for ball in worlds.balls):
+        return np.zeros(3), 0.0
+    return robot_ball(worlds.moving, pieces.min(axis=(0, 1)), pieces.max(axis=(0, 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +181,14 @@ class _TimedSegment(ReadOnly):
 class _Judge:
     """One judgement, and how many configurations were judged."""
 
-    def __init__(self, worlds: TimedWorld, min_clearance: float, floor: float, stopped: Callable[[], object]) -> None:
+    def __init__(
+        self,
+        worlds: TimedWorld,
+        pieces: ChartCurves,
+        min_clearance: float,
+        floor: float,
+        stopped: Callable[[], object],
+    ) -> None:
         self.worlds = worlds
         self.stopped = stopped
         self.kept = min_clearance
@@ -172,8 +200,10 @@ class _Judge:
         self._body_of = worlds.moving.pairs.bodies(worlds.pairs)[:, 0]
         self._movers = [worlds.obstacles[k] for k in movers]
         self._boxes = np.array([one.box for one in self._movers]).reshape(-1, 2, 3)
+        self._rounded = np.array([one.rounding for one in self._movers])
         self._placed: tuple[float, list[Any]] | None = None
-        self._speeds = [_largest_speeds(worlds.obstacles[k], *worlds.balls[k]) for k in movers]
+        about_robot = _about_robot(worlds, pieces)
+        self._speeds = [_largest_speeds(worlds.obstacles[k], worlds.balls[k], about_robot) for k in movers]
 
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
         """Why a segment is refused, or None; the first half is judged before the second."""
@@ -195,7 +225,7 @@ class _Judge:
         return self.refusal(first) or self.refusal(second)
 
     def _speeds_between(self, since: float, until: float) -> np.ndarray:
-        """The largest speed between two times of any point of each pair's obstacle [m/s]."""
+        """How fast each pair's obstacle loses distance at most between two times [m/s]."""
         found = []
         for times, speeds in self._speeds:
             first, last = bisect_right(times, since) - 1, bisect_left(times, until)
@@ -239,20 +269,21 @@ class _Judge:
         local = (centres - places[movers][:, None]) @ turns[movers]
         low, high = self._boxes[movers, :1], self._boxes[movers, 1:]
         beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
-        gaps = np.sqrt(np.einsum("mpi,mpi->mp", beyond, beyond).min(axis=1)) - bodies.part_radii[body]
+        rounding = bodies.part_radii[body] + self._rounded[movers]
+        gaps = np.sqrt(np.einsum("mpi,mpi->mp", beyond, beyond).min(axis=1)) - rounding
         near: list[int] = which[gaps <= margins[which]].tolist()
         return near
 
     def _within(self, k: int, time: float, margin: float) -> bool:
         """Whether a pair comes within a margin (>= 0) of each other where the robot was placed last, at a time.
 
-        Coal answers for no margin below 0 where a body is a mesh.
+        Coal answers for no margin below 0 where a body is a mesh. Of a rounded obstacle it sees the inside only.
         """
         world, obstacle = self.worlds.moving, self.worlds.obstacles[k]
         body, mover = int(self._body_of[k]), int(self._mover_of[k])
         shape, other = as_met(world.exact.shape(body), obstacle.shape)
         request, result = coal.CollisionRequest(), coal.CollisionResult()
-        request.security_margin = margin
+        request.security_margin = margin + obstacle.rounding
         here, there = transform(world.placement(body)), transform(self._placements(time)[mover])
         return bool(coal.collide(shape, here, other, there, request, result))
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartCurveRates, ChartCurves, ChartPoints, ChartRates
+from guidefield.robot.model.spaces import ChartCurveRates, ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 JUMP = 1e-9
 """Rates that differ by less than this share of the largest one count as equal: they do but for rounding."""
@@ -44,6 +44,11 @@ class Curve(ReadOnly):
         steps = (controls.shape[1] - 1) * np.diff(controls, axis=1)
         rates: ChartCurveRates = np.divide(steps, spans, out=np.zeros_like(steps), where=spans > 0.0)
         return rates
+
+    @property
+    def box(self) -> tuple[ChartPoint, ChartPoint]:
+        """Lower and upper corner of a box that it stays in, each of shape (nv,) [rad or m]."""
+        return self.pieces.min(axis=(0, 1)), self.pieces.max(axis=(0, 1))
 
     @cached_property
     def breaks(self) -> np.ndarray:

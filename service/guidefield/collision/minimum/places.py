@@ -19,6 +19,7 @@ from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.near_pairs import TOGETHER
+from guidefield.collision.robot_ball import robot_ball
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.spaces import ModelConfigurations
 
@@ -171,7 +172,8 @@ class Surveyor:
     def rates_of_obstacles(self, since: np.ndarray, until: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest speeds and accelerations of what moves between two times, both of shape (s, 1 + obstacles).
 
-        The first column, of what rests, is 0. No obstacle's own times are between the two.
+        The first column, of what rests, is 0. No obstacle's own times are between the two. Of a half-space the speed
+        is that at which it passes where the robot is; no acceleration bounds how it does, which is told as infinite.
 
         Args:
             since: From when, shape (s,) [s].
@@ -180,7 +182,11 @@ class Surveyor:
         speeds, accelerations = (np.zeros((len(since), 1 + len(self._movers))) for _ in range(2))
         for column, (_, obstacle, ball) in enumerate(self._movers, 1):
             step = np.searchsorted(obstacle.motion.times, 0.5 * (since + until), side="right")
-            fastest, changing = obstacle.motion.rates(*ball)
+            if ball is None:
+                fastest = obstacle.motion.passing(*self._about_robot)
+                changing = np.full_like(fastest, np.inf)
+            else:
+                fastest, changing = obstacle.motion.rates(*ball)
             speeds[:, column], accelerations[:, column] = fastest[step], changing[step]
         return speeds, accelerations
 
@@ -221,9 +227,14 @@ class Surveyor:
         return self.mover_of_pair > 0
 
     @cached_property
-    def _movers(self) -> list[tuple[int, Any, tuple[np.ndarray, float]]]:
-        """Body, obstacle and ball of each obstacle that moves."""
-        found: dict[int, tuple[int, Any, tuple[np.ndarray, float]]] = {}
+    def _about_robot(self) -> tuple[np.ndarray, float]:
+        """A ball that the robot stays in along the motion; see `robot_ball`."""
+        return robot_ball(self.worlds.moving, *self.curve.box)
+
+    @cached_property
+    def _movers(self) -> list[tuple[int, Any, tuple[np.ndarray, float] | None]]:
+        """Body, obstacle and ball of each obstacle that moves; a half-space has none."""
+        found: dict[int, tuple[int, Any, tuple[np.ndarray, float] | None]] = {}
         for pair, obstacle, ball in zip(self.worlds.pairs, self.worlds.obstacles, self.worlds.balls, strict=True):
             body = self.worlds.moving.pairs.of(int(pair))[1]
             found[body] = (body, obstacle, ball)
@@ -238,9 +249,13 @@ class Surveyor:
             distances: Of all pairs, shape (m, n) [m]; written.
         """
         world = self.worlds.moving
-        for column, (_, obstacle, (centre, radius)) in enumerate(self._movers, 1):
-            there = np.array([obstacle.motion.at(time).act(centre) for time in times])
+        for column, (_, obstacle, ball) in enumerate(self._movers, 1):
             pairs = np.flatnonzero(self.mover_of_pair == column)
+            if ball is None:
+                distances[:, pairs] = -np.inf
+                continue
+            centre, radius = ball
+            there = np.array([obstacle.motion.at(time).act(centre) for time in times])
             body = world.pairs.bodies(pairs)[:, 0]
             apart = np.linalg.norm(centres[:, body] - there[:, None], axis=2) - world.bodies.radii[body] - radius
             distances[:, pairs] = np.where(apart > 0.0, apart, -np.inf)

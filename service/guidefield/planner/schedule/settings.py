@@ -23,6 +23,9 @@ class ScheduleSettings:
         most_copies: So often at most. A choice.
         most_triangles: A moving mesh of more triangles stands in slices as the box about it: it is built anew for each
             slice. A choice.
+        most_points: In place of a moving cloud of more points one of so many, and larger ones, stands there. A choice.
+        far: How far a joint slides that has no limits, where it is asked how fast a half-space comes to the robot [m].
+            A choice: what lies beyond is the certificate's to refuse.
         resolution: Cells of a path per length in the chart [1/rad or 1/m], as samples of a tree's motions.
         most_cells: Cells of a path at most. A choice.
         fine: Times for each knot of a motion at which it is looked how far has been travelled. A choice.
@@ -46,6 +49,8 @@ class ScheduleSettings:
     finest: float = 0.01
     most_copies: int = 6
     most_triangles: int = 200
+    most_points: int = 500
+    far: float = 5.0
     resolution: float = 32.0
     most_cells: int = 1000
     fine: int = 4

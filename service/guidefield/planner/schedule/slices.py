@@ -13,11 +13,13 @@ import pinocchio as pin
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import World
+from guidefield.geometry.placements import moved
 from guidefield.messages import scene as messages
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.margin import MARGIN
 from guidefield.scene import obstacle as obstacles
+from guidefield.scene.cloud import covering
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 
@@ -81,13 +83,18 @@ def _pairs(pairs: Pairs, of: np.ndarray, own: np.ndarray) -> Pairs:
 
 
 def _standing(one: Obstacle, time: float) -> Obstacle:
-    """An obstacle that moves, at rest where it is at a time [s]; one of very many triangles, the box about it."""
+    """An obstacle that moves, at rest where it is at a time [s].
+
+    For one of very many triangles stands the box about it, for a cloud of very many points one of fewer and larger.
+    """
     assert one.motion is not None, "it moves"
-    message = posed(one.message, one.motion.at(time))
-    many = isinstance(one.message, messages.Mesh) and len(one.message.triangles) > SCHEDULE.most_triangles
-    if message is None or many:
-        message = _box_about(one, time)
-    return obstacles.build(message, 0)
+    if isinstance(one.message, messages.Mesh) and len(one.message.triangles) > SCHEDULE.most_triangles:
+        return obstacles.build(_box_about(one, time), 0)
+    if one.cloud is not None and len(one.cloud.points) > SCHEDULE.most_points:
+        few = covering(one.cloud, SCHEDULE.most_points)
+        points = moved(one.placement_at(time), few.points).tolist()
+        return obstacles.build(messages.PointCloud(name=one.name, points=points, radius=few.radius), 0)
+    return obstacles.build(posed(one.message, one.motion.at(time)), 0)
 
 
 def _box_about(one: Obstacle, time: float) -> messages.Box:
@@ -120,6 +127,7 @@ class Slices:
         movers = [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
         first = {index: k for k, index in reversed(list(enumerate(_obstacles_of(problem))))}
         self._balls = {index: problem.timed_world.balls[first[index]] for index in movers if index in first}
+        self._within_reach = _reach(problem.world) if None in self._balls.values() else None
         self._kept: dict[int, tuple[BatchCollision, float]] = {}
 
     def touching(self, index: int, zs: np.ndarray) -> np.ndarray:
@@ -138,15 +146,38 @@ class Slices:
         kept, begin, end = self._problem.min_clearance, index * self.length, (index + 1) * self.length
         moments, moves = {}, 0.0
         for mover, ball in self._balls.items():
-            motion = self._problem.scene.obstacles[mover].motion
-            assert motion is not None, "it moves"
-            way = 0.0 if index >= self.resting_from else 0.5 * motion.speed(begin, end, *ball) * self.length
+            way = 0.0 if index >= self.resting_from else 0.5 * self._speed(mover, ball, begin, end) * self.length
             copies = int(np.clip(math.ceil(way / SCHEDULE.finest), 1, SCHEDULE.most_copies))
             moments[mover] = (begin + (np.arange(copies) + 0.5) / copies * self.length).tolist()
             moves = max(moves, way / copies)
         if index < self.resting_from:
             kept += MARGIN + moves
         return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept
+
+    def _speed(self, mover: int, ball: tuple[np.ndarray, float] | None, begin: float, end: float) -> float:
+        """How fast an obstacle comes closer at most between two times; a half-space to where the robot gets [m/s]."""
+        motion = self._problem.scene.obstacles[mover].motion
+        assert motion is not None, "it moves"
+        if ball is not None:
+            return motion.speed(begin, end, *ball)
+        assert self._within_reach is not None, "one of the balls is missing"
+        during = slice(np.searchsorted(motion.times, begin, side="right"), np.searchsorted(motion.times, end) + 1)
+        return float(motion.passing(*self._within_reach)[during].max(initial=0.0))
+
+
+def _reach(world: World) -> tuple[np.ndarray, float]:
+    """A ball that the robot's moving bodies stay in: centre (3,) [m, world] and radius [m]; see `SCHEDULE.far`."""
+    group, model, bodies = world.group, world.model, world.bodies
+    most = np.maximum(np.abs(group.lower), np.abs(group.upper))
+    slides = np.abs(group.expand_velocity) @ np.where(np.isfinite(most), most, SCHEDULE.far)
+    slides[bodies.turns] = 0.0
+    centre, out = np.array(model.jointPlacements[1].translation), np.zeros(model.njoints)
+    for i, joint in enumerate(model.joints[1:], 1):
+        parent, offset = model.parents[i], model.jointPlacements[i].translation
+        step = offset if parent else offset - centre
+        out[i] = out[parent] + np.linalg.norm(step) + slides[joint.idx_v : joint.idx_v + joint.nv].sum()
+    away = out[bodies.joints] + np.linalg.norm(bodies.centres, axis=1) + bodies.radii
+    return centre, float(away[bodies.joints > 0].max())
 
 
 def _obstacles_of(problem: Problem) -> list[int]:
