@@ -29,12 +29,7 @@ GATE = {"name": "gate", "vertices": ((0.6, 0, 0.5), (0.6, 0.2, 0.5), (0.6, 0.2, 
         (
             {"scene": MOVING, "goal": JOINTS, "guide_planes": "auto"},
             MalformedRequest,
-            r"move \('door'\) `guide_planes` is not served: give them as \[\]",
-        ),
-        (
-            {"scene": MOVING, "goal": JOINTS, "start_velocities": {"elbow_joint": 0.1}},
-            MalformedRequest,
-            r"`start_velocities` is not served: leave them out",
+            r"move \('door'\) `guide_planes` is not served: give them, or \[\]",
         ),
         (
             {"scene": {**MOVING, "guide_planes": [GATE]}, "goal": PLANE, "limits": {"elbow_joint": {"jerk": 9.0}}},

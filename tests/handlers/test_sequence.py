@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import time
+from pathlib import Path
 from typing import Any
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
 from msgspec import to_builtins
 
+from guidefield import run_arrays
 from guidefield.engine import answer
 from guidefield.errors import (
     GuidefieldError,
@@ -23,7 +26,7 @@ from guidefield.errors import (
     UnknownObject,
 )
 from guidefield.handlers.sequence import answer_steps
-from guidefield.messages import codec
+from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest, UrdfText
 from guidefield.planner.plan import plan
@@ -384,6 +387,45 @@ def test_a_step_that_is_wrong_is_named(
     assert says in refused.value.message
 
 
+def test_steps_are_planned_from_when_they_begin_among_what_moves_by_itself(tmp_path: Path) -> None:
+    """The robot waits for a door, goes straight behind it, and comes back by a bar that slides away later."""
+    places = [{"position": (0.85, 0.0, 0.8)}, {"position": (2.6, 0.0, 0.8)}]
+    slides = {"times": [2.0, 3.0], "placements": places}
+    door = {"type": "box", "name": "door", "size": [1.4, 0.05, 1.6], "trajectory": slides}
+    bar = {"type": "box", "name": "bar", "size": [0.1, 0.1, 2.0], "trajectory": slides | {"times": [3.5, 5.5]}}
+    left, right = ({"panda_joint1": turn, "panda_joint2": -0.585, "panda_joint4": -2.156} for turn in (0.8, -0.8))
+    steps = [joints(**right) | {"pause": 0.2}, relative(0.0, 0.0, -0.05, frame="world"), joints(**left)]
+    scene = {"name": "s", "obstacles": [door, bar]}
+    asked = {"robot": "panda", "scene": scene, "start": READY | left, "steps": steps, **PATIENT}
+    reply = answer(asked, record_to=tmp_path / "run.rrd")
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert reply.certificate.collision_free
+    assert 2.0 < reply.steps[0].end < 5.0
+    among = build(msgspec.convert(scene, messages.Scene))
+    bare, times = Bare(reply), np.linspace(0.0, reply.trajectory.times[-1], 200)
+    for now, row in zip(times.tolist(), states(reply, times), strict=True):
+        bare.stand(row)
+        for there in among.at(now).obstacles:
+            assert all(distance(shape, at, there.shape, there.placement) > 0.0 for _, shape, at in bare.bodies())
+    begin, end = reply.steps[1].begin, reply.steps[1].end
+    ways = []
+    for row in states(reply, np.linspace(begin, end, 20)):
+        bare.stand(row)
+        ways.append(bare.frame("panda_hand").translation)
+    np.testing.assert_allclose(np.array(ways)[:, :2], np.tile(ways[0][:2], (20, 1)), atol=2e-3)
+    assert ways[-1][2] - ways[0][2] == pytest.approx(-0.05, abs=1e-4)
+    recorded = run_arrays(tmp_path / "run.rrd")
+    np.testing.assert_allclose(recorded.times, reply.trajectory.times)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"), [({"attach": {"object": "door"}}, "'door' moves by itself"), ({"stop": False}, "`stop: false`")]
+)
+def test_what_moves_by_itself_is_not_picked_up_and_nothing_is_passed_beside_it(more: dict[str, Any], says: str) -> None:
+    with pytest.raises(MalformedRequest, match=says):
+        ask([joints() | more, joints()], scene="door")
+
+
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
@@ -391,7 +433,6 @@ def test_a_step_that_is_wrong_is_named(
         ({"steps": []}, "got neither"),
         ({"leave_start_contact": True}, "`leave_start_contact` is not served"),
         ({"guide_planes": "auto"}, "`guide_planes` are those of a step"),
-        ({"scene": "door"}, "among obstacles that move ('door') `steps` are not served"),
     ],
 )
 def test_what_does_not_go_with_steps_is_named(fields: dict[str, Any], says: str) -> None:

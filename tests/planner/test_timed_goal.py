@@ -19,12 +19,14 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.requests import AttachedObject, PlanRequest
+from guidefield.planner.in_motion import STOPS
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.robot.group.path_constraints import Cone
 from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.planner.schedule.test_schedule import flight, require_within
 from tests.robots import group, rest
@@ -237,6 +239,48 @@ def test_what_is_held_is_kept_free_and_the_recording_has_the_motion(tmp_path: Pa
     assert reply.trajectory.positions != bare.trajectory.positions, "what is held counts"
     recorded = guidefield.run_arrays(tmp_path / "run.rrd")
     np.testing.assert_allclose(recorded.times, reply.trajectory.times)
+
+
+# ---- what moves of other kinds, and motions that go on from where another ends
+
+
+def test_floors_that_rise_and_clouds_that_slide_away_are_kept_from() -> None:
+    """A cloud of so many points that fewer stand for it is the door; the floor comes up to the hand, and sinks."""
+    points = np.random.default_rng(2).uniform((-0.7, -0.03, -0.8), (0.7, 0.03, 0.8), (2 * SCHEDULE.most_points, 3))
+    cloud = messages.PointCloud(
+        name="cloud", points=points.tolist(), radius=0.03, trajectory=flight([2.0, 3.0], (0.85, 0, 0.8), (2.6, 0, 0.8))
+    )
+    floor = messages.HalfSpace(
+        name="floor", normal=(0.0, 0.0, 1.0), trajectory=flight([0.5, 2.0, 3.0], (0, 0, -0.6), (0, 0, 0), (0, 0, -0.6))
+    )
+    made = asked(cloud, floor, min_clearance=0.005)
+    found = plan(made)
+    require_free(made, found, step=0.05)
+    assert found.trajectory.times[-1] > 2.0
+
+
+def test_guide_planes_lead_to_a_goal() -> None:
+    corners = [(0.3, -0.3, 0.2), (0.8, -0.3, 0.2), (0.8, -0.3, 0.9), (0.3, -0.3, 0.9)]
+    made = asked(DOOR)
+    made = dataclasses.replace(made, guide_planes=(build(messages.GuidePlane(name="p", vertices=corners), 0),))
+    found = plan(made)
+    require_free(made, found)
+    np.testing.assert_allclose(found.trajectory.positions[-1], RIGHT, atol=1e-12)
+    (crossed,) = found.crossings.values()
+    tip = made.kinematics.tip_position(PANDA.expand_from_chart(found.path[crossed]))
+    assert abs(tip[1] + 0.3) <= 1e-4
+
+
+def test_a_robot_in_motion_stops_before_it_waits_and_may_arrive_in_motion() -> None:
+    rate = 0.4 * np.eye(7)[0]
+    made = asked(DOOR, start_velocity=-rate, end_velocity=-rate)
+    found = plan(made)
+    require_free(made, found)
+    np.testing.assert_array_equal(found.trajectory.velocities[[0, -1]], [-rate, -rate])
+    assert STOPS in found.warnings
+    refused = plan(asked(DOOR, start=LEFT - 0.33 * np.eye(7)[0], start_velocity=-2.0 * np.eye(7)[0]))
+    assert refused.status is Status.START_STATE_INVALID
+    assert "door" in refused.message
 
 
 # ---- random scenes, as `tools/bench timed` draws them

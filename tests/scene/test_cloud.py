@@ -16,7 +16,7 @@ from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.scene.cloud import CORNERS, cloud_surface
+from guidefield.scene.cloud import CORNERS, Cloud, cloud_surface, covering
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.obstacle import build
 from guidefield.scene.scene import build as build_scene
@@ -29,6 +29,17 @@ SCAN = surface_points(SOLID.vertices, SOLID.triangles, 0.03).points
 
 def cloud(points: np.ndarray, **more: float) -> messages.PointCloud:
     return messages.PointCloud(name="scan", points=[tuple(p) for p in points.tolist()], radius=RADIUS, **more)
+
+
+@LAWS
+@given(st.integers(1, 200), st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_fewer_and_larger_balls_contain_those_of_a_cloud(count: int, most: int, seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(count, 3)) * [1.0, 0.3, 0.02]
+    few = covering(Cloud(points, RADIUS), most)
+    assert len(few.points) <= max(most, 1)
+    away = np.linalg.norm(points[:, None] - few.points, axis=2).min(axis=1)
+    assert (away + RADIUS <= few.radius + 1e-12).all()
+    assert count > most or few.radius == RADIUS
 
 
 @LAWS

@@ -104,6 +104,22 @@ def test_a_scene_at_a_time_has_its_obstacles_there(message: messages.Obstacle) -
         np.testing.assert_allclose(there_then.vertices.mean(axis=0), carried.act(centre), atol=1e-9)
 
 
+@pytest.mark.parametrize("message", [KINDS[0], KINDS[-2]], ids=lambda m: type(m).__name__)
+def test_a_scene_since_a_time_has_its_obstacles_where_they_are_then(message: messages.Obstacle) -> None:
+    scene = build(messages.Scene(name="s", obstacles=[message]))
+    assert scene.since(0.0) is scene
+    for begin in (0.6, 1.4, 3.0):
+        seen = scene.since(begin)
+        assert seen.end == pytest.approx(4.0 - begin)
+        for time in (0.0, 0.3, 2.0, 5.0):
+            (here,), (there,) = seen.at(time).obstacles, scene.at(begin + time).obstacles
+            np.testing.assert_allclose(here.vertices, there.vertices, atol=1e-9)
+    for last in (4.0, np.inf):
+        resting = scene.since(last)
+        assert not resting.moves
+        np.testing.assert_allclose(resting.obstacles[0].vertices, scene.at(9.0).obstacles[0].vertices)
+
+
 def test_a_scene_at_rest_is_itself_at_any_time() -> None:
     scene = build(messages.Scene(name="s", obstacles=[messages.Sphere(name="o", radius=0.1)]))
     assert not scene.moves

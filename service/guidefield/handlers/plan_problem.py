@@ -88,13 +88,12 @@ def _require_served(request: PlanRequest, scene: Scene, planes: tuple[GuidePlane
     guided = isinstance(request.goal, requests.GuidePlaneGoal)
     asks_for_planes = request.guide_planes == "auto" and request.planner != "tree"
     jerk = any(limits.jerk is not None for limits in request.limits.values())
-    to_planes = "leave it out, or give a goal of another type"
+    to_planes = "leave it out, or give no guide planes"
     unserved = {
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
-        "start_velocities": (in_motion(request), "leave them out, and accelerations and `end_velocities`"),
-        "guide_planes": (not guided and (bool(planes) or asks_for_planes), "give them as [], or the last as the goal"),
-        "limits.jerk": (guided and jerk, to_planes),
-        "path_constraints": (guided and bool(request.path_constraints), to_planes),
+        "guide_planes": (not guided and asks_for_planes, "give them, or []"),
+        "limits.jerk": (bool(planes) and jerk, to_planes),
+        "path_constraints": (bool(planes) and bool(request.path_constraints), to_planes),
     }
     moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
     for what, (asked, instead) in unserved.items():

@@ -168,6 +168,12 @@ class Standing:
         if not isinstance(found.message, CARRIED):
             kind = type(found.message).__struct_config__.tag
             raise MalformedRequest(f"{asked.object!r} is a {kind}: nothing can pick it up", object=asked.object)
+        for name in (asked.object, *asked.touch_objects):
+            if (declared := self.scene.obstacle(name)) is not None and declared.motion is not None:
+                raise MalformedRequest(
+                    f"{name!r} moves by itself: nothing can pick it up, and nothing that is held may touch it",
+                    object=name,
+                )
         holder = asked.link or link
         for name in (holder, *asked.touch_links):
             if name not in self.robot.links:

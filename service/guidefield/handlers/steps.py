@@ -56,7 +56,7 @@ class Steps:
     """
 
     def __init__(self, request: PlanRequest, robot: RobotModel, scene: Scene, budget: Budget, preparing: Told) -> None:
-        _require_served(request, scene)
+        _require_served(request)
         self._request, self._budget, self._preparing = request, budget, preparing
         self.counters = Counters()
         base = request.robot_placement
@@ -75,14 +75,14 @@ class Steps:
         """As in `Course`."""
         return self._request.steps[index].goal is not None
 
-    def motion(self, index: int, at: Standing) -> StepMotion | None:
+    def motion(self, index: int, at: Standing, begin: float) -> StepMotion | None:
         """As in `Course`."""
         step = self._request.steps[index]
         if step.goal is None:
             return None
         asked = self._asked(index, at)
         with _in_step(index):
-            problem, _ = problem_of(asked, at.robot, at.scene, self._budget)
+            problem, _ = problem_of(asked, at.robot, at.scene.since(begin), self._budget)
             if step.linear and not problem.group.is_euclidean:
                 several = [joint.name for joint in problem.group.joints if joint.nv > 1]
                 raise MalformedRequest(
@@ -236,6 +236,8 @@ class Steps:
             if step.stop:
                 continue
             with _in_step(index):
+                if self.start.scene.moves:
+                    raise MalformedRequest("among obstacles that move `stop: false` is not served: leave it out")
                 if index + 1 == len(self):
                     raise MalformedRequest("`stop: false` needs a step after it: the last one ends at rest")
                 after = self._request.steps[index + 1]
@@ -268,17 +270,12 @@ class Steps:
         for index in range(len(self)):
             if self._budget.spent():
                 return
-            self.motion(index, at)
+            self.motion(index, at, 0.0)
             at = self.after(index, at, at.q)
 
 
-def _require_served(request: PlanRequest, scene: Scene) -> None:
+def _require_served(request: PlanRequest) -> None:
     """Refuse what is part of the wire but not served in sequences, by name."""
-    if scene.moves:
-        moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
-        raise MalformedRequest(
-            f"among obstacles that move ({moving}) `steps` are not served: give a `goal`", unserved="steps"
-        )
     if request.leave_start_contact:
         raise MalformedRequest(
             "with `steps`, `leave_start_contact` is not served: leave it out", unserved="leave_start_contact"

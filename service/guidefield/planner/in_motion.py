@@ -2,7 +2,7 @@
 
 What joins the two is planned from rest to rest, so there is always a motion: stop, go, and get up to speed. The
 optimiser makes one of it that doesn't stop. Where a joint can't come to rest before its limit or an obstacle, the plan
-is refused.
+is refused. Among obstacles that move the stop is judged in time, and the run to the goal as they stand in the end.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Reason
+from guidefield.collision.certify.timed_certificate import certify_timed
+from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion, soonest_along
@@ -57,7 +58,7 @@ class MovingEnds(ReadOnly):
         away = [np.abs((end - run.positions[0] + np.pi) % (2.0 * np.pi) - np.pi).max() for run in self.runs]
         run = self.runs[int(np.argmin(away))]
         turned = run.positions + (end - run.positions[0])  # whole turns may have been added
-        return joined([self.stop, middle, Trajectory(run.times, turned, run.velocities)])
+        return joined([led_to(self.stop, middle), middle, Trajectory(run.times, turned, run.velocities)])
 
 
 def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
@@ -78,9 +79,10 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
         stop = _stopped(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
         reached: list[tuple[ChartPoint, Trajectory]] = []
         failures: list[StageFailed] = []
+        once_at_rest = problem.at(problem.scene.end)
         for goal in goals:
             try:
-                run = backwards(_stopped(problem, _GOAL, goal, -problem.end_rates, None))
+                run = backwards(_stopped(once_at_rest, _GOAL, goal, -problem.end_rates, None))
                 reached.append((goal, run))
             except StageFailed as failed:
                 failures.append(failed)
@@ -116,6 +118,12 @@ def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Fini
             break
     assert finished is not None, "it was connected"
     return finished
+
+
+def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
+    """A motion with as many whole turns as another that begins where it ends."""
+    turns = np.round((then.positions[0] - first.positions[-1]) / (2.0 * np.pi))
+    return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
 
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:
@@ -218,7 +226,7 @@ def _stopped(
     motion = stopping(z, velocity, rise, group.acceleration_limits, jerks)
     if motion.duration == 0.0:
         return motion
-    verdict = judged(problem, motion.bezier())
+    verdict = _judged(problem, motion)
     problem.counters.collision_checks += verdict.evaluations
     if verdict.free:
         return motion
@@ -239,6 +247,13 @@ def _stopped(
         f" {motion.duration:.3f} s that it takes, most of all joint {name}"
     )
     raise _refused(end, name, told, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
+
+
+def _judged(problem: Problem, motion: Trajectory) -> Verdict:
+    """Whether a motion from time 0 on is free."""
+    if not problem.scene.moves:
+        return judged(problem, motion.bezier())
+    return certify_timed(problem.timed_world, motion.bezier(), motion.piece_times(), problem.min_clearance)
 
 
 def _refused(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:

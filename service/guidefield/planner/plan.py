@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from guidefield.collision.certify.verdict import Verdict
@@ -14,10 +14,11 @@ from guidefield.planner.fallback_connection import connect_to_goal, connect_to_p
 from guidefield.planner.finish import Finished, finish, finish_timed
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.in_motion import finish_in_motion, moving_ends
+from guidefield.planner.in_motion import STOPS, finish_in_motion, joined as one_after_another, led_to, moving_ends
 from guidefield.planner.leaving import after, joined, leave
 from guidefield.planner.led_goal import led_goal_points
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.onward import gone_on
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem, TipGoal
@@ -108,10 +109,7 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
         return _not_begun(problem, failed.ending, stages)
     if problem.in_motion:
         assert goals is not None, "planes are no goals then"
-        try:
-            return finish_in_motion(problem, moving_ends(problem, goals, stages), stages)
-        except StageFailed as failed:
-            return _not_begun(problem, failed.ending, stages)
+        return _in_motion(problem, goals, stages)
     if problem.scene.moves:
         return _in_time(problem, goals, stages, attempts)
     found = PathSoFar.at_start(problem)
@@ -124,11 +122,46 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
     return _to_goal(problem, found, goals, stages)
 
 
+def _in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
+    """From a start in motion, or to an end in motion; among obstacles that move the robot stops first."""
+    try:
+        ends = moving_ends(problem, goals, stages)
+    except StageFailed as failed:
+        return _not_begun(problem, failed.ending, stages)
+    if not problem.scene.moves:
+        return finish_in_motion(problem, ends, stages)
+
+    def go_on(then: Problem) -> Finished:
+        return _go_on(then, ends.inner_goals, stages)
+
+    stopped = gone_on(problem, ends.stop, go_on, ends.around, stages, {})
+    return replace(stopped, warnings=(*stopped.warnings, STOPS))
+
+
 def _in_time(problem: Problem, goals: ChartPoints | None, stages: Stages, attempts: Sequence[Attempt]) -> Finished:
-    """Among obstacles that move: to a goal, or through guide planes if there is none but the last of them."""
-    if goals is not None:
+    """Among obstacles that move: through guide planes, and from the last of them to a goal if there is one."""
+    if not problem.guide_planes:
+        assert goals is not None, "without planes there is a goal"
         return reach_in_time(problem, goals, stages)
-    return finish_timed(problem, cross_planes_timed(problem, stages, attempts), stages)
+    crossed = cross_planes_timed(problem, stages, attempts)
+    if goals is None or crossed.failure is not None:
+        return finish_timed(problem, crossed, stages)
+    begun = crossed.trajectory()
+
+    def go_on(then: Problem) -> Finished:
+        return _go_on(then, goals, stages)
+
+    def around(rest: Trajectory) -> Trajectory:
+        return one_after_another([led_to(begun, rest), rest])
+
+    return gone_on(problem, begun, go_on, around, stages, crossed.crossings)
+
+
+def _go_on(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
+    """To a goal from where the robot is by now: among what still moves, or what has come to rest."""
+    if problem.scene.moves:
+        return reach_in_time(problem, goals, stages)
+    return _to_goal(problem, PathSoFar.at_start(problem), goals, stages)
 
 
 def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:

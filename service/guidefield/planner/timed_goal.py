@@ -9,7 +9,7 @@ waits until the obstacles have come to rest, if it may wait, and goes as the pla
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -39,6 +39,9 @@ from guidefield.planner.task.trace import Note
 from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
+Judge = Callable[[Trajectory], Verdict]
+"""Judges a motion for something of its own."""
+
 
 def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
     """Bring a robot to one of several goals among obstacles that move.
@@ -60,6 +63,24 @@ def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finis
     return _at_the_start(problem, failed, stages)
 
 
+def keep_schedule(problem: Problem, finished: Finished, stages: Stages, also: Judge) -> Finished:
+    """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
+
+    Args:
+        problem: Robot, obstacles, limits, budget.
+        finished: The motion, certified among what rests.
+        stages: Where time is counted.
+        also: What else judges the motion in time.
+
+    Returns:
+        The motion, from time 0 on, with the wait before it; failed where there is none.
+    """
+    assert finished.trajectory is not None, "it was certified"
+    search = _Search(problem, finished.trajectory.positions[-1:], stages, also)
+    found = search.scheduled(finished, at_rest=False)
+    return replace(finished, failure=search.why(), trajectory=None) if found is None else found
+
+
 @dataclass(frozen=True)
 class _Estimate:
     """About when a way may be arrived on.
@@ -78,8 +99,8 @@ class _Estimate:
 class _Search:
     """What is known by now: until when the start is free, when goals are, and where schedules ended."""
 
-    def __init__(self, problem: Problem, goals: ChartPoints, stages: Stages) -> None:
-        self._problem, self._goals, self._stages = problem, goals, stages
+    def __init__(self, problem: Problem, goals: ChartPoints, stages: Stages, also: Judge | None = None) -> None:
+        self._problem, self._goals, self._stages, self._also = problem, goals, stages, also
         self._slices = Slices(problem, step_of(problem.group) / slices_in(step_of(problem.group)))
         self._free_from: dict[bytes, float] = {}
         self._farthest: tuple[float, ChartPoint] | None = None
@@ -183,18 +204,25 @@ class _Search:
 
     def _along(self, way: Way) -> Finished | None:
         """The certified motion along a way, optimised or else as it was found; None where there is none."""
-        made = None if way.detour else self._scheduled(way, finish(way.problem, way.found, self._stages))
+        made = None
+        if not way.detour:
+            made = self.scheduled(finish(way.problem, way.found, self._stages), at_rest=way.at_rest)
         if made is not None or self._problem.budget.spent():
             return made
-        return self._scheduled(way, found_motion(way.problem, way.found, self._stages))
+        return self.scheduled(found_motion(way.problem, way.found, self._stages), at_rest=way.at_rest)
 
-    def _scheduled(self, way: Way, finished: Finished) -> Finished | None:
-        """The certified motion that is at the places of another when nothing is there; None where there is none."""
+    def scheduled(self, finished: Finished, *, at_rest: bool) -> Finished | None:
+        """The certified motion that is at the places of another when nothing is there; None where there is none.
+
+        Args:
+            finished: The other.
+            at_rest: Whether it is certified among the obstacles once they have come to rest.
+        """
         if finished.trajectory is None or not finished.verdict.free:
             return None
         if finished.trajectory.duration == 0.0:
             return self._staying(finished)
-        occupancy = self._occupancy(finished.trajectory, at_rest=way.at_rest)
+        occupancy = self._occupancy(finished.trajectory, at_rest=at_rest)
         for _ in range(1 + SCHEDULE.repairs):
             with self._stages.entered("parameterize", "when to be where, among what moves") as stage:
                 schedules = self._earliest(finished.trajectory, occupancy, SCHEDULE.rooms)
@@ -256,6 +284,8 @@ class _Search:
         problem = self._problem
         with self._stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
             verdict = _judged(problem, motion)
+            if verdict.free and self._also is not None:
+                verdict = replace(kept := self._also(motion), evaluations=verdict.evaluations + kept.evaluations)
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         return replace(finished, verdict=verdict, trajectory=motion)

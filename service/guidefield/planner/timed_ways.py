@@ -128,6 +128,11 @@ def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
         yield "among what rests, again", _among(problem, {}), False
 
 
+def among_what_rests(problem: Problem) -> Problem:
+    """The problem without the obstacles that move."""
+    return _among(problem, {}) if problem.scene.moves else problem
+
+
 def _movers(problem: Problem) -> list[int]:
     return [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
 

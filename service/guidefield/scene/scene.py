@@ -16,7 +16,7 @@ from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.guide_plane import GuidePlane
-from guidefield.scene.motion import posed
+from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.obstacle import Obstacle
 
 OPENING = 0.2
@@ -71,6 +71,14 @@ class Scene:
         """The scene with every obstacle at rest where it is at a time [s]."""
         return self if not self.moves else build(msgspec.structs.replace(self.message, obstacles=self._posed(time)))
 
+    def since(self, time: float) -> Scene:
+        """The scene as it is from a time on, which is its time 0 [s]; what has come to rest by then rests."""
+        if not self.moves or time == 0.0:
+            return self
+        pairs = zip(self.message.obstacles, self.obstacles, strict=True)
+        seen = [one if o.motion is None else _since(one, o.motion, time) for one, o in pairs]
+        return build(msgspec.structs.replace(self.message, obstacles=seen))
+
     def _posed(self, time: float) -> list[messages.Obstacle]:
         pairs = zip(self.message.obstacles, self.obstacles, strict=True)
         return [one if o.motion is None else posed(one, o.motion.at(time)) for one, o in pairs]
@@ -110,6 +118,17 @@ def build(message: messages.Scene) -> Scene:
         guide_planes=guide_planes,
         warnings=tuple(warning for one in obstacles for warning in one.warnings),
     )
+
+
+def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> messages.Obstacle:
+    """An obstacle that moves as it is from a time on [s]."""
+    declared = message.trajectory
+    assert declared is not None, "it moves"
+    if motion.end <= time:
+        return posed(message, motion.placements[-1])
+    later = messages.ObstacleTrajectory([at - time for at in declared.times], declared.placements)
+    moving: messages.Obstacle = msgspec.structs.replace(message, trajectory=later)
+    return moving
 
 
 def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:

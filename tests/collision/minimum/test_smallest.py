@@ -23,7 +23,7 @@ from tests.collision.listed import are_mixed, are_signed
 from tests.collision.scenery import scattered, world_of
 from tests.collision.test_motion_bound import ARMS, corners, placed, world
 from tests.planner.problems import library_scene, scene_of
-from tests.planner.test_moving_kinds import KINDS, bare_shape, moving, placed as frame_at, transform
+from tests.planner.test_moving_kinds import KINDS, bare_shapes, moving, placed as frame_at, transform
 from tests.robots import group
 
 COAL_ACCURACY = 1e-6
@@ -72,17 +72,17 @@ def plain_distance(place: World, trajectory: Trajectory, answer: Smallest) -> fl
     sides = []
     for body in place.pairs.of(answer.pair):
         if body < geometry.ngeoms:
-            sides.append((geometry.geometryObjects[body].geometry, transform(scratch.oMg[body])))
+            sides.append([(geometry.geometryObjects[body].geometry, transform(scratch.oMg[body]))])
             continue
         obstacle = place.scene.obstacles[body - geometry.ngeoms]
         if obstacle.motion is None:
-            sides.append((obstacle.shape, transform(obstacle.placement)))
+            sides.append([(obstacle.shape, transform(obstacle.placement))])
         else:
             message = place.scene.message.obstacles[body - geometry.ngeoms]
-            sides.append((bare_shape(message), transform(frame_at(message.trajectory, answer.time))))
+            frame = frame_at(message.trajectory, answer.time)
+            sides.append([(shape, transform(frame * within)) for shape, within in bare_shapes(message)])
     request, result = coal.DistanceRequest(), coal.DistanceResult()
-    (first, here), (second, there) = sides
-    distance = coal.distance(first, here, second, there, request, result)
+    distance = min(coal.distance(*one, *other, request, result) for one in sides[0] for other in sides[1])
     return max(distance, 0.0) if not are_signed(place)[answer.pair] else distance
 
 

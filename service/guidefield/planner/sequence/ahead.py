@@ -7,6 +7,7 @@ straight way has to be one that the robot can follow, from some configuration th
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import cast
 
@@ -93,7 +94,7 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
     search = _Search()
     for draw in range(AHEAD.draws):
         try:
-            goals = goal_points(dataclasses.replace(problem, seed=problem.seed + draw))
+            goals = goal_points(dataclasses.replace(problem.at(problem.scene.end), seed=problem.seed + draw))
         except StageFailed as failed:
             return Refused(index, failed.ending)
         assert goals is not None, "a plane is no choice"
@@ -140,7 +141,7 @@ def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
     """Whether nothing speaks against the steps from one on, as far as is looked."""
     if index == len(course):
         return True
-    motion = course.motion(index, at)
+    motion = course.motion(index, at, math.inf)
     if motion is None:
         return _possible(course, index + 1, course.after(index, at, at.q), search)
     search.looks += 1

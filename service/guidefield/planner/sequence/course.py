@@ -64,8 +64,11 @@ class Course(Protocol[S]):
         """Whether anything moves in a step."""
         ...
 
-    def motion(self, index: int, at: S) -> StepMotion | None:
-        """What a step asks for, begun in a situation; None where nothing moves."""
+    def motion(self, index: int, at: S, begin: float) -> StepMotion | None:
+        """What a step asks for, begun in a situation at a time [s]; None where nothing moves.
+
+        Time 0 of the problem is that time; at an infinite time all obstacles have come to rest.
+        """
         ...
 
     def after(self, index: int, at: S, q: RobotConfiguration) -> S:

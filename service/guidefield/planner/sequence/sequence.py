@@ -169,7 +169,7 @@ class _Planning(Generic[S]):
             why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
             ending = Ending(spent, f"{why} before it was planned", {"stage": "ends"})
             return self._refused(Refused(index, ending), index, at)
-        conditions, motion = course.conditions(index, at), course.motion(index, at)
+        conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
         path, q = self._z[None], at.q
         if motion is not None:
             group = motion.problem.group
@@ -311,7 +311,7 @@ class _Planning(Generic[S]):
     def _refused(self, refused: Refused, step: int, at: S) -> SequencePlan[S]:
         """The end where a step has no end that it could be done by."""
         base = self._z
-        verdict = certify_stretch(_standing(self._course.conditions(step, at), step, base))
+        verdict = certify_stretch(_standing(self._course.conditions(step, at), step, base, self._composition.end))
         ending = refused.ending
         if refused.index > step:
             message = f"{ending.message}, from any end of `steps[{step}]` that was tried"
@@ -363,8 +363,8 @@ def _snapped(time: float, knots: np.ndarray) -> float:
     return nearest if abs(nearest - time) <= SNAPPED else time
 
 
-def _standing(conditions: Conditions, index: int, z: ChartPoint) -> Stretch:
-    """Nothing but a configuration (nv,), to be judged."""
-    still = Trajectory(np.zeros(1), z[None], cast(ChartRates, np.zeros((1, len(z)))))
-    (stretch,) = stretches_of(index, conditions, still, (0.0, 0.0), (), None, (0.0, 0.0))
+def _standing(conditions: Conditions, index: int, z: ChartPoint, time: float) -> Stretch:
+    """Nothing but a configuration (nv,) at a time [s], to be judged."""
+    still = Trajectory(np.array([time]), z[None], cast(ChartRates, np.zeros((1, len(z)))))
+    (stretch,) = stretches_of(index, conditions, still, (time, time), (), None, (time, time))
     return stretch

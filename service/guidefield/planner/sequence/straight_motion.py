@@ -17,7 +17,7 @@ from guidefield.collision.certify.constraint_certificate import certify_constrai
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start
-from guidefield.planner.finish import through, timed
+from guidefield.planner.finish import Finished, through, timed
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
@@ -26,7 +26,9 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.planner.timed_goal import keep_schedule
+from guidefield.planner.timed_ways import among_what_rests
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 
 @dataclass(frozen=True)
@@ -64,40 +66,45 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
         problem: Robot, world, limits and start; its goal doesn't count.
         way: The way, from where the tip is at the start.
     """
-    stages = Stages(problem)
+    stages, still = Stages(problem), among_what_rests(problem)
     try:
         with stages.entered("ends", "start and straight way") as stage:
-            check_start(problem)
+            check_start(problem.at(0.0))
             stage.outcome = "the start is free"
     except StageFailed as failed:
-        return _failed(problem, problem.z_start[None], failed.ending, stages)
+        return _failed(problem.at(0.0), problem.z_start[None], failed.ending, stages)
     places = _places(way)
     for attempt in range(STRAIGHT.denser + 1):
         with stages.entered("connect", "along the straight way") as stage:
             path, stuck = followed(problem, way, places)
             stage.outcome = "reached" if stuck is None else f"stuck at {100 * stuck:.0f} % of the way"
         if stuck is not None:
-            return _failed(problem, path, _stopped(problem, stage.outcome) or stuck_ending(way, stuck), stages)
+            return _failed(still, path, _stopped(problem, stage.outcome) or stuck_ending(way, stuck), stages)
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
             trajectory = timed(problem, through(problem, path if len(path) > 1 else np.repeat(path, 2, axis=0)))
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
-            verdict = _judged(problem, way, trajectory.bezier())
+            verdict = _judged(still, way, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.budget.spent() is not None
         if verdict.free or verdict.reason is not Reason.PATH_CONSTRAINT or last:
             break
         places *= 2
+    made = Finished(verdict, path, {}, trajectory)
+    if verdict.free and problem.scene.moves:
+        made = keep_schedule(problem, made, stages, lambda motion: _kept_straight(problem, way, motion.bezier()))
+    if made.failure is not None:
+        return _failed(problem.at(0.0), problem.z_start[None], made.failure, stages)
     ended = Ending(Status.SUCCESS, "found a straight motion and certified it over its whole length")
-    if not verdict.free:
-        ended = refusal(problem, verdict)
+    if not made.verdict.free:
+        ended = refusal(problem, made.verdict)
     return Plan(
         ended.status,
         ended.message,
-        verdict,
+        made.verdict,
         path,
-        trajectory,
+        made.trajectory,
         stages=tuple(stages.left),
         seconds=stages.seconds,
         details=ended.details,
@@ -168,16 +175,21 @@ def _stepped(problem: Problem, z: ChartPoint, jacobian: np.ndarray, error: np.nd
     return cast(ChartPoint, np.clip(z + step, lower, upper))
 
 
-def _judged(problem: Problem, way: StraightWay, pieces: Any) -> Verdict:
+def _judged(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
     """Whether a motion is free, keeps the path constraints and keeps to the way."""
     inside = enclosed_start(problem, pieces[0, 0])
     verdict = inside or certify(problem.world, pieces, problem.min_clearance, stopped=problem.budget.spent)
     turns = problem.world.bodies.turns
     if verdict.free:
-        verdict = certify_straight(way, problem.group, turns, pieces, problem.budget.spent)
+        verdict = _kept_straight(problem, way, pieces)
     if verdict.free and problem.path_constraints:
         verdict = certify_constraints(problem.constrained_frames, turns, pieces, problem.budget.spent)
     return verdict
+
+
+def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
+    """Whether a motion, pieces (m, 4, nv), keeps to the way."""
+    return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.budget.spent)
 
 
 def _stopped(problem: Problem, where: str) -> Ending | None:

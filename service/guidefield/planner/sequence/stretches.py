@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.world import World
 from guidefield.planner.motion.trajectory import Trajectory
@@ -51,9 +52,10 @@ class Stretch(Conditions):
 
         return RobotField(self.group, self.scene, Precision.SINGLE)
 
-    def potential(self, time: float, q: Configuration) -> float:  # noqa: ARG002 - obstacles rest
-        """Potential of the robot at a configuration (nq,): U [m]."""
-        return self.robot_field.potential(q)
+    def potential(self, time: float, q: Configuration) -> float:
+        """Potential of the robot at a configuration (nq,) among the obstacles as they stand at a time [s]: U [m]."""
+        field = self.robot_field.among(self.scene.at(time)) if self.scene.moves else self.robot_field
+        return field.potential(q)
 
 
 def stretches_of(
@@ -101,10 +103,11 @@ def certify_stretch(stretch: Stretch, stopped: Callable[[], object] = lambda: No
         stretch: The part of the trajectory.
         stopped: Asked now and then; anything true ends the judgement.
     """
-    pieces = stretch.motion.bezier()
-    verdict = enclosed_start(stretch, pieces[0, 0]) or certify(
-        stretch.world, pieces, stretch.min_clearance, stopped=stopped
-    )
+    pieces, times = stretch.motion.bezier(), stretch.motion.piece_times()
+    verdict = enclosed_start(stretch, pieces[0, 0], float(times[0]))
+    if verdict is None and stretch.scene.moves:
+        verdict = certify_timed(stretch.timed_world, pieces, times, stretch.min_clearance, stopped=stopped)
+    verdict = verdict or certify(stretch.world, pieces, stretch.min_clearance, stopped=stopped)
     evaluations, turns = verdict.evaluations, stretch.world.bodies.turns
     if verdict.free and stretch.path_constraints:
         verdict = certify_constraints(stretch.constrained_frames, turns, pieces, stopped)

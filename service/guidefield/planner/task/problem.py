@@ -125,6 +125,20 @@ class Problem(Conditions):
             robot_field=self.robot_field.among(scene),
         )
 
+    def since(self, time: float, q: Configuration) -> Problem:
+        """The same, from rest to rest, from a time on [s], which is its time 0, and a configuration (nq,) on."""
+        scene = self.scene.since(time)
+        return dataclasses.replace(
+            self,
+            q_start=q,
+            scene=scene,
+            world=World.build(self.group, scene, self.allowed_collisions),
+            robot_field=self.robot_field.among(scene),
+            start_velocity=None,
+            start_acceleration=None,
+            end_velocity=None,
+        )
+
     def potential(self, time: float, q: Configuration) -> float:
         """Potential of the robot at a configuration (nq,) among the obstacles as they stand at a time [s]: U [m]."""
         return self.at(time).robot_field.potential(q)
