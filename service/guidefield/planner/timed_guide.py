@@ -39,6 +39,10 @@ AHEAD = 0.25
 """How far ahead of the robot's time the obstacles' places are looked at first [s]."""
 WAIT = 0.1
 """How long the robot waits before it looks again [s]."""
+COMFORT = 0.02
+"""What a round keeps from what moves, beyond what is asked for, if it does after waiting for `PATIENCE` at most [m]."""
+PATIENCE = 1.0
+"""For how long the robot waits for that [s]: what moves on leaves more room. Else the round keeps `MARGIN`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,12 @@ class TimedPath(ReadOnly):
     def time(self) -> float:
         """When it ends [s]."""
         return self.times[-1]
+
+    @property
+    def waited(self) -> float:
+        """For how long the robot has stood where it was [s]."""
+        stood = (a is b for a, b in pairwise(self.points))
+        return sum(end - begin for (begin, end), still in zip(pairwise(self.times), stood, strict=True) if still)
 
     def extended(self, points: Sequence[ChartPoint], times: Sequence[float]) -> TimedPath:
         """Gone on to more chart points, each of shape (nv,), where the robot is at some times [s]."""
@@ -90,54 +100,64 @@ def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Atte
     for index, plane in enumerate(problem.guide_planes):
         aim = Aim(plane, inset_of(problem, plane))
         with stages.entered("guide", f"to guide plane {plane.name}, in time", index) as stage:
-            path, waited = _to_plane(problem, path, aim, index, attempts)
+            before = path.waited
+            path = _to_plane(problem, path, aim, index, attempts)
             if path.failure is not None:
                 stage.outcome = path.failure.message
                 return path
-            stage.outcome = f"reached at {path.time:.2f} s, {waited:.1f} s of it waiting"
+            stage.outcome = f"reached at {path.time:.2f} s, {path.waited - before:.1f} s of it waiting"
         path = path.on_plane(index)
     return path
 
 
-def _to_plane(
-    problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]
-) -> tuple[TimedPath, float]:
-    """The path onto a guide plane, or failed before it; how long the robot waited [s]."""
+def _to_plane(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]) -> TimedPath:
+    """The path onto a guide plane, or failed before it."""
     impossible = unreachable_at_once(problem.at(problem.scene.end), aim.plane)
     if impossible is not None:
         reason, details = impossible
         message = f"guide plane {aim.plane.name!r}: {reason}"
-        return path.failed(Ending(Status.GUIDE_PLANE_UNREACHABLE, message, details)), 0.0
+        return path.failed(Ending(Status.GUIDE_PLANE_UNREACHABLE, message, details))
     problem.tell(
         Step(StepKind.START, problem.group.from_chart(path.points[-1]), f"towards {aim.plane.name}", None, index)
     )
-    waited = 0.0
     while True:
         if (spent := problem.budget.spent()) is not None:
             message = stopped_before(spent, aim.plane.name, aim.distance(_tip(problem, path)))
-            return _given_up(spent, message, problem, path, aim, index), waited
+            return _given_up(spent, message, problem, path, aim, index)
         path, ended = _round(problem, path, aim, index, attempts)
         if ended is Round.ARRIVED:
-            return path, waited
+            return path
         if ended is Round.BLOCKED:
             path = _waiting(problem, path, aim, index, attempts[0])
             if path.failure is not None:
-                return path, waited
-            waited += WAIT
+                return path
             problem.tell(Note(f"waits at {path.time:.2f} s"))
 
 
 def _round(
     problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]
 ) -> tuple[TimedPath, Round]:
-    """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now."""
-    for attempt in attempts:
-        for guided in _guided_paths(problem, path, (AHEAD, 0.0), index):
-            ended = approach(guided, aim, attempt)
-            if ended is Round.BLOCKED:
+    """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now.
+
+    While something moves, a round that is refused in time is waited for and not made in another way. Where an advance
+    is blocked, another attempt of the same minimizer asks for the same one, or shorter ones that were tried.
+    """
+    for seen in _seen(problem, path, (AHEAD, 0.0)):
+        blocked: set[type] = set()
+        for attempt in attempts:
+            if type(attempt.minimizer) in blocked:
                 continue
-            if (longer := _along(problem, path, guided)) is not None:
+            guided = seen.guided(path, index)
+            counted = seen.problem.robot_field.evaluations
+            ended = approach(guided, aim, attempt)
+            problem.robot_field.evaluations += seen.problem.robot_field.evaluations - counted
+            if ended is Round.BLOCKED:
+                blocked.add(type(attempt.minimizer))
+                continue
+            if (longer := _in_comfort(problem, path, guided) or _along(problem, path, guided)) is not None:
                 return longer, ended
+            if path.time < problem.scene.end:
+                break
     return path, Round.BLOCKED
 
 
@@ -151,7 +171,7 @@ def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: A
         )
         return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
     waiting = path.extended([path.points[-1]], [path.time + WAIT])
-    verdict = _judged(problem, path, waiting)
+    verdict = _judged(problem, path, waiting, MARGIN)
     if verdict.free:
         return waiting
     if (gave_way := _giving_way(problem, path, index, attempt)) is not None:
@@ -167,7 +187,8 @@ def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: A
 
 def _giving_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt) -> TimedPath | None:
     """The path out of the way, if there is one: a descent among the obstacles as they will stand, tip in its plane."""
-    for guided in _guided_paths(problem, path, (2.0 * WAIT, WAIT, 0.0), index):
+    for seen in _seen(problem, path, (2.0 * WAIT, WAIT, 0.0)):
+        guided = seen.guided(path, index)
         for normal in np.eye(3):
             since = guided.q
             attempt.minimizer.settle(guided, guided.tip, normal, ANYWHERE)
@@ -176,16 +197,41 @@ def _giving_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt)
     return None
 
 
-def _guided_paths(problem: Problem, path: TimedPath, ahead: Sequence[float], index: int) -> Iterator[GuidedPath]:
-    """A guided path at the end of the path for each look ahead [s]; one look only once all obstacles rest."""
+@dataclass(frozen=True, eq=False)
+class _Seen(ReadOnly):
+    """The obstacles held where they are at some time, and what steps keep from them there [m]."""
+
+    problem: Problem
+    margin: float
+
+    def guided(self, path: TimedPath, index: int) -> GuidedPath:
+        """A guided path from where a path ends, on the way to the guide plane of an index."""
+        return GuidedPath(self.problem, self.problem.group.from_chart(path.points[-1]), self.margin, index)
+
+
+def _seen(problem: Problem, path: TimedPath, ahead: Sequence[float]) -> Iterator[_Seen]:
+    """The obstacles at each look ahead [s]; one look only once all rest."""
     q = problem.group.from_chart(path.points[-1])
     for more in ahead if path.time < problem.scene.end else (0.0,):
-        seen = problem.at(path.time + more)
-        yield GuidedPath(seen, q, margin_at(seen, q), index)
+        held = problem.at(path.time + more)
+        yield _Seen(held, margin_at(held, q))
 
 
-def _along(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedPath | None:
-    """The path with a guided path's way after it, if what moves lets it."""
+def _in_comfort(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedPath | None:
+    """The path with a guided path's way after it, once that keeps `COMFORT`; None if it doesn't within `PATIENCE`."""
+    before = path
+    while path.time < problem.scene.end and path.time <= before.time + PATIENCE:
+        if (longer := _along(problem, path, guided, COMFORT)) is not None:
+            return longer
+        path = path.extended([path.points[-1]], [path.time + WAIT])
+        if not _judged(problem, before, path, MARGIN).free:
+            return None
+        problem.tell(Note(f"waits at {path.time:.2f} s"))
+    return None
+
+
+def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float = MARGIN) -> TimedPath | None:
+    """The path with a guided path's way after it, if that keeps a margin [m] from what moves."""
     points = problem.group.chart_path(guided.path, path.points[-1])[1:]
     times, before = [], path.points[-1]
     time = path.time
@@ -193,18 +239,16 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedPath |
         time += duration(problem, before, point)
         times.append(time)
         before = point
-    problem.robot_field.evaluations += guided.problem.robot_field.evaluations
     longer = path.extended(list(points), times)
-    return longer if _judged(problem, path, longer).free else None
+    return longer if _judged(problem, path, longer, margin).free else None
 
 
-def _judged(problem: Problem, path: TimedPath, longer: TimedPath) -> Verdict:
-    """Whether a longer path is free of what moves, from where a path ends."""
+def _judged(problem: Problem, path: TimedPath, longer: TimedPath, margin: float) -> Verdict:
+    """Whether a longer path keeps a margin [m] from what moves, beyond what is asked for, from where a path ends."""
     since = len(path.points) - 1
     pieces = np.array([[a, b] for a, b in pairwise(longer.points[since:])])
-    margin = problem.min_clearance + MARGIN
     rest = np.array([_from_rest_to_rest(*piece) for piece in pieces])
-    verdict = certify_moving(problem.timed_world, rest, np.array(longer.times[since:]), margin)
+    verdict = certify_moving(problem.timed_world, rest, np.array(longer.times[since:]), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
     return verdict
 
