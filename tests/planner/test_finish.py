@@ -15,12 +15,12 @@ from guidefield.collision.certify.verdict import Reason
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import finish as module
-from guidefield.planner.finish import HURRIED, finish
+from guidefield.planner.finish import HURRIED, LOST, finish, found_motion
 from guidefield.planner.motion.spline import interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.optimization import Optimized, optimize
-from guidefield.planner.optimize.settings import BALANCED, OptimizationSettings, closer
+from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
+from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
 from guidefield.planner.relax.settings import RELAXATION
@@ -28,6 +28,8 @@ from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.trace import Note
+from guidefield.robot.group.path_constraints import Cone
 from guidefield.scene.guide_plane import build
 from tests.planner.relax.test_relaxation import over_the_wall, smallest_clearance
 
@@ -51,7 +53,7 @@ def misled(monkeypatch: pytest.MonkeyPatch, trajectories: Sequence[Trajectory]) 
     """Has optimisations give trajectories that touch, the first so many; how each was asked for."""
     asked: list[OptimizationSettings] = []
 
-    def mislead(problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: object) -> Optimized:
+    def mislead(problem: Problem, motion: Trajectory, settings: OptimizationSettings, *_: Any, **__: Any) -> Optimized:
         asked.append(settings)
         optimized = optimize(problem, motion, settings)
         if len(asked) <= len(trajectories):
@@ -107,7 +109,7 @@ def test_without_iterations_it_is_the_path_as_fast_as_it_can_be_executed() -> No
 
 
 def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
-    """The same with a plane at the path's middle, which is relaxed instead."""
+    """The same with a plane at the path's middle."""
     made, path = over_the_wall()
     middle = len(path) // 2
     tip = made.kinematics.tip_position(made.group.expand_from_chart(path[middle]))
@@ -116,8 +118,66 @@ def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
     return dataclasses.replace(made, guide_planes=(plane,)), path, {0: middle}
 
 
-def test_a_refused_guided_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
+def constrained_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
+    """The same with a path constraint that anything keeps, which is relaxed instead."""
     made, path, crossings = guided_over_the_wall()
+    anything = Cone("panda_hand", np.eye(3)[2], np.eye(3)[2], 3.2)
+    return dataclasses.replace(made, path_constraints=(anything,)), path, crossings
+
+
+def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> None:
+    made, path, crossings = guided_over_the_wall()
+    finished = finish(made, PathSoFar(path, crossings, proven=False), Stages(made))
+    assert finished.verdict.free
+    assert finished.warnings == ()
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(finished.path[finished.crossings[0]]))
+    assert abs(made.guide_planes[0].signed_height(tip)) <= PASSAGE.reached
+    assert made.guide_planes[0].contains(tip)
+    assert (
+        finished.trajectory.duration < found_motion(made, PathSoFar(path, crossings), Stages(made)).trajectory.duration
+    )
+
+
+def test_planes_at_the_ends_are_crossed_there() -> None:
+    made, path, _ = guided_over_the_wall()
+    several = dataclasses.replace(made, guide_planes=3 * made.guide_planes)
+    crossings = {0: 0, 1: len(path) // 2, 2: len(path) - 1}
+    finished = finish(several, PathSoFar(path, crossings, proven=False), Stages(several))
+    assert finished.crossings[0] == 0
+    assert finished.crossings[2] == len(finished.path) - 1
+    assert 0 < finished.crossings[1] < len(finished.path) - 1
+
+
+def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path, crossings = guided_over_the_wall()
+    asked: list[OptimizationSettings] = []
+
+    def lose(
+        problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: Any, **rest: Any
+    ) -> Optimized:
+        asked.append(settings)
+        optimized = optimize(problem, motion, settings, *others, **rest)
+        return dataclasses.replace(optimized, outcome=Shaping.NOT_PASSING)
+
+    monkeypatch.setattr(module, "optimize", lose)
+    finished = finish(made, PathSoFar(path, crossings), Stages(made))
+    assert asked == [BALANCED, closer(BALANCED)]
+    assert finished.verdict.free
+    assert LOST in finished.warnings[0]
+    np.testing.assert_array_equal(finished.path[finished.crossings[0]], path[crossings[0]])
+
+
+def test_a_guided_motion_of_many_coordinates_is_relaxed(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path, crossings = guided_over_the_wall()
+    monkeypatch.setattr(module, "BALANCED", dataclasses.replace(BALANCED, most_guided=made.group.nv - 1))
+    made.observer.events.clear()
+    stages = Stages(made)
+    assert finish(made, PathSoFar(path, crossings), stages).verdict.free
+    assert any(isinstance(event, Note) and "relaxed in" in event.text for event in made.observer.events)
+
+
+def test_a_refused_constrained_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path, crossings = constrained_over_the_wall()
     asked: list[float] = []
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -138,7 +198,7 @@ def test_a_refused_guided_motion_is_relaxed_again_looking_closer(monkeypatch: py
 
 
 def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
+    made, path, crossings = constrained_over_the_wall()
     asked: list[float] = []
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -162,7 +222,7 @@ def test_shorter_segments_are_more() -> None:
 
 
 def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
+    made, path, crossings = constrained_over_the_wall()
     upper = float(made.group.upper[0])
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:

@@ -3,10 +3,10 @@
 What the certificate refuses is optimised again with more weight on the clearance, and more samples. Where that can't be
 certified either, the path that was found is taken instead, as fast as a spline through it can be executed.
 
-A path that crosses guide planes, or keeps path constraints, is relaxed instead; a spline is laid through it and timed.
-What the certificate refuses there goes back: the spline is drawn closer to the path where it was refused (a path of
-straight, certified motions is its limit); where the path itself touches, it is relaxed again with shorter segments,
-whose samples see what was overlooked.
+A path that keeps path constraints, or crosses guide planes with many coordinates, is relaxed instead; a spline is laid
+through it and timed. What the certificate refuses there goes back: the spline is drawn closer to the path where it was
+refused (a path of straight, certified motions is its limit); where the path itself touches, it is relaxed again with
+shorter segments, whose samples see what was overlooked.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
-from guidefield.planner.optimize.settings import OPTIMIZATION, closer
+from guidefield.planner.optimize.passages import Passage
+from guidefield.planner.optimize.plane_place import PlanePlace
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, closer
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
 from guidefield.planner.relax.settings import RELAXATION
@@ -48,6 +50,9 @@ REPAIRS = 12
 
 LAST_JUDGEMENT = 0.1
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
+
+LOST = "the optimised motion did not cross every guide plane within its polygon"
+"""Warning about a motion that is the one that was found therefore."""
 
 HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
 """Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""
@@ -88,11 +93,13 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
         return _as_far_as_it_got(problem, found, found.failure, stages)
     if problem.optimization_iterations == 0 or length_of(found.path) == 0.0:
         return _certified(problem, found.path, found.crossings, stages)
-    plain = not (found.crossings or problem.path_constraints)
+    plain = not (problem.path_constraints or (found.crossings and problem.group.nv > BALANCED.most_guided))
     finished = (_optimized if plain else _relaxed)(problem, found, stages)
-    if finished.verdict.free or not found.proven:
+    if finished is not None and (finished.verdict.free or not found.proven):
         return finished
     unrelaxed = _certified(problem, found.path, found.crossings, stages)
+    if finished is None:
+        return replace(unrelaxed, warnings=(f"{LOST}; this is the motion as it was found",))
     why = finished.verdict.reason
     if not unrelaxed.verdict.free:
         return unrelaxed if why is Reason.CONTACT else finished
@@ -146,43 +153,88 @@ def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stage
     return Finished(verdict, found.path, found.crossings, failure=failure)
 
 
-def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    """The optimised trajectory from the time-optimal one along the path; where it is refused, optimised again."""
+def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished | None:
+    """The optimised trajectory from the time-optimal one along the path; where it is refused, optimised again.
+
+    None where it can't be brought onto a guide plane.
+    """
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
         motion = soonest_along(problem, found.path)
         stage.outcome = f"{motion.duration:.3f} s"
-    finished = optimized_motion(problem, motion, (soonest_along(problem, path) for path in found.others), stages)
-    assert finished is not None, "from rest to rest there is always one"
-    return finished
+    others = (soonest_along(problem, path) for path in found.others)
+    return optimized_motion(problem, motion, others, stages, found)
 
 
 def optimized_motion(
-    problem: Problem, motion: Trajectory, others: Iterator[Trajectory], stages: Stages
+    problem: Problem, motion: Trajectory, others: Iterator[Trajectory], stages: Stages, found: PathSoFar | None = None
 ) -> Finished | None:
-    """The optimised trajectory from a motion; where it is refused, optimised again. None where none is within limits.
+    """The optimised trajectory from a motion; where it is refused, optimised again. None where none is to be had.
 
     Args:
         problem: Robot, world, limits and budget.
         motion: Where it begins.
         others: What may prove quicker, made when it is asked for.
         stages: Where time is counted.
+        found: The path with the guide planes that the motion crosses; None: it crosses none.
     """
-    settings = OPTIMIZATION[problem.objective]
+    settings, crossed = OPTIMIZATION[problem.objective], _Crossed.of(problem, found)
     with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
-        optimized = optimize(problem, motion, settings, others)
+        optimized = optimize(problem, motion, settings, others, crossed.passages)
         stage.outcome = optimized.outcome.value
+    finished = None
     if optimized.outcome is Shaping.NOT_WITHIN:
         return None
-    finished = _of_optimized(problem, optimized, stages)
-    if finished.verdict.free or problem.budget.spent():
+    if optimized.outcome is not Shaping.NOT_PASSING:
+        finished = _of_optimized(problem, optimized, crossed, stages)
+        if finished.verdict.free:
+            return finished
+    if problem.budget.spent():
         return finished
-    with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
-        optimized = optimize(problem, motion, closer(settings))
+    why = "a guide plane was lost" if finished is None else "the certificate refused it"
+    with stages.entered("relax", f"again, looking closer, because {why}") as stage:
+        optimized = optimize(problem, motion, closer(settings), (), crossed.passages)
         stage.outcome = optimized.outcome.value
-    if optimized.outcome is Shaping.NOT_WITHIN:
+    if optimized.outcome in (Shaping.NOT_WITHIN, Shaping.NOT_PASSING):
         return finished
-    again = _of_optimized(problem, optimized, stages)
-    return again if again.verdict.free else finished
+    again = _of_optimized(problem, optimized, crossed, stages)
+    return again if finished is None or again.verdict.free else finished
+
+
+@dataclass(frozen=True, eq=False)
+class _Crossed(ReadOnly):
+    """The guide planes that an optimised motion crosses.
+
+    Attributes:
+        passages: Those that it crosses on its way, in order.
+        on_way: Their indices.
+        at_ends: By index of each other guide plane that was reached, the knot that stays on it: the first or the last.
+    """
+
+    passages: tuple[Passage, ...]
+    on_way: tuple[int, ...]
+    at_ends: Mapping[int, int]
+
+    @classmethod
+    def of(cls, problem: Problem, found: PathSoFar | None) -> _Crossed:
+        """Of a path."""
+        if found is None:
+            return cls((), (), {})
+        last = len(found.path) - 1
+        inner = sorted((at, plane) for plane, at in found.crossings.items() if 0 < at < last)
+        return cls(
+            tuple(
+                Passage(PlanePlace.through(problem, problem.guide_planes[plane], found.path[at]), found.path[at])
+                for at, plane in inner
+            ),
+            tuple(plane for _, plane in inner),
+            {plane: 0 if at == 0 else -1 for plane, at in found.crossings.items() if at in (0, last)},
+        )
+
+    def knots(self, optimized: Optimized) -> dict[int, int]:
+        """By index of each guide plane, the knot of an optimised trajectory that is on it."""
+        last = len(optimized.trajectory.times) - 1
+        at_ends = {plane: 0 if at == 0 else last for plane, at in self.at_ends.items()}
+        return at_ends | dict(zip(self.on_way, optimized.passed, strict=True))
 
 
 def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
@@ -191,7 +243,7 @@ def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
     return parameterize(through(problem, path), group.velocity_limits, group.acceleration_limits)
 
 
-def _of_optimized(problem: Problem, optimized: Optimized, stages: Stages) -> Finished:
+def _of_optimized(problem: Problem, optimized: Optimized, crossed: _Crossed, stages: Stages) -> Finished:
     """An optimised trajectory, judged, with a warning where time was up meanwhile."""
     trajectory = optimized.trajectory
     with stages.entered("certify", "on the exact geometry, between samples too") as stage:
@@ -199,7 +251,7 @@ def _of_optimized(problem: Problem, optimized: Optimized, stages: Stages) -> Fin
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value
     warnings = (HURRIED,) if optimized.outcome is Shaping.OUT_OF_TIME else ()
-    return Finished(verdict, trajectory.positions, {}, trajectory, warnings=warnings)
+    return Finished(verdict, trajectory.positions, crossed.knots(optimized), trajectory, warnings=warnings)
 
 
 def _relaxed(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:

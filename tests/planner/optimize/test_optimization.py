@@ -12,15 +12,19 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
+from guidefield.messages import scene as messages
 from guidefield.planner.motion.spline import interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
-from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, closer
+from guidefield.planner.optimize.passages import Passage
+from guidefield.planner.optimize.plane_place import PlanePlace
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, PASSAGE, closer
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.guide_plane import GuidePlane, build
 from tests.planner.problems import problem, scene_of
 from tests.planner.relax.test_relaxation import beside_the_way, over_the_wall, smallest_clearance
 from tests.robots import box_arm, group, grouped
@@ -237,6 +241,65 @@ def test_where_the_first_is_as_fast_as_can_be_no_other_is_looked_at() -> None:
 
     lenient = dataclasses.replace(BALANCED, enough=1.5)
     assert optimize(made, along(made, way), lenient, others()).outcome is Outcome.OPTIMISED
+
+
+def square(middle: np.ndarray, half: float) -> GuidePlane:
+    """A square across the world's y axis."""
+    corners = [middle + half * np.array([a, 0.0, b]) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return build(messages.GuidePlane(name="GP", vertices=[tuple(c.tolist()) for c in corners]), 0)
+
+
+def by_way_of(turn: float) -> tuple[Problem, np.ndarray, PlanePlace]:
+    """A Panda in the open that turns by so much about its base, the long way through a small square at its start."""
+    made = problem("panda", scene_of(), planes=())
+    z = made.group.chart(made.q_start)
+    start, goal, detour = z.copy(), z.copy(), z.copy()
+    start[0], goal[0] = -0.5, -0.5 + turn
+    detour[1] -= 0.5
+    plane = square(made.kinematics.tip_positions(detour[None])[0], 0.03)
+    return made, np.array([start, detour, goal]), PlanePlace.through(made, plane, detour)
+
+
+@pytest.mark.parametrize("turn", [1.0, 0.2], ids=["through it", "there and back"])
+def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(turn: float) -> None:
+    made, path, place = by_way_of(turn)
+    motion = along(made, path)
+    past = optimize(made, motion, BALANCED)
+    through = optimize(made, motion, BALANCED, passages=(Passage(place, path[1]),))
+    assert through.outcome is Outcome.OPTIMISED
+    check_limits(made, through.trajectory)
+    assert past.trajectory.duration < through.trajectory.duration < 1.1 * motion.duration
+    tips = [
+        made.kinematics.tip_positions(one.trajectory.evaluate(np.linspace(0.0, one.trajectory.duration, 20_001))[0])
+        for one in (past, through)
+    ]
+    missed, nearly = (min(place.plane.distance(tip) for tip in way[::20]) for way in tips)
+    assert missed > 0.05
+    assert nearly < 0.01
+    q = through.trajectory.positions[through.passed[0]]
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(q))
+    assert place.plane.distance(tip, place.inset) <= PASSAGE.reached
+    assert place.plane.contains(tip)
+
+
+def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> None:
+    made, path, place = by_way_of(1.0)
+    twice = (Passage(place, path[1]), Passage(place, path[1]))
+    for most in (None, 1, 4):
+        asked = dataclasses.replace(made, optimization_iterations=most)
+        found = optimize(asked, along(made, path), BALANCED, passages=twice)
+        assert len(found.passed) == 2
+        for knot in found.passed:
+            tip = made.kinematics.tip_positions(found.trajectory.positions[[knot]])[0]
+            assert place.plane.distance(tip, place.inset) <= PASSAGE.reached
+        check_limits(made, found.trajectory)
+
+
+def test_a_plane_that_can_not_be_reached_is_told() -> None:
+    made, path, place = by_way_of(1.0)
+    far = PlanePlace(made, square(place.plane.centroid + 3.0 * np.eye(3)[0], 0.03), 0.0)
+    found = optimize(made, along(made, path), BALANCED, passages=(Passage(far, path[1]),))
+    assert found.outcome is Outcome.NOT_PASSING
 
 
 def test_a_path_in_slight_contact_comes_free() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
-from guidefield.planner.relax.sampled_robot import sampled_robot
+from guidefield.planner.relax.sampled_robot import few_points, sampled_robot
 from guidefield.planner.relax.settings import BARRIER
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.distance_tables import distance_tables
@@ -37,6 +37,15 @@ def test_points_lie_within_the_balls_and_weigh_alike() -> None:
         points = sampled.points[:, first:last].T
         assert np.linalg.norm(points - ball[:3], axis=1).max() <= ball[3] + 1e-12
     assert at == sampled.points.shape[1]
+
+
+def test_few_points_are_the_first_of_each_link_and_weigh_as_much_as_all() -> None:
+    made = problem("panda", scene_of(SHELF), planes=())
+    sampled = sampled_robot(made, distance_tables(made.scene), np.empty((0, 7)))
+    few = few_points(sampled)
+    for (joint, first, last, coarse), (same, begin, end, past) in zip(sampled.groups, few.groups, strict=True):
+        assert (joint, first, coarse, coarse) == (same, begin, end, past)
+        assert few.weights[begin:end].sum() == pytest.approx(sampled.weights[first:last].sum())
 
 
 def test_links_that_stand_still_have_no_points() -> None:

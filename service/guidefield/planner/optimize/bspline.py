@@ -14,6 +14,18 @@ ENDS = 3
 """Control points that an end takes: its position, velocity and acceleration."""
 
 
+def basis(t: np.ndarray) -> np.ndarray:
+    """The uniform cubic B-spline's basis at fractions t (k,) of a piece: shape (k, 4)."""
+    s = 1.0 - t
+    return np.column_stack([s**3, 3.0 * t**3 - 6.0 * t**2 + 4.0, 3.0 * s**3 - 6.0 * s**2 + 4.0, t**3]) / 6.0
+
+
+def basis_slopes(t: np.ndarray) -> np.ndarray:
+    """The derivatives of `basis` by t (k,): shape (k, 4)."""
+    s = 1.0 - t
+    return np.column_stack([-(s**2), 3.0 * t**2 - 4.0 * t, 4.0 * s - 3.0 * s**2, t**2]) / 2.0
+
+
 @dataclass(frozen=True, eq=False)
 class End(ReadOnly):
     """The state at an end of a motion.
@@ -78,6 +90,25 @@ class BSpline(ReadOnly):
     def duration(self) -> float:
         """[s]."""
         return self.pieces * self.step
+
+    def piece_of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which piece each of some places (k,) is in, and the fraction of it: both of shape (k,).
+
+        Args:
+            places: In pieces from the start, from 0 to `pieces`.
+        """
+        pieces = np.clip(places.astype(np.int64), 0, self.pieces - 1)
+        return pieces, places - pieces
+
+    def at(self, places: np.ndarray) -> ChartPoints:
+        """Chart points (k, nv) at places (k,), in pieces from the start."""
+        pieces, t = self.piece_of(places)
+        return cast(ChartPoints, np.einsum("ka,kaj->kj", basis(t), self.points[pieces[:, None] + np.arange(4)]))
+
+    def slopes(self, places: np.ndarray) -> ChartPoints:
+        """Derivatives (k, nv) by the place, at places (k,), in pieces from the start [rad or m]."""
+        pieces, t = self.piece_of(places)
+        return cast(ChartPoints, np.einsum("ka,kaj->kj", basis_slopes(t), self.points[pieces[:, None] + np.arange(4)]))
 
     def towards(self, other: BSpline, share: float) -> BSpline:
         """At a share of the way to another one of the same ends and as many pieces; the step goes by its logarithm."""

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 
 from guidefield.kernels.optimize.clearance_model import MotionSamples
-from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.optimize.bspline import BSpline, basis
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.read_only import read_only
 
@@ -24,21 +24,21 @@ def clearance_samples(
         samples: How many on a piece.
         settings: Of the optimisation.
     """
-    places, pieces, basis, shares = _places(spline.pieces, samples)
-    bounds = _at(spline, *places)
-    lengths = np.linalg.norm(np.diff(bounds, axis=0), axis=1)
+    bounds, pieces, of_pieces, shares = _places(spline.pieces, samples)
+    lengths = np.linalg.norm(np.diff(spline.at(bounds), axis=0), axis=1)
     total = max(float(lengths.sum()), 1e-300)
     until = np.cumsum(lengths) - 0.5 * lengths
     from_end = np.minimum(until, total - until)
     near = np.minimum(from_end / settings.ramp, 1.0)
     least = np.where(until < 0.5 * total, *(_floor(one, settings) for one in kept))
     rise = np.minimum(from_end / settings.floor_ramp, 1.0) ** 2
+    far = float(np.clip(settings.floor_share * min(kept), settings.floor, settings.farthest_floor)) + clearance
     placed = MotionSamples(
         pieces=pieces,
-        basis=basis,
+        basis=of_pieces,
         weights=settings.weight / total * lengths * (1.0 + settings.end_weight * (1.0 - near)),
         ranges=settings.range * (settings.least_range + (1.0 - settings.least_range) * near),
-        floors=least + (np.maximum(settings.floor + clearance, least) - least) * rise,
+        floors=least + (np.maximum(far, least) - least) * rise,
         shares=shares,
     )
     read_only(*placed)
@@ -51,26 +51,12 @@ def _floor(kept: float, settings: OptimizationSettings) -> float:
 
 
 @functools.lru_cache(maxsize=256)
-def _places(pieces: int, samples: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
-    """Bounds between samples, as piece and basis; piece and basis of the samples between them; their shares of self."""
+def _places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds between samples; piece and basis of the samples between them; their shares of self."""
     bounds = np.arange(pieces * samples + 1) / samples
     middles = 0.5 * (bounds[:-1] + bounds[1:])
-    of_bounds = np.minimum(bounds.astype(np.int64), pieces - 1)
     of_samples = middles.astype(np.int64)
     shares = np.where(np.arange(pieces * samples) % 2 == 0, 2.0, 0.0)
-    made = (of_bounds, _basis(bounds - of_bounds)), of_samples, _basis(middles - of_samples), shares
-    read_only(*made[0], *made[1:])
+    made = bounds, of_samples, basis(middles - of_samples), shares
+    read_only(*made)
     return made
-
-
-def _basis(t: np.ndarray) -> np.ndarray:
-    """The uniform cubic B-spline's basis at fractions t (k,) of a piece: shape (k, 4)."""
-    s = 1.0 - t
-    return np.column_stack([s**3, 3.0 * t**3 - 6.0 * t**2 + 4.0, 3.0 * s**3 - 6.0 * s**2 + 4.0, t**3]) / 6.0
-
-
-def _at(spline: BSpline, pieces: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Places (k, nv) on the curve."""
-    about = pieces[:, None] + np.arange(4)
-    places: np.ndarray = np.einsum("ka,kaj->kj", basis, spline.points[about])
-    return places

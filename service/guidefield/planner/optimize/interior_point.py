@@ -21,7 +21,8 @@ from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
-from guidefield.planner.optimize.settings import OptimizationSettings
+from guidefield.planner.optimize.passages import Passage, add_passage, nearest
+from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
 from guidefield.read_only import ReadOnly, read_only
 
 
@@ -38,6 +39,7 @@ class Question(ReadOnly):
         duration: Of the first motion [s]: the unit of time.
         settings: Weights and bounds.
         longest_step: Pieces are no longer than this [s].
+        passages: What the motion passes, in this order.
     """
 
     robot: SampledRobot
@@ -48,6 +50,7 @@ class Question(ReadOnly):
     duration: float
     settings: OptimizationSettings
     longest_step: float = math.inf
+    passages: tuple[Passage, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +59,13 @@ class Look(ReadOnly):
 
     Attributes:
         spline: The motion.
-        model: Its clearance there, and nearby.
+        model: Its clearance there, and nearby, with what it misses of its passages.
+        passed: Where it comes nearest to each passage, in pieces from the start.
     """
 
     spline: BSpline
     model: ClearanceModel
+    passed: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +100,8 @@ class Descent(ReadOnly):
         read_only(*ends)
         return cls(question, placed, near, ends, question.duration / spline.pieces)
 
-    def look(self, spline: BSpline) -> Look:
-        """A look at the clearance of a motion: what costs most."""
+    def look(self, spline: BSpline, passed: tuple[float, ...] = ()) -> Look:
+        """A look at the clearance of a motion, which costs most, and at its passages, near where they were."""
         question, (n, nv) = self.question, spline.points.shape
         gradient, blocks = np.empty((n, nv)), np.empty((n, nv, (COUPLED + 1) * nv))
         value = clearance_along(
@@ -109,9 +114,13 @@ class Descent(ReadOnly):
             gradient,
             blocks,
         )
+        here = []
+        for passage, about in zip(question.passages, passed, strict=True):
+            here.append(nearest(passage.place, spline, about))
+            value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, gradient, blocks)
         model = ClearanceModel(value, spline.points, gradient, blocks)
         read_only(*model)
-        return Look(spline, model)
+        return Look(spline, model, tuple(here))
 
     def cost(self, look: Look, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
@@ -162,7 +171,7 @@ class Descent(ReadOnly):
         for _ in range(settings.looks):
             if spline is None:
                 return None
-            found = self.look(spline)
+            found = self.look(spline, look.passed)
             if self.cost(found, limit_weight) < before:
                 return found
             spline = self._closer(look.spline, spline)

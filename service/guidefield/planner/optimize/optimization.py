@@ -16,6 +16,7 @@ What comes out is a proposal: between the samples nobody has looked. The certifi
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -27,11 +28,12 @@ from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.bspline import BSpline
-from guidefield.planner.optimize.interior_point import Descent, Question
+from guidefield.planner.optimize.interior_point import Descent, Look, Question
+from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimize.start import ends_of, first_motion, longest_step, motion_limits, moving_motion
 from guidefield.planner.optimize.within import brought_within
-from guidefield.planner.relax.sampled_robot import sampled_robot
+from guidefield.planner.relax.sampled_robot import few_points, sampled_robot
 from guidefield.planner.relax.settings import BARRIER
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
@@ -47,6 +49,7 @@ class Outcome(enum.Enum):
     OUT_OF_TIME = "out of time"
     STOPPED = "stopped"
     NOT_WITHIN = "no motion within limits was found that begins and ends in motion"
+    NOT_PASSING = "a guide plane was lost"
 
 
 _ENDINGS = {Status.TIMED_OUT: Outcome.OUT_OF_TIME, Status.PREEMPTED: Outcome.STOPPED}
@@ -61,21 +64,27 @@ class Optimized(ReadOnly):
         steps: How many were taken.
         before: Duration of the motion with which it began [s].
         outcome: How it ended.
+        passed: The knot of the trajectory that is at each passage.
     """
 
     trajectory: Trajectory
     steps: int
     before: float
     outcome: Outcome
+    passed: tuple[int, ...] = ()
 
 
 def optimize(
-    problem: Problem, motion: Trajectory, settings: OptimizationSettings, others: Iterable[Trajectory] = ()
+    problem: Problem,
+    motion: Trajectory,
+    settings: OptimizationSettings,
+    others: Iterable[Trajectory] = (),
+    passages: tuple[Passage, ...] = (),
 ) -> Optimized:
     """Optimise a motion that goes along a path that was found, within the problem's budget and its number of steps.
 
     Its ends stay bit for bit. One that begins or ends in motion may prove to have no spline within limits: it stays as
-    it is, and the outcome says so.
+    it is, and the outcome says so. So does one that can't be brought exactly to where it has to pass.
 
     Args:
         problem: Robot, world, limits, budget and most steps.
@@ -83,11 +92,13 @@ def optimize(
         settings: Weights and bounds.
         others: Others from the same start, made when they are asked for. They are optimised coarsely, one after the
             other, while the best is far from the least time; the best goes on.
+        passages: What the motion passes at times that are free, in this order; all motions given go through their
+            waypoints. None where it begins or ends in motion.
     """
-    descending = _Descending(problem, settings)
+    descending = _Descending(problem, settings, passages)
     best = descending.coarse(motion)
     rest = iter(others)
-    while descending.outcome is None and not (best and _is_soon(problem, best.spline, settings)):
+    while descending.outcome is None and not (best and _is_soon(problem, best.look.spline, settings)):
         other = next(rest, None)
         if other is None:
             break
@@ -95,16 +106,21 @@ def optimize(
     if best is None:
         problem.counters.iterations += descending.steps
         return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_WITHIN)
-    spline = descending.fine(best)
+    look = descending.fine(best)
     problem.counters.iterations += descending.steps
+    exact = passing(look.spline, passages, look.passed)
+    if exact is None:
+        return Optimized(motion, descending.steps, motion.duration, Outcome.NOT_PASSING)
+    spline, places = exact
+    knots, passed = with_knots(spline, places)
     limits = best.question.limits
     if problem.in_motion:  # its time can't be scaled, and need not be: every step was within limits
-        trajectory = Trajectory(*spline.knots())
+        trajectory = Trajectory(*knots)
     else:
-        trajectory = at_limits(*spline.knots(), limits.velocity, limits.acceleration, limits.jerk)
+        trajectory = at_limits(*knots, limits.velocity, limits.acceleration, limits.jerk)
     steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
     problem.tell(Note(f"optimised in {steps} steps: {motion.duration:.3f} s became {trajectory.duration:.3f} s"))
-    return Optimized(trajectory, steps, motion.duration, outcome)
+    return Optimized(trajectory, steps, motion.duration, outcome, passed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,20 +129,20 @@ class _Coarse(ReadOnly):
 
     Attributes:
         question: What is asked.
-        spline: The motion.
+        look: At the motion.
         cost: Its objective, as a time [s].
     """
 
     question: Question
-    spline: BSpline
+    look: Look
     cost: float
 
 
 class _Descending:
     """An optimisation under way: how many steps were taken, and what ended it, if anything did."""
 
-    def __init__(self, problem: Problem, settings: OptimizationSettings) -> None:
-        self._problem, self._settings = problem, settings
+    def __init__(self, problem: Problem, settings: OptimizationSettings, passages: tuple[Passage, ...]) -> None:
+        self._problem, self._settings, self._passages = problem, settings, passages
         self._limits, self._tables = motion_limits(problem), distance_tables(problem.scene)
         self.steps = 0
         self.outcome: Outcome | None = None
@@ -151,38 +167,43 @@ class _Descending:
             first.duration,
             self._settings,
             longest,
+            self._passages,
         )
         within = brought_within(question, first) if problem.in_motion else first
         if within is None:
             return None
-        first = within
-        spline, cost = self._descended(question, first, self._settings.coarse, self._settings.samples)
-        return _Coarse(question, spline, question.duration * cost)
+        passed = first_places(self._passages, motion, within.pieces)
+        coarse = question
+        if self._passages:  # links of chains have many points, and through a gate all of them are near something
+            coarse = dataclasses.replace(question, robot=few_points(robot))
+        look, cost = self._descended(coarse, within, passed, self._settings.coarse, self._settings.samples)
+        return _Coarse(question, look, question.duration * cost)
 
-    def fine(self, found: _Coarse) -> BSpline:
+    def fine(self, found: _Coarse) -> Look:
         """The motion with its pieces subdivided, after all fine weights."""
         if self.outcome is not None:
-            return found.spline
-        settings, finer = self._settings, found.spline.subdivided()
-        return self._descended(found.question, finer, settings.fine, settings.fine_samples)[0]
+            return found.look
+        settings, finer = self._settings, found.look.spline.subdivided()
+        passed = tuple(2.0 * place for place in found.look.passed)
+        return self._descended(found.question, finer, passed, settings.fine, settings.fine_samples)[0]
 
     def _descended(
-        self, question: Question, spline: BSpline, weights: Sequence[float], samples: int
-    ) -> tuple[BSpline, float]:
+        self, question: Question, spline: BSpline, passed: tuple[float, ...], weights: Sequence[float], samples: int
+    ) -> tuple[Look, float]:
         """The motion after some weights of the limits' barrier, with so many samples on a piece; its objective."""
         descent = Descent.of(question, spline, samples)
-        look = descent.look(spline)
+        look = descent.look(spline, passed)
         for limit_weight in weights:
             for _ in range(self._settings.steps):
                 self.outcome = self._ended()
                 if self.outcome is not None:
-                    return look.spline, descent.cost(look, limit_weight)
+                    return look, descent.cost(look, limit_weight)
                 stepped = descent.stepped(look, limit_weight)
                 if stepped is None:
                     break
                 look, self.steps = stepped, self.steps + 1
                 self._problem.tell(PathRelaxed(look.spline.knots()[1], descent.cost(look, limit_weight)))
-        return look.spline, descent.cost(look, weights[-1])
+        return look, descent.cost(look, weights[-1])
 
     def _ended(self) -> Outcome | None:
         """Why no further step is taken; None where one may be."""

@@ -28,6 +28,8 @@ class OptimizationSettings:
         end_weight: Weight on top of the full one at an end, against the tighter range.
         floor: What is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m].
             With 2 mm instead two of 70 motions came nearer than 20 mm.
+        farthest_floor: It is that share of what the ends keep, see `floor_share`, where that is more, but at most this
+            [m]. For `CLEARANCE` as far as the relaxation's: guided motions keep as much as theirs with it.
         least_floor: The same at least, at ends [m]: the margin of all motions.
         floor_share: At an end it is this share of what the end keeps.
         floor_ramp: Joint distance from an end at which the floor is the full one [rad or m]. Unrecorded.
@@ -69,6 +71,9 @@ class OptimizationSettings:
         inward: Weight of the limits' barrier then. Unrecorded.
         inward_steps: Newton's steps each time. Unrecorded.
         strictly: Share of the limits within which such a motion may begin. Unrecorded.
+        most_guided: A motion that crosses guide planes is relaxed instead where it has more coordinates than this: the
+            work of a step grows by their third power. Chains of 12 links (36) get half as long motions in four times
+            the time, which is past ten times with 24 links.
         damping: Added to the Hessian's diagonal, as a share of it, against rounding.
     """
 
@@ -78,6 +83,7 @@ class OptimizationSettings:
     ramp: float = 0.5
     end_weight: float = 0.0
     floor: float = 0.045
+    farthest_floor: float = 0.045
     least_floor: float = 0.002
     floor_share: float = 1.1
     floor_ramp: float = 0.3
@@ -108,16 +114,50 @@ class OptimizationSettings:
     inward: float = 0.1
     inward_steps: int = 3
     strictly: float = 0.995
+    most_guided: int = 24
     damping: float = 1e-9
 
 
 BALANCED = OptimizationSettings()
 
+
+@dataclass(frozen=True)
+class PassageSettings:
+    """Of places that a motion passes at a time that is free.
+
+    Attributes:
+        weight: Of half the square of what is missed, against the duration, which counts from 1 [1/m² or 1/rad²].
+        stiff: Change of what is missed in a piece, below which a change of time makes up for little [m or rad].
+        inset: Share of the guide's inset that the tip keeps from a guide plane's edges.
+        spacing: Of samples about where a motion came nearest, in pieces.
+        closer: Share of that with which samples are taken again.
+        shifts: How often samples are taken at most.
+        reached: What may be missed in the end [m or rad].
+        corrections: How often a motion is moved onto all places at most.
+        reaching: Sum of the squares of a place's shares of control points between the ends', below which these can't
+            bring the motion there: it is at an end.
+        shortest: A place that is nearer to a knot than this, in pieces, is the knot.
+    """
+
+    weight: float = 1e5
+    stiff: float = 2e-3
+    inset: float = 0.5
+    spacing: float = 0.25
+    closer: float = 0.125
+    shifts: int = 8
+    reached: float = 1e-6
+    corrections: int = 60
+    reaching: float = 1e-3
+    shortest: float = 1e-3
+
+
+PASSAGE = PassageSettings()
+
 OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
     {
         Objective.BALANCED: BALANCED,
         Objective.TIME: dataclasses.replace(BALANCED, weight=0.05, fine=(1e-4, 3e-5, 1e-5)),
-        Objective.CLEARANCE: dataclasses.replace(BALANCED, weight=0.3, end_weight=30.0),
+        Objective.CLEARANCE: dataclasses.replace(BALANCED, weight=0.3, end_weight=30.0, farthest_floor=0.25),
     }
 )
 """By what a motion is optimised for. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with

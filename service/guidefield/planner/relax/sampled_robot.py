@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.relax.sampled_robot import SampledRobot
+from guidefield.kernels.relax.sampled_robot import FIRST, PAST, PAST_FEW, SampledRobot
 from guidefield.kernels.relax.self_barrier import pair_distances
 from guidefield.planner.relax.settings import BARRIER
 from guidefield.planner.task.problem import Problem
@@ -45,6 +45,16 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
     robot = robot._replace(pair_ranges=np.clip(closest, BARRIER.least_self_range, BARRIER.self_range))
     read_only(*robot)
     return robot
+
+
+def few_points(robot: SampledRobot) -> SampledRobot:
+    """The same robot with the few points of each link alone that stand for all against links, weighing as much."""
+    groups, weights = robot.groups.copy(), robot.weights.copy()
+    groups[:, PAST] = robot.groups[:, PAST_FEW]
+    for first, past, past_few in robot.groups[:, [FIRST, PAST, PAST_FEW]]:
+        weights[first:past] *= (past - first) / max(past_few - first, 1)
+    read_only(groups, weights)
+    return robot._replace(groups=groups, weights=weights)
 
 
 @kept_with_alike

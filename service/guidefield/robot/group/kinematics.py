@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from guidefield.kernels.kinematics.frame_positions import frame_positions
+from guidefield.kernels.kinematics.forward_kinematics import JointTable
+from guidefield.kernels.kinematics.frame_positions import frame_positions, frame_slopes
+from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
-from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
 
 class Kinematics:
@@ -44,19 +47,32 @@ class Kinematics:
 
     def tip_positions(self, zs: ChartPoints) -> np.ndarray:
         """Positions of the tip in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
+        positions = np.empty((len(zs), 3))
+        joints, expand, offset, origin, carrier, point = self._tip
+        frame_positions(joints, expand, offset, origin, np.ascontiguousarray(zs, float), carrier, point, positions)
+        return positions
+
+    def tip_slopes(self, z: ChartPoint) -> np.ndarray:
+        """Derivative of the tip's position by the chart at a point of the group's, shape (nv,): shape (3, nv) [m]."""
+        slopes = np.empty((3, len(z)))
+        joints, expand, offset, origin, carrier, point = self._tip
+        frame_slopes(joints, expand, offset, origin, np.ascontiguousarray(z, float), carrier, point, slopes)
+        return slopes
+
+    @cached_property
+    def _tip(self) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray, int, np.ndarray]:
+        """What the kernels want of the group and its tip, see `frame_positions`."""
         group = self.group
-        frame, positions = group.model.frames[group.tip_id], np.empty((len(zs), 3))
-        frame_positions(
-            joints_of(group),
-            np.ascontiguousarray(group.expand_velocity, float),
+        frame = group.model.frames[group.tip_id]
+        rows = (
+            np.array(group.expand_velocity, float, order="C"),
             np.array(group.expand_offset, float),
             np.array(group.expand(group.q_origin), float),
-            np.ascontiguousarray(zs, float),
-            int(frame.parentJoint),
             np.array(frame.placement.translation),
-            positions,
         )
-        return positions
+        read_only(*rows)
+        expand, offset, origin, point = rows
+        return joints_of(group), expand, offset, origin, int(frame.parentJoint), point
 
     def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
         """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).

@@ -1,0 +1,195 @@
+"""Places that a motion passes, each at a time that is free: a guide plane that the tip crosses, or a waypoint.
+
+Where the curve comes nearest to such a place, at the parameter s, it misses it by m. The objective has
+
+    w / 2 · |m|²
+
+for each. As |m| is least at s, the derivative of s plays no part in the gradient. In Gauss and Newton's Hessian what a
+change of s makes up for counts for nothing either: with a = dm/ds, and A the derivative of m by the chart point, it is
+
+    w Aᵀ (1 - a aᵀ / (|a|² + κ²)) A
+
+So a motion that crosses a plane within its polygon is held by nothing; one that leaves the polygon is held at its edge,
+and one that only reaches the plane is held on it. What is missed in the end is taken away exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.bspline import ENDS, BSpline, basis
+from guidefield.planner.optimize.settings import PASSAGE
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
+
+
+class Place(Protocol):
+    """Where a motion has to be at some time."""
+
+    def missed(self, zs: ChartPoints) -> np.ndarray:
+        """What chart points (n, nv) miss the place by, shape (n, k): zero where they are there [m or rad]."""
+        ...
+
+    def rows(self, z: ChartPoint) -> np.ndarray:
+        """Its derivative by the chart at a point (nv,), shape (k, nv); where it is zero, that towards being missed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Passage(ReadOnly):
+    """A place to pass, and where a path that was found does.
+
+    Attributes:
+        place: To be passed.
+        waypoint: A chart point of the path there, shape (nv,) [rad or m].
+    """
+
+    place: Place
+    waypoint: ChartPoint
+
+
+def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int) -> tuple[float, ...]:
+    """Where on a spline of so many pieces, evenly in time, the passages of a motion through all their waypoints are."""
+    places, first = [], 0
+    for passage in passages:
+        away = np.linalg.norm(motion.positions[first:] - passage.waypoint, axis=1)
+        first += int(np.argmin(away))
+        places.append(float(pieces * (motion.times[first] - motion.times[0]) / motion.duration))
+    return tuple(places)
+
+
+def nearest(place: Place, spline: BSpline, about: float) -> float:
+    """Where a spline comes nearest to a place, in pieces from the start, next to where it was.
+
+    Samples are taken about the least, closer each time; a parabola through the last three says where.
+
+    Args:
+        place: To be passed.
+        spline: The motion.
+        about: Where it was, in pieces from the start.
+    """
+    spacing = PASSAGE.spacing
+    for _ in range(PASSAGE.shifts):
+        at = np.clip(about + spacing * np.arange(-2.0, 3.0), 0.0, float(spline.pieces))
+        squares = np.einsum("nk,nk->n", *2 * (place.missed(spline.at(at)),))
+        least = int(np.argmin(squares))
+        about = float(at[least])
+        if least in (0, 4):
+            continue
+        if spacing < PASSAGE.spacing:
+            before, here, after = squares[least - 1 : least + 2]
+            bend = before - 2.0 * here + after
+            about += 0.5 * spacing * float((before - after) / bend) if bend > 0.0 else 0.0
+            return float(np.clip(about, 0.0, spline.pieces))
+        spacing *= PASSAGE.closer
+    return about
+
+
+def add_passage(
+    place: Place, spline: BSpline, at: float, weight: float, gradient_out: np.ndarray, blocks_out: np.ndarray
+) -> float:
+    """Add what passing a place adds to the objective of a motion.
+
+    Args:
+        place: To be passed.
+        spline: The motion.
+        at: Where it comes nearest, in pieces from the start.
+        weight: w [1/m² or 1/rad²].
+        gradient_out: By its control points, shape (n, nv).
+        blocks_out: Hessian, as in `ClearanceModel`, shape (n, nv, 4 nv).
+
+    Returns:
+        Its value.
+    """
+    where = np.array([at])
+    z, slope = spline.at(where)[0], spline.slopes(where)[0]
+    missed, rows = place.missed(z[None])[0], place.rows(z)
+    a = rows @ slope
+    held = rows - np.outer(a, a @ rows) / (a @ a + PASSAGE.stiff**2)
+    hessian, by_z = weight * rows.T @ held, weight * missed @ rows
+    (piece,), t = spline.piece_of(where)
+    shares, nv = basis(t)[0], len(z)
+    for i in range(4):
+        gradient_out[piece + i] += shares[i] * by_z
+        for j in range(i + 1):
+            block = blocks_out[piece + i, :, (3 - i + j) * nv : (4 - i + j) * nv]
+            block += shares[i] * shares[j] * hessian
+    return 0.5 * weight * float(missed @ missed)
+
+
+def passing(
+    spline: BSpline, passages: Sequence[Passage], places: Sequence[float]
+) -> tuple[BSpline, list[float]] | None:
+    """A motion that passes all places exactly, and where; None where it can't be brought there, or not in their order.
+
+    Args:
+        spline: The motion, which passes them nearly.
+        passages: In their order.
+        places: Where it comes nearest to each, in pieces from the start.
+    """
+    at = [_off_knots(nearest(one.place, spline, about)) for one, about in zip(passages, places, strict=True)]
+    if (np.diff(at) < 0.0).any():
+        return None
+    for _ in range(PASSAGE.corrections):
+        worst = 0.0
+        for passage, where in zip(passages, at, strict=True):
+            spline, missed = _moved_onto(passage.place, spline, where)
+            worst = max(worst, missed)
+        if worst <= PASSAGE.reached:
+            return spline, at
+    return None
+
+
+def _off_knots(at: float) -> float:
+    """The same place, or the knot next to it: no piece becomes too short."""
+    return float(np.round(at)) if abs(at - np.round(at)) < PASSAGE.shortest else at
+
+
+def _moved_onto(place: Place, spline: BSpline, at: float) -> tuple[BSpline, float]:
+    """The motion with its control points about a place moved least so that it is there, to first order; what it missed.
+
+    Args:
+        place: To be passed.
+        spline: The motion.
+        at: Where it passes, in pieces from the start.
+    """
+    where = np.array([at])
+    z = spline.at(where)[0]
+    missed = place.missed(z[None])[0]
+    (piece,), t = spline.piece_of(where)
+    inner = np.clip(piece + np.arange(4), ENDS, len(spline.points) - ENDS - 1) == piece + np.arange(4)
+    shares = np.where(inner, basis(t)[0], 0.0)
+    if not missed.any() or shares @ shares < PASSAGE.reaching:
+        return spline, float(np.abs(missed).max())
+    move = -np.linalg.pinv(place.rows(z)[missed != 0.0], rcond=1e-6) @ missed[missed != 0.0]
+    points = spline.points.copy()
+    points[piece : piece + 4] += np.outer(shares / (shares @ shares), move)
+    return BSpline(points, spline.step, spline.start, spline.end), float(np.abs(missed).max())
+
+
+def with_knots(
+    spline: BSpline, places: Sequence[float]
+) -> tuple[tuple[np.ndarray, ChartPoints, ChartRates], tuple[int, ...]]:
+    """A motion's knots as `BSpline.knots` has them, with one at each place; and which of them are at the places.
+
+    Args:
+        spline: The motion.
+        places: In pieces from the start, ascending.
+
+    Returns:
+        Times, shape (n,) [s], positions and velocities, shape (n, nv); the index of each place among them.
+    """
+    times, positions, velocities = spline.knots()
+    within = np.array([place for place in sorted(set(places)) if place != round(place)])
+    if len(within):
+        before = np.ceil(within).astype(int)
+        times = np.insert(times, before, spline.step * within)
+        positions = np.insert(positions, before, spline.at(within), axis=0)
+        velocities = np.insert(velocities, before, spline.slopes(within) / spline.step, axis=0)
+    at = tuple(int(np.argmin(np.abs(times - spline.step * place))) for place in places)
+    return (times, positions, velocities), at

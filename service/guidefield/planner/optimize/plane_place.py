@@ -1,0 +1,55 @@
+"""A guide plane as a place that a motion passes: its tip comes to the plane, inside the polygon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.optimize.settings import PASSAGE
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.scene.guide_plane import GuidePlane
+
+
+@dataclass(frozen=True)
+class PlanePlace:
+    """The tip on a guide plane, at least `inset` from its edges.
+
+    Its misses are the height over the plane, and for each edge how far the tip is beyond it [m].
+
+    Attributes:
+        problem: The robot.
+        plane: The guide plane.
+        inset: Distance that the tip keeps from the polygon's edges [m].
+    """
+
+    problem: Problem
+    plane: GuidePlane
+    inset: float
+
+    @classmethod
+    def through(cls, problem: Problem, plane: GuidePlane, z: ChartPoint) -> PlanePlace:
+        """The crossing of a plane at a chart point, with a share of the guide's inset or what it has, if less.
+
+        Args:
+            problem: Robot and guide planes.
+            plane: The plane.
+            z: Chart point with the tip on it, shape (nv,).
+        """
+        foot = plane.flat.axes @ (problem.kinematics.tip_positions(z[None])[0] - plane.flat.origin)
+        depth = float((plane.inward @ foot - plane.offsets).min())
+        return cls(problem, plane, min(PASSAGE.inset * inset_of(problem, plane), max(depth, 0.0)))
+
+    def missed(self, zs: ChartPoints) -> np.ndarray:
+        """As in `Place`, shape (n, 1 + edges)."""
+        away = self.problem.kinematics.tip_positions(zs) - self.plane.flat.origin
+        depths = away @ (self.plane.inward @ self.plane.flat.axes).T - self.plane.offsets - self.inset
+        return np.column_stack([away @ self.plane.normal, np.minimum(depths, 0.0)])
+
+    def rows(self, z: ChartPoint) -> np.ndarray:
+        """As in `Place`, shape (1 + edges, nv); zero for an edge that the tip is inside of."""
+        plane, J = self.plane, self.problem.kinematics.tip_slopes(z)
+        beyond = self.missed(z[None])[0, 1:] < 0.0
+        return np.vstack([plane.normal @ J, np.where(beyond[:, None], plane.inward @ plane.flat.axes @ J, 0.0)])

@@ -1,0 +1,146 @@
+"""Passages: where a motion comes nearest, what missing them costs, and that in the end nothing is missed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.planner.motion.spline import interpolate
+from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.bspline import BSpline, End
+from guidefield.planner.optimize.passages import (
+    Passage,
+    add_passage,
+    first_places,
+    nearest,
+    passing,
+    with_knots,
+)
+from guidefield.planner.optimize.settings import PASSAGE
+
+PIECES = 10
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A chart point that is passed within a radius."""
+
+    point: np.ndarray
+    radius: float
+
+    def missed(self, zs: np.ndarray) -> np.ndarray:
+        return np.maximum(np.linalg.norm(zs - self.point, axis=1) - self.radius, 0.0)[:, None]
+
+    def rows(self, z: np.ndarray) -> np.ndarray:
+        away = z - self.point
+        return (away / np.linalg.norm(away))[None]
+
+
+def curve(seed: int, nv: int = 3) -> BSpline:
+    """Along the first coordinate, with others astray."""
+    rng = np.random.default_rng(seed)
+    points = 0.1 * rng.normal(size=(PIECES + 3, nv))
+    points[:, 0] = np.linspace(0.0, 4.0, PIECES + 3)
+    return BSpline.between(End.at_rest(points[1]), End.at_rest(points[-2]), points[3:-3], 0.2)
+
+
+def least(spline: BSpline, place: Waypoint, about: float, window: float = 1.0) -> float:
+    """Half the square of what is missed at least next to a place, by dense samples."""
+    dense = np.clip(np.linspace(about - window, about + window, 2_001), 0.0, spline.pieces)
+    return 0.5 * float((place.missed(spline.at(dense)) ** 2).sum(axis=1).min())
+
+
+@given(st.integers(0, 10_000), st.floats(2.0, 8.0))
+def test_nothing_next_to_the_nearest_place_is_nearer(seed: int, about: float) -> None:
+    spline = curve(seed)
+    place = Waypoint(spline.at(np.array([about]))[0] + 0.2 * np.random.default_rng(seed).normal(size=3), 0.0)
+    at = nearest(place, spline, about)
+    found = 0.5 * float((place.missed(spline.at(np.array([at]))) ** 2).sum())
+    assert found <= least(spline, place, at, 0.1) + 1e-5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_gradient_is_that_of_finite_differences_of_the_least_miss(seed: int) -> None:
+    spline = curve(seed)
+    place = Waypoint(spline.at(np.array([4.6]))[0] + [0.0, 0.3, 0.1], 0.05)
+    n, nv = spline.points.shape
+    gradient, blocks = np.zeros((n, nv)), np.zeros((n, nv, 4 * nv))
+    at = nearest(place, spline, 4.6)
+    value = add_passage(place, spline, at, 7.0, gradient, blocks)
+    assert value == pytest.approx(7.0 * least(spline, place, at, 0.3), rel=1e-4)
+    rng = np.random.default_rng(seed)
+    for _ in range(4):
+        along = rng.normal(size=(n, nv))
+        moved = (BSpline(spline.points + by * along, spline.step, spline.start, spline.end) for by in (1e-3, -1e-3))
+        difference = np.subtract(*(least(one, place, at, 0.3) for one in moved)) / 2e-3
+        assert float((gradient * along).sum()) == pytest.approx(7.0 * difference, rel=1e-2, abs=1e-3)
+
+
+def test_its_hessian_is_positive_and_leaves_free_what_time_makes_up_for() -> None:
+    spline = curve(1)
+    place = Waypoint(spline.at(np.array([4.6]))[0] + [0.0, 0.3, 0.1], 0.0)
+    n, nv = spline.points.shape
+    at = nearest(place, spline, 4.6)
+    blocks = np.zeros((n, nv, 4 * nv))
+    add_passage(place, spline, at, 1.0, np.zeros((n, nv)), blocks)
+    whole = np.zeros((n * nv, n * nv))
+    for i in range(n):
+        for k in range(max(i - 3, 0), i + 1):
+            block = blocks[i, :, (3 - i + k) * nv : (4 - i + k) * nv]
+            whole[i * nv : (i + 1) * nv, k * nv : (k + 1) * nv] = block
+            whole[k * nv : (k + 1) * nv, i * nv : (i + 1) * nv] = block.T
+    assert np.linalg.eigvalsh(whole).min() > -1e-12
+    away = spline.at(np.array([at]))[0] - place.point
+    sideways = np.tile(away, (n, 1)).ravel()
+    along = np.tile(spline.slopes(np.array([at]))[0], (n, 1)).ravel()
+    assert sideways @ whole @ sideways > 0.1 * (away @ away)
+    assert along @ whole @ along < 1e-3 * sideways @ whole @ sideways * (along @ along) / (sideways @ sideways)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10_000), st.floats(0.0, 0.02), st.floats(2.0, 6.0))
+def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, radius: float, at: float) -> None:
+    spline = curve(seed)
+    aside = 0.02 * np.random.default_rng(seed).normal(size=(2, 3))
+    places = (at, at + 2.0)
+    passages = [Passage(Waypoint(z + by, radius), z) for z, by in zip(spline.at(np.array(places)), aside, strict=True)]
+    found = passing(spline, passages, places)
+    assert found is not None
+    moved, reached = found
+    for passage, where in zip(passages, reached, strict=True):
+        assert passage.place.missed(moved.at(np.array([where]))).max() <= PASSAGE.reached
+    np.testing.assert_array_equal(moved.points[:3], spline.points[:3])
+    np.testing.assert_array_equal(moved.points[-3:], spline.points[-3:])
+
+
+def test_what_an_end_would_have_to_reach_is_given_up() -> None:
+    spline = curve(2)
+    z = spline.at(np.array([0.0]))[0]
+    assert passing(spline, [Passage(Waypoint(z - [1.0, 0.0, 0.0], 0.0), z)], [0.0]) is None
+
+
+def test_knots_at_places_leave_the_curve_as_it_is() -> None:
+    spline = curve(3)
+    places = [2.0, 3.7, 3.7, 8.25]
+    (times, positions, velocities), at = with_knots(spline, places)
+    np.testing.assert_allclose(times[list(at)], spline.step * np.array(places), atol=1e-12)
+    assert len(times) == PIECES + 1 + 2
+    dense = np.linspace(0.0, spline.duration, 1001)
+    plain, denser = Trajectory(*spline.knots()), Trajectory(times, positions, velocities)
+    for one, other in zip(plain.evaluate(dense), denser.evaluate(dense), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+def test_passages_begin_where_the_motion_is_at_their_waypoints_also_on_the_way_back() -> None:
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.5], [1.0, 0.0], [0.0, 0.0]])
+    motion = parameterize(interpolate(path), np.ones(2), np.ones(2))
+    passages = [Passage(Waypoint(path[k], 0.0), path[k]) for k in (1, 2, 3)]
+    there, turned, back = first_places(passages, motion, 20)
+    assert 0.0 < there < turned < back < 20.0
+    assert turned == pytest.approx(10.0, abs=0.5)
+    times = motion.duration / 20 * np.array([there, turned, back])
+    np.testing.assert_allclose(motion.evaluate(times)[0], path[1:4], atol=1e-9)
