@@ -418,7 +418,7 @@ class CertifiedStream:
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
                 break
             if self._proven(cycle, commit, reserved=True):
-                cycle.threatened = share <= STREAM.slow and self._is_threatened(cycle, commit)
+                cycle.threatened = self._is_threatened(cycle, commit)
                 return commit, "goal"
         if cycle.told is None or self._unfound:
             cycle.reason = "no_way"
