@@ -15,10 +15,11 @@ import pytest
 
 import guidefield
 from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, UnknownObject
-from guidefield.messages.goals import JointsGoal
+from guidefield.messages.goals import JointSetGoal, JointsGoal
 from guidefield.messages.scene import Box, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
+from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 from tests.robots import robot
@@ -163,6 +164,39 @@ def _zeros(stream: CertifiedStream) -> dict[str, float]:
     return dict.fromkeys(stream.group.position_names, 0.1)
 
 
+def test_a_robot_at_rest_that_nothing_can_be_proven_for_says_what_is_too_close() -> None:
+    where, speed = np.array([0.5, 0.4, 0.5]), 5.0
+    with opened(ball(speed=speed)) as stream:
+        states = told(stream, 3, Observation("ball", 0.0, Placement((0.5, 0.4, 0.5))))
+        gaps = gaps_at(stream, stream.executing.ends, coal.Sphere(0.1), where)
+    for cycle, state in enumerate(states):
+        assert isinstance(state, StreamState)
+        assert (state.reason, state.executing) == ("too_close", 0)
+        assert state.stops <= state.update == 0.02 * cycle, "it stands"
+        assert state.pair is not None
+        assert state.time is not None
+        link, other = state.pair
+        assert other == "ball"
+        # by then the ball can have come so far; a robot that begins to move goes no 2 cm within a latency and a piece
+        assert 0.0 < gaps[link] < speed * (state.time - state.update) + 0.02
+
+
+def gaps_at(stream: CertifiedStream, z: ChartPoint, shape: Any, where: np.ndarray) -> dict[str, float]:
+    """How far each link is from a shape, with coordinates (nv,) of the robot, by Pinocchio and Coal [m]."""
+    geometry, model = stream.group.geometry, stream.group.model
+    placed, data = geometry.createData(), model.createData()
+    pin.updateGeometryPlacements(model, data, geometry, placed, stream.group.expand_from_chart(z))
+    gaps: dict[str, float] = {}
+    for one, here in zip(geometry.geometryObjects, placed.oMg, strict=True):
+        gap = coal.distance(
+            one.geometry, coal.Transform3s(here.rotation, here.translation), shape, coal.Transform3s(np.eye(3), where),
+            coal.DistanceRequest(), coal.DistanceResult(),
+        )  # fmt: skip
+        link = model.frames[one.parentFrame].name
+        gaps[link] = min(gap, gaps.get(link, np.inf))
+    return gaps
+
+
 def test_joints_that_are_off_at_speed_end_the_pieces() -> None:
     with opened() as stream:
         told(stream, 10)
@@ -198,6 +232,36 @@ def test_a_pose_is_a_goal() -> None:
     with guidefield.Stream(robot="ur5", scene="table", goal=goal, start=START) as stream:
         assert isinstance(stream.update(time=0.0), Piece)
         assert [piece.number for piece in stream] == [1]
+
+
+SET = JointSetGoal([{"elbow_joint": 9.0}, {"shoulder_pan_joint": 1.0}, {"shoulder_pan_joint": -0.4}])
+"""One that is out of limits, one further away, and the nearest."""
+
+
+@pytest.mark.parametrize("taken", [False, True], ids=["free", "taken"])
+def test_of_a_set_of_configurations_the_nearest_that_nothing_is_on_is_the_goal(taken: bool) -> None:
+    with opened(ball(speed=0.0), goal=SET) as stream:
+        place = tip_at(stream, -0.4) if taken else FAR
+        answers = told(stream, 150, Observation("ball", 0.0, place))
+        reached = stream.executing.ends[0]
+    assert isinstance(answers[-1], StreamState)
+    assert answers[-1].reason == "at_goal"
+    assert reached == pytest.approx(1.0 if taken else -0.4, abs=1e-5)
+
+
+def tip_at(stream: CertifiedStream, pan: float) -> Placement:
+    """Where the tip is with the shoulder turned so far [rad], by Pinocchio."""
+    z, model = stream.executing.ends.copy(), stream.group.model
+    z[0] = pan
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(z))
+    x, y, height = data.oMf[stream.group.tip_id].translation.tolist()
+    return Placement((x, y, height))
+
+
+def test_a_set_whose_configurations_are_all_out_of_limits_is_refused() -> None:
+    with pytest.raises(InvalidGoal, match="elbow_joint"):
+        opened(goal=JointSetGoal(SET.positions[:1]))
 
 
 @pytest.mark.parametrize(
