@@ -26,6 +26,7 @@ BENT: Positions = {
 }
 PLACES = (0.9, -0.9)
 """Where the first joint is at the two places that are served [rad]."""
+SCENE = "table"
 SIDE = 0.1
 """Of the boxes [m]."""
 FASTEST = 0.25
@@ -71,7 +72,7 @@ def serve(folder: Path, say: Callable[[str], None]) -> Served:
     names = [f"box{number}" for number in range(3)]
     request = StreamOpen(
         "panda",
-        "table",
+        SCENE,
         start={**BENT, "panda_joint1": 0.0},
         obstacles=[StreamObstacle(Box(name=name, size=(SIDE, SIDE, SIDE)), FASTEST) for name in names],
     )

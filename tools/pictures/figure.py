@@ -30,9 +30,13 @@ WAY = "/ghosts"
 """Entity of the configurations along the motion, in grey levels."""
 
 TRACE = "/path/tip"
+STOP = "/path/stop"
+"""Entity of where a stream's tip would stand."""
+
+TO_STOP = "/path/to_stop"
 MOVING = "/obstacles/single/"
 PLANES = "/figure_planes"
-TAKEN = ("/robot/", MOVING, WAY, TRACE)
+TAKEN = ("/robot/", MOVING, WAY, TRACE, STOP, TO_STOP)
 """What of a recording is in a figure."""
 
 HIDDEN = ("/robot/collision", "/robot/spheres", "/robot/tip")
@@ -124,7 +128,10 @@ def write_figure(
 
 
 def _points(chunks: Sequence[Chunk]) -> np.ndarray:
-    """What has to be in the picture, shape (n, 3): the robot along its way, as ghosts have it, and its tip's trace."""
+    """What has to be in the picture, shape (n, 3): the robot along its way, as ghosts have it, and its tip's trace.
+
+    Streams have neither: of them it is where the tip would stand.
+    """
     found = []
     for chunk in chunks:
         batch = chunk.to_record_batch()
@@ -132,6 +139,8 @@ def _points(chunks: Sequence[Chunk]) -> np.ndarray:
             found.append(np.array(batch.column("Mesh3D:vertex_positions")[0].as_py()))
         elif chunk.entity_path == TRACE:
             found += [np.array(strip) for strip in batch.column("LineStrips3D:strips")[0].as_py()]
+        elif chunk.entity_path == STOP:
+            found += [np.array(row) for row in batch.column("Points3D:positions").to_pylist()]
     return np.vstack(found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,8 +10,10 @@ import numpy as np
 from PIL import Image
 
 import guidefield
+from guidefield.messages.references import SceneReference
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
+from guidefield.messages.scene import GuidePlane
 from guidefield.messages.store_requests import ReadScene
 from guidefield.scene.scene import build
 from pictures import browser, compose
@@ -35,11 +37,10 @@ Faults = Iterator[str]
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run that was recorded, and where its pictures go."""
+    """A recording, the scene of it, and where its pictures go."""
 
     name: str
-    request: PlanRequest
-    reply: PlanReply
+    scene: SceneReference
     recording: Path
     folder: Path
 
@@ -49,12 +50,28 @@ class Recorded:
 
     def draw(self, views: dict[str, View], aspect: float, style: Style) -> None:
         """Write that recording."""
-        scene = self.request.scene
+        scene = self.scene
         message = guidefield.answer(ReadScene(scene)).scene if isinstance(scene, str) else scene
-        write_figure(self.recording, self.figure(), build(message), self.reply.guide_planes, views, aspect, style)
+        write_figure(self.recording, self.figure(), build(message), self.planes(), views, aspect, style)
+
+    def planes(self) -> Sequence[GuidePlane]:
+        """The guide planes that are drawn."""
+        return ()
 
 
-def sheet(run: Recorded) -> Faults:
+@dataclass(frozen=True)
+class Planned(Recorded):
+    """A plan that was recorded."""
+
+    request: PlanRequest
+    reply: PlanReply
+
+    def planes(self) -> Sequence[GuidePlane]:
+        """Those that the planner had."""
+        return self.reply.guide_planes
+
+
+def sheet(run: Planned) -> Faults:
     """As the thesis' figures: from three sides the start, guide planes, the goal, and the whole way in grey levels."""
     whole = {f"{side}, whole way": replace(view, drawn=(WAY,)) for side, view in SIDES.items()}
     aspect = SHEET_WINDOW[0] / 3 / (SHEET_WINDOW[1] / 2 - BARS)
@@ -78,14 +95,19 @@ def sheet(run: Recorded) -> Faults:
     compose.save(compose.sheet(list(cells.values()), headings, SHEET_WIDTH), run.folder / f"{run.name}.webp")
 
 
-def clip(run: Recorded, view: View, style: Style) -> Faults:
+def clip(run: Planned, view: View, style: Style) -> Faults:
     """The motion as an animation, at the pace at which it is to be executed, or slower where it lasts under 2.5 s."""
     assert run.reply.trajectory is not None
     duration = run.reply.trajectory.times[-1]
     yield from _frames(run, view, style, list(np.linspace(0.0, duration, FRAMES)), max(duration, 2.5))
 
 
-def still(run: Recorded, view: View, style: Style) -> Faults:
+def stretch(run: Recorded, begin: float, end: float, view: View, style: Style) -> Faults:
+    """What happens from one time to another [s] as an animation, at the pace at which it did."""
+    yield from _frames(run, view, style, list(np.linspace(begin, end, FRAMES)), end - begin)
+
+
+def still(run: Planned, view: View, style: Style) -> Faults:
     """One picture, of the end."""
     end = 0.0 if run.reply.trajectory is None else run.reply.trajectory.times[-1]
     yield from _frames(run, view, style, [end], 0.0)
@@ -122,7 +144,7 @@ def web(run: Recorded) -> Faults:
     yield from browser.web_picture(run.recording, run.folder / f"{run.name}.webp")
 
 
-def tabs(run: Recorded) -> Faults:
+def tabs(run: Planned) -> Faults:
     """The viewer as it opens the recording, tab by tab."""
     with headless_viewer(TAB_WINDOW) as viewer:
         opened(viewer, run.recording)

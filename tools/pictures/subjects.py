@@ -10,12 +10,12 @@ from pathlib import Path
 import msgspec
 
 import guidefield
-from guidefield import demo
+from guidefield import demo, demo_stream
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest
-from pictures.figure import ORANGE, ROBOT, Colour, Style, View
-from pictures.shots import Faults, Recorded, clip, sheet, still, tabs, web
+from pictures.figure import ORANGE, ROBOT, STOP, TO_STOP, Colour, Style, View
+from pictures.shots import Faults, Planned, Recorded, clip, sheet, still, stretch, tabs, web
 
 REQUESTS = Path(__file__).resolve().parents[1] / "examples" / "requests"
 PATIENT = 60.0
@@ -25,14 +25,22 @@ GROUND = (244, 246, 249)
 """Ground for robots in their own colours: some are white."""
 
 WOOD: Colour = (238, 226, 206, 255)
+BLUE: Colour = (120, 156, 190, 255)
 SHELF_STYLE = Style(
     ground=GROUND,
-    obstacles={"": WOOD, "floor": (226, 230, 236, 255), "book": (120, 156, 190, 255), "can": (226, 120, 60, 255)},
+    obstacles={"": WOOD, "floor": (226, 230, 236, 255), "book": BLUE, "can": (226, 120, 60, 255)},
     margin=1.2,
 )
 CLEAR: Colour = (150, 168, 196, 90)
 SEE_THROUGH = Style(
     ground=GROUND, obstacles={"": CLEAR, "floor": (226, 230, 236, 255), "door": (228, 108, 40, 255)}, margin=1.2
+)
+TABLE_STYLE = Style(ground=GROUND, obstacles={"": WOOD, "floor": (226, 230, 236, 255), "box": BLUE}, margin=1.3)
+KITCHEN_STYLE = Style(
+    ground=GROUND,
+    obstacles={"": WOOD, "floor": (226, 230, 236, 255), "can": (226, 120, 60, 255)}
+    | dict.fromkeys(("jar", "cereals", "pot", "plate", "bottle", "apple"), BLUE),
+    margin=1.5,
 )
 WITH_TRACE = (*ROBOT, "/path/tip")
 
@@ -54,18 +62,31 @@ class Subject:
     """One run: what is asked, how it has to end, and who pictures it."""
 
     request: PlanRequest
-    pictures: Callable[[Recorded], Faults]
+    pictures: Callable[[Planned], Faults]
     status: str = "SUCCESS"
 
+    def made(self, name: str, runs: Path, folder: Path) -> list[str]:
+        """Plan its request, record it into `runs`, picture it into `folder`; what is wrong with it."""
+        recording = runs / f"{name}.rrd"
+        reply = guidefield.answer(self.request, record_to=recording)
+        assert isinstance(reply, PlanReply), "a plan was asked for"
+        if reply.status.name != self.status:
+            return [f"{reply.status.name}: {reply.status.message}"]
+        return list(self.pictures(Planned(name, self.request.scene, recording, folder, self.request, reply)))
 
-def made(subject: Subject, name: str, runs: Path, folder: Path) -> list[str]:
-    """Plan a subject's request, record it into `runs`, picture it into `folder`; what is wrong with it."""
-    recording = runs / f"{name}.rrd"
-    reply = guidefield.answer(subject.request, record_to=recording)
-    assert isinstance(reply, PlanReply), "a plan was asked for"
-    if reply.status.name != subject.status:
-        return [f"{reply.status.name}: {reply.status.message}"]
-    return list(subject.pictures(Recorded(name, subject.request, reply, recording, folder)))
+
+@dataclass(frozen=True)
+class Demonstration:
+    """The demonstration of streams, and who pictures it."""
+
+    pictures: Callable[[Recorded], Faults]
+
+    def made(self, name: str, runs: Path, folder: Path) -> list[str]:
+        """Have it serve, record it into `runs`, picture it into `folder`; what is wrong with it."""
+        served = demo_stream.serve(runs, lambda _: None)
+        if not (served.same and served.places):
+            return [f"{served.places} places are reached, again: {served.same}"]
+        return list(self.pictures(Recorded(name, demo_stream.SCENE, served.recording, folder)))
 
 
 def _file(name: str) -> PlanRequest:
@@ -87,7 +108,13 @@ IN_A_BOARD = {
 
 SHELF = View((-0.6, -1.9, 0.75), drawn=WITH_TRACE)
 
-SUBJECTS: dict[str, Subject] = {
+AT_PLACES = (5.44, 11.48)
+"""When the first place is reached in the demonstration of streams, and when the second [s]."""
+
+TABLE = View((-0.5, -1.55, 0.8), drawn=(*ROBOT, STOP, TO_STOP))
+KITCHEN = View((-1.2, 0.8, 1.1))
+
+SUBJECTS: dict[str, Subject | Demonstration] = {
     "shelf": Subject(demo.REQUESTS["demo-pose"][1], partial(clip, view=SHELF, style=SHELF_STYLE)),
     "window": Subject(
         PlanRequest(robot="ur5", scene="wall_with_window", goal=GuidePlaneGoal(), allowed_planning_time=PATIENT),
@@ -95,6 +122,8 @@ SUBJECTS: dict[str, Subject] = {
     ),
     "door": Subject(_file("door"), partial(clip, view=View((-0.5, -1.3, 1.6), drawn=WITH_TRACE), style=SEE_THROUGH)),
     "gates": Subject(_file("seed_a_gates"), partial(clip, view=View(drawn=WITH_TRACE), style=Style(robot=ORANGE))),
+    "stream": Demonstration(partial(stretch, begin=AT_PLACES[0], end=AT_PLACES[1], view=TABLE, style=TABLE_STYLE)),
+    "kitchen": Subject(_file("kitchen"), partial(clip, view=KITCHEN, style=KITCHEN_STYLE)),
     "failure": Subject(
         PlanRequest(
             robot="panda",
