@@ -14,12 +14,12 @@ DRAFT = ".draft"
 """How the name of a file ends that isn't whole yet."""
 
 
-def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
+def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> None:
     """Put `data` where `path` says: all of it or, if the disk refuses, nothing, and an older file stays as it was.
 
     Args:
         path: File to write; replaced if it exists.
-        data: What it holds.
+        data: What it holds, one behind the other.
         durable: Whether it must survive a power cut; what can be made again need not, and is written faster.
 
     Raises:
@@ -28,7 +28,7 @@ def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
     try:
         with draft.open("wb") as file:
-            file.write(data)
+            file.writelines(data)
             if durable:
                 file.flush()
                 os.fsync(file.fileno())

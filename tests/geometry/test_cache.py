@@ -14,7 +14,14 @@ from guidefield.geometry import cache
 from guidefield.geometry.cache import folder, recalled, remembered
 
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
-RESULT = {"spheres": np.linspace(0, 1, 8).reshape(2, 4), "first": np.arange(3), "solid": np.array([True, False])}
+RESULT = {
+    "spheres": np.linspace(0, 1, 8).reshape(2, 4),
+    "solid": np.array([True, False, True]),
+    "first": np.arange(3),
+    "nothing": np.empty((0, 3)),
+    "links": np.arange(6, dtype=np.int32).reshape(3, 2),
+    "text": np.frombuffer(b"what was odd", np.uint8),
+}
 
 
 @pytest.fixture(autouse=True)
@@ -40,6 +47,8 @@ def check(arrays: dict[str, np.ndarray]) -> None:
         assert (arrays[name] == array).all()
         assert arrays[name].shape == array.shape
         assert not arrays[name].flags.writeable
+        assert arrays[name].flags.aligned
+        assert arrays[name].flags.c_contiguous
 
 
 def entries() -> list[Path]:
@@ -151,7 +160,8 @@ def test_an_entry_of_another_kind_of_thing_is_computed_again(caplog: pytest.LogC
     make = Counted()
     remembered("cover", INPUTS, make)
     (path,) = entries()
-    for payload in (b"\x93\x01\x02\x03", cache._encode({"spheres": {"dtype": "|O", "shape": [1], "data": b"x" * 8}})):
+    listed = cache._encode({"spheres": {"dtype": "|O", "shape": [1], "offset": 0}})
+    for payload in (b"\x93\x01\x02\x03", len(listed).to_bytes(8, "little") + listed + b"x" * 64):
         path.write_bytes(cache.hashlib.sha256(payload).digest() + payload)
         check(remembered("cover", INPUTS, make))
     assert make.times == 3

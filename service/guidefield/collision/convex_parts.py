@@ -133,35 +133,48 @@ class PartsTable:
             return points if placement is None else moved(placement, points)
 
         count = len(mesh.corners)
-        numbers = np.zeros((count, PART))
+        total = count + sum(len(nodes) for nodes, _ in mesh.clusters)
+        numbers, shapes = np.zeros((total, PART)), np.empty((total, SHAPE), np.int64)
         corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
-        numbers[:, :9] = corners.reshape(-1, 9)
-        self._numbers.append(numbers.ravel())
-        self._shapes.append(np.tile([TRIANGLE, 0, 0], count))
+        numbers[:count, :9] = corners.reshape(-1, 9)
+        shapes[:count] = TRIANGLE, 0, 0
         links = mesh.links.copy()
         self._n_parts, self._n_nodes = count, len(mesh.balls)
-        for nodes, members in mesh.clusters:
-            links[nodes, OWN] = self._add_clusters(corners, members)
+        self._add_clusters(corners, mesh.clusters, shapes, links)
+        self._numbers.append(numbers.ravel())
+        self._shapes.append(shapes.ravel())
         for node, hull in mesh.hulls.items():
             links[node, OWN] = self._add_hull(POLYTOPE, there(hull))
             if len(mesh.pieces) > 1 and node in mesh.pieces:
                 self._add_hull(SURFACE, there(spread_points(mesh, node)))
-        self._balls.append(np.column_stack([there(mesh.balls[:, :3]), mesh.balls[:, 3]]).ravel())
+        balls = mesh.balls if placement is None else np.column_stack([there(mesh.balls[:, :3]), mesh.balls[:, 3]])
+        self._balls.append(balls.ravel())
         self._links.append(links.ravel())
 
-    def _add_clusters(self, corners: np.ndarray, members: np.ndarray) -> np.ndarray:
-        """Add the hulls of clusters (k, most) of triangles (t, 3, 3), a part each; which parts they are."""
-        count = len(members)
-        blocks = -(-3 * members.shape[1] // LANES)
-        vertices = np.empty(BLOCK * blocks * count, np.float32)
-        write_cluster_vertices(corners, np.ascontiguousarray(members, np.int64), vertices)
+    def _add_clusters(
+        self,
+        corners: np.ndarray,
+        clusters: tuple[tuple[np.ndarray, np.ndarray], ...],
+        shapes_out: np.ndarray,
+        links_out: np.ndarray,
+    ) -> None:
+        """Add the hulls of clusters of triangles (t, 3, 3) as `MeshTree` has them, a part each, behind those."""
+        blocks = [-(-3 * members.shape[1] // LANES) for _, members in clusters]
+        ends = np.cumsum([each * len(nodes) for each, (nodes, _) in zip(blocks, clusters, strict=True)]).tolist()
+        vertices = np.empty(BLOCK * ends[-1], np.float32)
+        for each, end, (nodes, members) in zip(blocks, ends, clusters, strict=True):
+            count = len(nodes)
+            first = end - each * count
+            rows = np.ascontiguousarray(members, np.int64)
+            write_cluster_vertices(corners, rows, vertices[BLOCK * first : BLOCK * end])
+            parts = np.arange(self._n_parts, self._n_parts + count)
+            shapes_out[parts] = np.column_stack(
+                [np.full(count, POLYTOPE), first + each * np.arange(count), np.full(count, each)]
+            )
+            links_out[nodes, OWN] = parts
+            self._n_parts += count
         self._vertices.append(vertices)
-        first = self._n_blocks + blocks * np.arange(count)
-        self._shapes.append(np.column_stack([np.full(count, POLYTOPE), first, np.full(count, blocks)]).ravel())
-        self._numbers.append(np.zeros(PART * count))
-        self._n_blocks += blocks * count
-        self._n_parts += count
-        return np.arange(self._n_parts - count, self._n_parts)
+        self._n_blocks = ends[-1]
 
     def _add_hull(self, kind: int, vertices: np.ndarray) -> int:
         """Add a hull, or points of a surface, as a part without a node: what a hull is apart from, all in it is."""

@@ -13,6 +13,7 @@ import contextlib
 import functools
 import hashlib
 import logging
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -35,6 +36,9 @@ KEPT_SHARE = 0.75
 LOOK_SHARE = 0.01
 """A process looks at how much there is at its first entry, and when it has written this share of what is allowed."""
 
+LARGE = 10_000
+"""A mesh of fewer triangles isn't worth a file: what is kept of one is made in some hundredths of a second."""
+
 STALE = 3600.0
 """A draft of that age was left by a process that was killed [s]."""
 
@@ -50,15 +54,21 @@ Arrays = Mapping[str, np.ndarray]
 
 
 class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An array as it is on disk."""
+    """An array as it is on disk, `offset` bytes behind where the first begins."""
 
-    dtype: Literal["<f8", "<i8", "|b1"]
+    dtype: Literal["<f8", "<i8", "<i4", "|u1", "|b1"]
     shape: tuple[int, ...]
-    data: bytes
+    offset: int
 
 
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(dict[str, _Stored]).decode
+
+_ALIGNED = 64
+"""What arrays begin at a multiple of: kernels take no others, and so those of a large mesh needn't be copied."""
+
+_LENGTH = np.dtype("<i8")
+"""Of the number behind the hash: how long the list of the arrays is."""
 
 
 def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
@@ -67,8 +77,8 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
     Args:
         kind: What is computed: a short name for files.
         inputs: Everything that the result depends on, by name; numbers as arrays of no dimension.
-        make: Computes arrays of float64, int64 or bool, of one dimension at least, by name. After an edit of its
-            module, or of one of geometry or kernels that this imports, directly or not, it is asked again.
+        make: Computes arrays of float64, int64, int32, uint8 or bool, of one dimension at least, by name. After an
+            edit of its module, or of one of geometry or kernels that this imports, directly or not, it is asked again.
 
     Returns:
         The arrays, read-only. If the disk can't be read or written, they are computed, and a warning is logged.
@@ -80,6 +90,11 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
         for array in arrays.values():
             array.setflags(write=False)
     return arrays
+
+
+def is_large(triangles: int) -> bool:
+    """Whether what is found for a mesh with so many triangles is worth a file."""
+    return triangles >= LARGE
 
 
 def recalled(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray] | None:
@@ -107,8 +122,14 @@ def _path(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> Path:
 def _key(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> str:
     digest = hashlib.sha256(f"{_sources(make.__module__)} {kind}".encode())
     for name, array in sorted(inputs.items()):
-        digest.update(f"\0{name} {array.dtype.str} {array.shape}\0".encode() + array.tobytes())
+        digest.update(f"\0{name} {array.dtype.str} {array.shape}\0".encode())
+        digest.update(_bytes_of(array))
     return digest.hexdigest()
+
+
+def _bytes_of(array: np.ndarray) -> memoryview:
+    """An array's bytes one after the other, not copied where they are so already."""
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
 @functools.cache
@@ -179,37 +200,64 @@ def _source(module: str) -> Path | None:
 def _read(path: Path) -> dict[str, np.ndarray] | None:
     """The arrays of an entry; None if there is no such entry, or none that can be used."""
     try:
-        content = path.read_bytes()
+        content = np.fromfile(path, np.uint8)
         os.utime(path)
     except FileNotFoundError:
         return None
     except OSError as error:
         _log.warning("cannot read %s: %s", path, error)
         return None
-    payload = content[_DIGEST:]
-    if hashlib.sha256(payload).digest() != content[:_DIGEST]:
+    if hashlib.sha256(content[_DIGEST:].data).digest() != content[:_DIGEST].tobytes():
         _log.warning("%s is damaged and is computed again", path)
         return None
+    content.setflags(write=False)
     try:
-        stored = _decode(payload)
-        return {
-            name: np.frombuffer(array.data, dtype=array.dtype).reshape(array.shape) for name, array in stored.items()
-        }
+        return _arrays_in(content[_DIGEST:])
     except (msgspec.DecodeError, ValueError) as error:
         _log.warning("%s is not understood (%s) and is computed again", path, error)
         return None
 
 
+def _arrays_in(payload: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays of an entry's bytes behind the hash, in the same memory; ValueError or msgspec.DecodeError if not."""
+    start = _LENGTH.itemsize
+    end = start + int(payload[:start].view(_LENGTH)[0])
+    data, arrays = _up(_DIGEST + end) - _DIGEST, {}
+    for name, stored in _decode(payload[start:end].data).items():
+        kind, count = np.dtype(stored.dtype), math.prod(stored.shape)
+        first = data + stored.offset
+        arrays[name] = payload[first : first + count * kind.itemsize].view(kind).reshape(stored.shape)
+    return arrays
+
+
+def _payload_of(arrays: Arrays) -> np.ndarray:
+    """An entry's bytes behind the hash: the length of the list, the list, filled up with zeros, then the arrays."""
+    listed, size = dict[str, _Stored](), 0
+    for name, array in arrays.items():
+        listed[name] = _Stored(array.dtype.str, array.shape, size)  # type: ignore[arg-type]
+        size += _up(array.nbytes)
+    header = _encode(listed)
+    start = _LENGTH.itemsize
+    data = _up(_DIGEST + start + len(header)) - _DIGEST
+    payload = np.zeros(data + size, np.uint8)
+    payload[:start] = np.array([len(header)], _LENGTH).view(np.uint8)
+    payload[start : start + len(header)] = np.frombuffer(header, np.uint8)
+    for name, array in arrays.items():
+        first = data + listed[name].offset
+        payload[first : first + array.nbytes] = np.frombuffer(_bytes_of(array), np.uint8)
+    return payload
+
+
+def _up(size: int) -> int:
+    """The next multiple of `_ALIGNED`."""
+    return -(-size // _ALIGNED) * _ALIGNED
+
+
 def _write(path: Path, arrays: Arrays) -> None:
-    payload = _encode(
-        {
-            name: _Stored(np.dtype(array.dtype).str, array.shape, array.tobytes())  # type: ignore[arg-type]
-            for name, array in arrays.items()
-        }
-    )
+    payload = _payload_of(arrays)
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_whole(path, hashlib.sha256(payload).digest() + payload, durable=False)
+        write_whole(path, hashlib.sha256(payload.data).digest(), payload.data, durable=False)
         _written[path.parent] = _written.get(path.parent, np.inf) + len(payload)
         if _written[path.parent] >= LOOK_SHARE * MOST_BYTES:
             _make_room(path.parent)

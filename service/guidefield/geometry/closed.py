@@ -25,13 +25,13 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     if not np.isfinite(vertices).all():
         raise ValueError("`vertices` must be finite")
     merged, index = _distinct(vertices)
-    corners = index[np.asarray(triangles, dtype=np.int64).reshape(-1, 3)]
+    corners = np.take(index, np.asarray(triangles, dtype=np.int64).reshape(-1, 3))
     a, b, c = corners.T
     kept = np.flatnonzero((a != b) & (b != c) & (c != a))
     corners = corners[kept]
     used = np.zeros(len(merged), bool)
     used[corners] = True
-    return merged[used], (np.cumsum(used) - 1)[corners], kept
+    return merged[used], np.take(np.cumsum(used) - 1, corners), kept
 
 
 def _distinct(vertices: Floats) -> tuple[Floats, Integers]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.geometry.axes import across
-from guidefield.geometry.box_tree import box_tree
+from guidefield.geometry.box_tree import BoxTree, box_tree
+from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.geometry.pseudonormals import pseudonormals
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
@@ -77,7 +78,7 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
         triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
         kind: SOLID or SHEET.
     """
-    a, b, c = (vertices[column] for column in triangles.T)
+    a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
     sides = b - a, c - b, a - c
     area = np.linalg.norm(np.cross(sides[0], -sides[2]), axis=1)
     longest = np.maximum.reduce([np.einsum("ti,ti->t", side, side) for side in sides])
@@ -246,13 +247,31 @@ def _surface_tables(surfaces: dict[int, tuple[Floats, Integers]], count: int) ->
     spans = np.zeros((count, 4), np.int64)
     node = triangle = 0
     for index, (vertices, triangles) in sorted(surfaces.items()):
-        a, b, c = (vertices[column] for column in triangles.T)
-        tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+        tree = _tree(vertices, triangles)
+        a, b, c = (np.take(vertices, column, axis=0) for column in np.take(triangles, tree.order, axis=0).T)
         spans[index] = node, tree.leaves, triangle, len(triangles)
         nodes.append(tree.nodes)
-        corners.append(np.hstack([part[tree.order] for part in (a, b - a, c - a)]))
-        normals.append(pseudonormals(vertices, triangles)[tree.order])
+        corners.append(np.hstack([a, b - a, c - a]))
+        normals.append(np.take(pseudonormals(vertices, triangles), tree.order, axis=0))
         node, triangle = node + len(tree.nodes), triangle + len(triangles)
     return SurfaceTables(
         *(rows[1] if len(rows) == 2 else np.concatenate(rows) for rows in (nodes, corners, normals))
     ), spans
+
+
+def _tree(vertices: Floats, triangles: Integers) -> BoxTree:
+    """The tree of a surface; of a large one from disk if it was asked for before."""
+
+    def made() -> BoxTree:
+        a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
+        return box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
+
+    if not is_large(len(triangles)):
+        return made()
+    inputs = {"vertices": vertices, "triangles": triangles}
+    found = remembered("boxes", inputs, lambda: _stored(made()))
+    return BoxTree(found["nodes"], (len(found["nodes"]) + 1) // 2, found["order"].astype(np.int64))
+
+
+def _stored(tree: BoxTree) -> Arrays:
+    return {"nodes": tree.nodes, "order": tree.order.astype(np.int32)}

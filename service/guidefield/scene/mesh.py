@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.geometry.closed import compact, connected_pieces, volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
+from guidefield.geometry.surfaces import Surface
 
 _FLAT = 1e-9
 """A closed mesh with less volume than this fraction of its size cubed has no inside."""
 
 MOST_FACES = 1_000_000
 """Triangles, and points of clouds, that are kept together in memory: a million take half a gigabyte."""
+
+_SOME = 4096
+"""So many triangles are looked at together for one that has an area."""
 
 _CONVEX = 1e-7
 """How far a mesh may dent in and still be judged by its hull, as a fraction of its size."""
@@ -71,6 +76,42 @@ def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
     return Joined(distinct, corners, given, *seams(distinct, corners))
 
 
+def judged_mesh(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
+    """`mesh_surface`, with a warning where triangles cross; of a large mesh from disk if it was asked for before."""
+    if not is_large(len(triangles)):
+        return _judged(vertices, triangles)
+    inputs = {"vertices": vertices, "triangles": triangles}
+    found = remembered("mesh", inputs, lambda: _stored(_judged(vertices, triangles)))
+    return _restored(found) if len(found["triangles"]) else None
+
+
+def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
+    mesh = joined_mesh(vertices, triangles)
+    surface = surface_of(mesh)
+    if surface is None or surface.hull is not None:
+        return surface
+    return replace(surface, warnings=(*surface.warnings, *crossing_warnings(mesh)))
+
+
+def _stored(surface: MeshSurface | None) -> Arrays:
+    """A surface's arrays; no triangles if there is none."""
+    if surface is None:
+        return {"triangles": np.empty((0, 3), np.int64)}
+    return {
+        "vertices": surface.vertices,
+        "triangles": surface.triangles,
+        "solid": np.array([surface.solid]),
+        "convex": np.array([surface.hull is not None]),
+        "warnings": np.frombuffer("\n".join(surface.warnings).encode(), np.uint8),
+    }
+
+
+def _restored(arrays: Arrays) -> MeshSurface:
+    vertices, warnings = arrays["vertices"], arrays["warnings"].tobytes().decode()
+    hull = _as_shape(convex_hull(vertices)) if arrays["convex"][0] else None
+    return MeshSurface(vertices, arrays["triangles"], bool(arrays["solid"][0]), hull, tuple(warnings.splitlines()))
+
+
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     """Judge a triangle mesh; None if its triangles have no area.
 
@@ -87,7 +128,7 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
 def surface_of(mesh: Joined) -> MeshSurface | None:
     """The same of a mesh whose vertices are merged."""
     vertices, triangles, _, joined, width = mesh
-    if not len(triangles) or _areas(vertices, triangles).max() <= 1e-12 * np.ptp(vertices, axis=0).max() ** 2:
+    if not _has_area(vertices, triangles):
         return None
     triangles, solid, warnings = _facing_outwards(vertices, triangles, joined)
     hull = _own_hull(vertices, _welded(triangles, joined)) if solid else None
@@ -116,6 +157,13 @@ def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
     if not found.complete:
         warnings.append("it is too large to look for all places where it intersects itself")
     return tuple(warnings)
+
+
+def _has_area(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether some triangle has an area: of a large mesh one of the first."""
+    least = 1e-12 * np.ptp(vertices, axis=0).max() ** 2 if len(triangles) else 0.0
+    some = (triangles[start : start + _SOME] for start in range(0, len(triangles), _SOME))
+    return any(_areas(vertices, few).max() > least for few in some)
 
 
 def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -245,6 +293,11 @@ def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
     enclosed = volume(around.vertices, around.triangles)
     if abs(enclosed - volume(vertices, triangles)) > 1e-6 * enclosed:
         return None
+    return _as_shape(around)
+
+
+def _as_shape(around: Surface) -> Any:
+    """A hull as Coal's shape, with its box."""
     hull = convex(around.vertices, around.triangles)
     hull.computeLocalAABB()
     return hull

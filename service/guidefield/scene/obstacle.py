@@ -23,9 +23,9 @@ from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.facets import Facets
 from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MOST_FACES, MeshSurface, crossing_warnings, joined_mesh, surface_of
+from guidefield.scene.mesh import MOST_FACES, MeshSurface, judged_mesh
 from guidefield.scene.motion import ObstacleMotion, posed
-from guidefield.scene.points import points_in
+from guidefield.scene.points import corners_in, points_in
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
 from guidefield.scene.size import size_warnings
@@ -214,13 +214,9 @@ def _primitive(message: Any) -> Obstacle:
 
 
 def _mesh(message: messages.Mesh) -> Obstacle:
-    mesh = joined_mesh(points_in(message.vertices), np.array(message.triangles))
-    surface = surface_of(mesh)
+    surface = judged_mesh(points_in(message.vertices), corners_in(message.triangles))
     if surface is None:
         raise _UnusableError("the mesh has no triangle with an area", ".triangles")
-    if surface.hull is None:
-        faults = crossing_warnings(mesh)
-        surface = dataclasses.replace(surface, warnings=(*surface.warnings, *faults))
     return _surface(message, surface, se3(message.position, message.quaternion_xyzw))
 
 

@@ -1,8 +1,9 @@
-"""Points as they are declared: as triples, or packed."""
+"""Points and triangles as they are declared: as triples, or packed."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,3 +17,8 @@ def points_in(points: messages.Points) -> np.ndarray:
         return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
     flat = itertools.chain.from_iterable(points)  # which NumPy reads in a third of the time
     return np.fromiter(flat, float, 3 * len(points)).reshape(-1, 3)
+
+
+def corners_in(triangles: Sequence[Sequence[int]]) -> np.ndarray:
+    """The corners of triangles that a message holds, by number, shape (t, 3)."""
+    return np.fromiter(itertools.chain.from_iterable(triangles), np.int64, 3 * len(triangles)).reshape(-1, 3)

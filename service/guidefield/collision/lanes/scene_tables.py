@@ -18,7 +18,8 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.memory import scene_memory
 from guidefield.collision.preparation import Told
-from guidefield.geometry.mesh_tree import mesh_tree, triangle_tree
+from guidefield.geometry.mesh_pieces import remembered_triangle_tree
+from guidefield.geometry.mesh_tree import mesh_tree
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
@@ -227,7 +228,7 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable, step: Callable[[], None]) 
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
-        return _clusters(obstacle.vertices[obstacle.triangles], table, step)
+        return _clusters(np.take(obstacle.vertices, obstacle.triangles, axis=0), table, step)
     placement = obstacle.placement
     root = table.add_shape(obstacle.shape, placement)
     low, high = obstacle.box
@@ -248,7 +249,7 @@ def _clusters(corners: np.ndarray, table: PartsTable, step: Callable[[], None]) 
 
     The roots are nodes of one tree over all triangles, from which on nothing else is reached.
     """
-    tree = (triangle_tree if len(corners) > MOST_TRIANGLES else mesh_tree)(corners, before_level=step)
+    tree = (remembered_triangle_tree if len(corners) > MOST_TRIANGLES else mesh_tree)(corners, before_level=step)
     root = table.add_tree(tree)
     nodes, members = tree.clusters[CLUSTER]
     if len(corners) == 1:

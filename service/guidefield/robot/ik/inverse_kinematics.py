@@ -153,13 +153,6 @@ class _Found:
         return distinct_ones
 
 
-def _round(count: int, drawn: int) -> int:
-    """How many starts are drawn next, where so many were."""
-    if count == 1 and drawn < SEARCH.round:
-        return SEARCH.first_round
-    return SEARCH.large_round if drawn >= SEARCH.large_round else SEARCH.round
-
-
 def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
     """Whether to stop drawing starts."""
     accepted, rejected = len(found.accepted), len(found.rejected)

@@ -1,0 +1,159 @@
+"""What is found for a large mesh is kept on disk, and is the same to the last bit."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield.aside import StoppedError
+from guidefield.collision.lanes import scene_tables
+from guidefield.geometry import cache
+from guidefield.handlers.preparing import prepare_in_time
+from guidefield.kernels.jit.cache import cache_folder
+from guidefield.messages.scene import Mesh, Scene as Message
+from guidefield.scene import distance_tables as of_scene, obstacle
+from guidefield.scene.scene import Scene, build
+from tests.scene.test_mesh import box_mesh, room
+
+SIDE = 105
+"""A terrain of so many squares a side has enough triangles for a tree of its own kind."""
+
+
+def terrain() -> dict[str, Any]:
+    """An open mesh that crosses itself."""
+    u = np.linspace(-1.0, 1.0, SIDE + 1)
+    x, y = (axis.ravel() for axis in np.meshgrid(u, u, indexing="ij"))
+    corner = (np.arange(SIDE)[:, None] * (SIDE + 1) + np.arange(SIDE)).ravel()
+    halves = [[corner, corner + SIDE + 1, corner + 1], [corner + 1, corner + SIDE + 1, corner + SIDE + 2]]
+    vertices = np.column_stack([x, y, 0.1 * np.sin(3.0 * x)])
+    vertices[0, 2] -= 3.0
+    vertices[SIDE + 3] = 0.9, 0.9, -0.2
+    return {"vertices": vertices.tolist(), "triangles": np.concatenate([np.column_stack(h) for h in halves]).tolist()}
+
+
+def listed(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
+    return {"vertices": np.asarray(vertices).tolist(), "triangles": np.asarray(triangles).tolist()}
+
+
+MESHES = {
+    "open": terrain(),
+    "convex": listed(*box_mesh()),
+    "hollow": listed(*room(2.0, 1.0)),
+    "inside out": listed(room(2.0, 1.0)[0], np.asarray(room(2.0, 1.0)[1])[:, ::-1]),
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))  # the kernels' is full
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+def message() -> Message:
+    return Message(
+        name="kept",
+        obstacles=[
+            Mesh(name=name, position=[3.0 * k, 0.1, 0.2], quaternion_xyzw=[0.6, 0.0, 0.0, 0.8], **mesh)
+            for k, (name, mesh) in enumerate(MESHES.items())
+        ],
+    )
+
+
+def new_scene() -> Scene:
+    """The scene, as a new process makes it."""
+    obstacle._KNOWN.clear()
+    return build(message())
+
+
+def everything(scene: Scene) -> list[Any]:
+    """All that is made of a scene, as bytes."""
+    lanes, distances = scene_tables.lane_scene(scene), of_scene.distance_tables(scene)
+    arrays = [*lanes.tables[0][1:], *lanes.tables[1], lanes.owners, *distances[:-2], *distances.surfaces]
+    arrays += [array for one in scene.obstacles for array in (one.vertices, one.triangles, one.box)]
+    told = [(one.solid, one.convex, one.warnings) for one in scene.obstacles]
+    return [told, *((np.asarray(a).dtype, np.shape(a), np.asarray(a).tobytes()) for a in arrays)]
+
+
+def kinds() -> set[str]:
+    return {path.name.partition("-")[0] for path in cache.folder().glob("*-*")}
+
+
+def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = everything(new_scene())
+    assert kinds() == {"mesh", "triangles", "boxes"}
+    assert len(list(cache.folder().glob("mesh-*"))) == 1, "small meshes are no files"
+    monkeypatch.setattr(cache, "LARGE", 10**9)
+    alone = everything(new_scene())
+    monkeypatch.setattr(cache, "LARGE", 1)
+    first, entries = everything(new_scene()), len(list(cache.folder().glob("mesh-*")))
+    monkeypatch.setattr(cache, "_write", lambda *_: pytest.fail("it is there"))
+    again = everything(new_scene())
+    assert entries == len(MESHES)
+    assert alone == found
+    assert first == found
+    assert again == found
+    assert any("cross" in warning for warning in new_scene().warnings)
+
+
+def test_a_mesh_without_area_is_refused_from_disk_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "LARGE", 1)
+    flat = Mesh(name="flat", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0]], triangles=[[0, 1, 2]])
+    for _ in range(2):
+        with pytest.raises(obstacle.SceneInvalid, match="no triangle with an area"):
+            build(Message(name="thin", obstacles=[flat]))
+    assert kinds() == {"mesh"}
+
+
+def test_damaged_entries_are_made_again(caplog: pytest.LogCaptureFixture) -> None:
+    found = everything(new_scene())
+    for path in cache.folder().glob("*-*"):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    assert everything(new_scene()) == found
+    assert caplog.text.count("is damaged and") == len(kinds())
+
+
+def test_time_that_is_up_leaves_no_half_of_a_tree() -> None:
+    scene = new_scene()
+    asked = iter([False, False, False])  # before it waits, and before the tree's first levels
+    with pytest.raises(StoppedError):
+        scene_tables.prepare_scene(scene, lambda: next(asked, True))
+    assert "triangles" not in kinds()
+    prepare_in_time(None, scene, lambda: False)
+    assert "triangles" in kinds()
+
+
+OTHER = """
+import hashlib
+from tests.scene.test_large_meshes import everything, new_scene
+print(hashlib.sha256(repr(everything(new_scene())).encode()).hexdigest())
+"""
+"""Tells what it found, in short."""
+
+
+def test_two_processes_at_once_find_the_same() -> None:
+    others = [subprocess.Popen([sys.executable, "-c", OTHER], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    told = {other.communicate(timeout=600)[0] for other in others}
+    assert [other.returncode for other in others] == [0, 0]
+    assert told == {hashlib.sha256(repr(everything(new_scene())).encode()).hexdigest() + "\n"}
+    assert kinds() == {"mesh", "triangles", "boxes"}
+
+
+def test_meshes_keep_the_folders_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    new = everything(new_scene())
+    size = sum(path.stat().st_size for path in cache.folder().iterdir())
+    monkeypatch.setattr(cache, "MOST_BYTES", size // 2)
+    moved = msgspec.structs.replace(message().obstacles[0], position=[0.5, 0.5, 0.5])
+    everything(build(Message(name="elsewhere", obstacles=[moved])))
+    monkeypatch.setattr(cache, "LOOK_SHARE", 0.0)
+    everything(build(Message(name="elsewhere", obstacles=[msgspec.structs.replace(moved, position=[0.7, 0.5, 0.5])])))
+    assert sum(path.stat().st_size for path in cache.folder().iterdir()) <= size // 2
+    assert everything(new_scene()) == new
