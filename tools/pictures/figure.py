@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -84,6 +84,7 @@ def write_figure(
     views: dict[str, View],
     aspect: float,
     style: Style,
+    others: Sequence[Path] = (),
 ) -> None:
     """Write a recording's robot, among obstacles and guide planes drawn for print, with a layout of views only.
 
@@ -95,11 +96,12 @@ def write_figure(
         views: By name; three in a row.
         aspect: Width of a view by its height.
         style: Colours.
+        others: Recordings of which the same has to be in the picture, so that pictures of all can be compared.
     """
     taken = [chunk for chunk in RrdReader(str(recording)).stream() if chunk.entity_path.startswith(TAKEN)]
     robot = tuple(chunk.entity_path for chunk in taken if chunk.entity_path.startswith("/robot/visual/"))
     outlines = [np.array([*plane.vertices, plane.vertices[0]]) for plane in planes]
-    shown = np.vstack([_points(taken), *outlines])
+    shown = np.vstack([_points(taken), *(_points(RrdReader(str(one)).stream()) for one in others), *outlines])
     moving = {
         chunk.entity_path: chunk.entity_path.removeprefix(MOVING)
         for chunk in taken
@@ -127,7 +129,7 @@ def write_figure(
     write_recording(figure, figure.stem, drawn, layout)
 
 
-def _points(chunks: Sequence[Chunk]) -> np.ndarray:
+def _points(chunks: Iterable[Chunk]) -> np.ndarray:
     """What has to be in the picture, shape (n, 3): the robot along its way, as ghosts have it, and its tip's trace.
 
     Streams have neither: of them it is where the tip would stand.

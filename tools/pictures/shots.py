@@ -28,6 +28,7 @@ BARS = 40
 
 FRAMES = 40
 CLIP = (960, 640)
+BESIDE = (720, 800)
 TAB_WINDOW = (1600, 900)
 TAB_WIDTH = 1200
 TABS = ("Overview", "Planner", "Field", "Joints", "Documents")
@@ -48,11 +49,11 @@ class Recorded:
         """Where its recording with another layout lies."""
         return self.recording.with_name(f"{self.name}-figure.rrd")
 
-    def draw(self, views: dict[str, View], aspect: float, style: Style) -> None:
-        """Write that recording."""
+    def draw(self, views: dict[str, View], aspect: float, style: Style, others: Sequence[Path] = ()) -> None:
+        """Write that recording, framed as those of others."""
         scene = self.scene
         message = guidefield.answer(ReadScene(scene)).scene if isinstance(scene, str) else scene
-        write_figure(self.recording, self.figure(), build(message), self.planes(), views, aspect, style)
+        write_figure(self.recording, self.figure(), build(message), self.planes(), views, aspect, style, others)
 
     def planes(self) -> Sequence[GuidePlane]:
         """The guide planes that are drawn."""
@@ -133,6 +134,26 @@ def _frames(run: Recorded, view: View, style: Style, times: list[float], seconds
         compose.save_animation(images, run.folder / f"{run.name}.webp", seconds)
     else:
         compose.save(images[0], run.folder / f"{run.name}.webp")
+
+
+def beside(runs: Sequence[Planned], view: View, style: Style, picture: Path) -> Faults:
+    """Plans that differ in their objective, each after a third of its time, under duration and smallest distance."""
+    images, headings = [], []
+    for run in runs:
+        assert run.reply.trajectory is not None
+        assert run.reply.metrics is not None
+        assert run.reply.clearance is not None
+        others = [one.recording for one in runs if one is not run]
+        run.draw({"motion": view}, BESIDE[0] / BESIDE[1], style, others)
+        with headless_viewer((BESIDE[0], BESIDE[1] + 2 * BARS)) as viewer:
+            (shown,) = (one.view_id for one in opened(viewer, run.figure()).views)
+            viewer.set_time("path_time", duration=run.reply.trajectory.times[-1] / 3.0, play_state="paused")
+            images.append(compose.picture(steady_picture(viewer, shown)))
+            yield from complaints(viewer)
+        away = round(1e3 * run.reply.clearance.minimum)
+        headings.append(f"{run.request.objective}: {run.reply.metrics.duration:.2f} s, {away} mm away")
+    yield from (f"{run.name} is blank" for run, one in zip(runs, images, strict=True) if compose.is_blank(one))
+    compose.save(compose.sheet([images], headings, TAB_WIDTH), picture)
 
 
 def web(run: Recorded) -> Faults:

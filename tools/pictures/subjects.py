@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,11 +13,12 @@ import guidefield
 from guidefield import demo, demo_stream
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest
+from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal
 from pictures.figure import ORANGE, ROBOT, STOP, TO_STOP, Colour, Style, View
-from pictures.shots import Faults, Planned, Recorded, clip, sheet, still, stretch, tabs, web
+from pictures.shots import Faults, Planned, Recorded, beside, clip, sheet, still, stretch, tabs, web
 
 REQUESTS = Path(__file__).resolve().parents[1] / "examples" / "requests"
+OBJECTIVES = ("balanced", "time", "clearance")
 PATIENT = 60.0
 """Planning time that a busy machine doesn't exceed [s]."""
 
@@ -89,6 +90,27 @@ class Demonstration:
         return list(self.pictures(Recorded(name, demo_stream.SCENE, served.recording, folder)))
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """One request, planned with each objective, and how it is drawn."""
+
+    request: PlanRequest
+    view: View
+    style: Style
+
+    def made(self, name: str, runs: Path, folder: Path) -> list[str]:
+        """Plan them, record them into `runs`, picture them beside each other into `folder`; what is wrong with them."""
+        planned = []
+        for objective in OBJECTIVES:
+            request, recording = msgspec.structs.replace(self.request, objective=objective), runs / f"{objective}.rrd"
+            reply = guidefield.answer(request, record_to=recording)
+            assert isinstance(reply, PlanReply), "a plan was asked for"
+            if reply.status.name != "SUCCESS":
+                return [f"{objective}: {reply.status.name}: {reply.status.message}"]
+            planned.append(Planned(objective, request.scene, recording, folder, request, reply))
+        return list(beside(planned, self.view, self.style, folder / f"{name}.webp"))
+
+
 def _file(name: str) -> PlanRequest:
     request = codec.decode_request((REQUESTS / f"{name}.json").read_bytes())
     assert isinstance(request, PlanRequest), "these files hold plan requests"
@@ -106,6 +128,17 @@ IN_A_BOARD = {
 }
 """The hand is 17 mm deep in a board of the bookshelf."""
 
+BETWEEN_BOARDS = {
+    "panda_joint1": -1.468,
+    "panda_joint2": -1.335,
+    "panda_joint3": 1.244,
+    "panda_joint4": -2.422,
+    "panda_joint5": 2.714,
+    "panda_joint6": 2.346,
+    "panda_joint7": 2.397,
+}
+"""The hand is between the middle boards of the bookshelf."""
+
 SHELF = View((-0.6, -1.9, 0.75), drawn=WITH_TRACE)
 
 AT_PLACES = (5.44, 11.48)
@@ -114,7 +147,7 @@ AT_PLACES = (5.44, 11.48)
 TABLE = View((-0.5, -1.55, 0.8), drawn=(*ROBOT, STOP, TO_STOP))
 KITCHEN = View((-1.2, 0.8, 1.1))
 
-SUBJECTS: dict[str, Subject | Demonstration] = {
+SUBJECTS: dict[str, Subject | Demonstration | Comparison] = {
     "shelf": Subject(demo.REQUESTS["demo-pose"][1], partial(clip, view=SHELF, style=SHELF_STYLE)),
     "window": Subject(
         PlanRequest(robot="ur5", scene="wall_with_window", goal=GuidePlaneGoal(), allowed_planning_time=PATIENT),
@@ -124,6 +157,18 @@ SUBJECTS: dict[str, Subject | Demonstration] = {
     "gates": Subject(_file("seed_a_gates"), partial(clip, view=View(drawn=WITH_TRACE), style=Style(robot=ORANGE))),
     "stream": Demonstration(partial(stretch, begin=AT_PLACES[0], end=AT_PLACES[1], view=TABLE, style=TABLE_STYLE)),
     "kitchen": Subject(_file("kitchen"), partial(clip, view=KITCHEN, style=KITCHEN_STYLE)),
+    "objectives": Comparison(
+        PlanRequest(
+            robot="panda",
+            scene="bookshelf",
+            start=BETWEEN_BOARDS,
+            goal=PoseGoal(position=(0.57, 0.05, 0.83), quaternion_xyzw=(0.0, 0.70710678, 0.0, 0.70710678)),
+            guide_planes=[],
+            allowed_planning_time=PATIENT,
+        ),
+        View((-0.12, -1.0, 0.08), drawn=WITH_TRACE),
+        replace(SHELF_STYLE, margin=1.05),
+    ),
     "failure": Subject(
         PlanRequest(
             robot="panda",
