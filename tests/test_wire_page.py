@@ -97,7 +97,10 @@ def test_every_code_has_its_meaning_and_says_how_it_travels() -> None:
 
 def test_a_key_waits_for_a_worker_as_it_says() -> None:
     always = {key.key.split("/")[0] for key in KEYS if key.worker == "always"}
-    assert always == set(HEAVY_KEYS)
+    assert always == {*HEAVY_KEYS, "streams"}
+    assert [key.key for key in KEYS if key.key.startswith("streams") and key.worker == "always"] == [
+        "streams/<id>/recording"
+    ]
     assert [key.key for key in KEYS if key.how == "query" and key.takes and key.worker == "never"] == []
 
 

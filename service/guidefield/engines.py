@@ -12,12 +12,13 @@ from pathlib import Path
 import msgspec
 
 from guidefield.engine import Engine, Loaded, LocalFiles
+from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import requests
 from guidefield.messages.identities import PLAIN, USERS
 from guidefield.messages.replies import Done, RobotsReply, RunsReply, ScenesReply
 from guidefield.messages.values import Reply
 from guidefield.progress import Watcher
-from guidefield.run import Owe
+from guidefield.run import LARGEST_RECORDING, Owe
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.shared import Kind
 
@@ -111,6 +112,29 @@ class Engines:
             return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by everybody, as {f'{owner}:{name}'!r}")
         stores.shared.remove(kind, name)
         return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by nobody else any more")
+
+    def stream_recording(self, owner: str, name: str) -> bytes:
+        """The recording of a stream that is kept, made of the newest file of its journal.
+
+        Raises:
+            UnknownObject: if none of that name is kept, or no update of it yet, or it is damaged or too large.
+            GuidefieldError: if its robot or scene is refused now.
+            OSError: if the disk refuses.
+        """
+        from guidefield.stream import kept_streams
+        from guidefield.stream.shown import recorded
+
+        file = kept_streams.newest_file(self.stores.streams_of(owner), name)
+        try:
+            recording = recorded(file, self.of(owner).stream)
+        except FileNotFoundError:  # it made room meanwhile
+            raise kept_streams.none_kept(name) from None
+        except MalformedRequest as error:
+            raise UnknownObject(f"stream {name!r} has no recording: {error.message}", stream=name) from None
+        if len(recording) > LARGEST_RECORDING:
+            told = f"it has {len(recording)} bytes, at most {LARGEST_RECORDING} are sent"
+            raise UnknownObject(f"stream {name!r} has no recording: {told}", stream=name)
+        return recording
 
     def _made(self, user: str) -> Engine:
         stores = self.stores.of(user)

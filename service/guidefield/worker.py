@@ -92,30 +92,36 @@ class EngineWorker:
             return answer
 
     def _answer(self, job: Job, call: Call, owed: list[Work]) -> tuple[bool, bytes] | None:
+        encoding = job.query.encoding
         try:
-            request = keys.request_of(job.query)
-            if isinstance(request, MotionRequest) and request.run_id is None:
-                request = msgspec.structs.replace(request, run_id=job.run_id)
-            query = job.query
-            reply = self.engines.answer(
-                query.user,
-                query.owner,
-                request,
-                size=len(query.payload),
-                received=job.received,
-                watcher=call,
-                later=owed.append,
-            )
-            if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
-                self.engines.stores.of(query.owner).runs.discard(reply.run_id)
-                return None
-            return True, codec.encode(reply, query.encoding)
+            return self._replied(job, call, owed)
         except Preempted as error:
             if call.set_back():
                 return None
-            return False, codec.encode(error_reply(error), job.query.encoding)
+            return False, codec.encode(error_reply(error), encoding)
         except GuidefieldError as error:
-            return False, codec.encode(error_reply(error), job.query.encoding)
+            return False, codec.encode(error_reply(error), encoding)
         except Exception as error:
             _log.exception("an answer could not be written")
-            return False, codec.encode(error_reply(unforeseen(error)), job.query.encoding)
+            return False, codec.encode(error_reply(unforeseen(error)), encoding)
+
+    def _replied(self, job: Job, call: Call, owed: list[Work]) -> tuple[bool, bytes] | None:
+        query = job.query
+        if keys.is_recording(query):  # of a stream; those of runs are files
+            return True, self.engines.stream_recording(query.owner, query.key[1])
+        request = keys.request_of(query)
+        if isinstance(request, MotionRequest) and request.run_id is None:
+            request = msgspec.structs.replace(request, run_id=job.run_id)
+        reply = self.engines.answer(
+            query.user,
+            query.owner,
+            request,
+            size=len(query.payload),
+            received=job.received,
+            watcher=call,
+            later=owed.append,
+        )
+        if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
+            self.engines.stores.of(query.owner).runs.discard(reply.run_id)
+            return None
+        return True, codec.encode(reply, query.encoding)

@@ -59,7 +59,14 @@ def test_what_changes_something_is_not_asked_twice() -> None:
 
 @pytest.mark.parametrize("name", ["", "a/b", "panda?delete", "**", "a;b", "$*", "a#b"])
 def test_a_name_is_a_name_and_nothing_else(name: str) -> None:
-    asked = (questions.robot, questions.delete_scene, questions.run, questions.recording, questions.cancel)
+    asked = (
+        questions.robot,
+        questions.delete_scene,
+        questions.run,
+        questions.recording,
+        questions.stream_recording,
+        questions.cancel,
+    )
     for ask in asked:
         with pytest.raises(MalformedRequest, match="name"):
             ask(name)

@@ -13,6 +13,7 @@ import os
 import re
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ import coal
 import msgspec
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from guidefield import (
@@ -35,6 +37,7 @@ from guidefield import (
     ServerBusy,
     StreamState,
     StreamUnknown,
+    UnknownObject,
     WorkerCrashed,
 )
 from guidefield.cli import app
@@ -164,7 +167,9 @@ def client(service: Service) -> Iterator[Client]:
         await_that(lambda: not client.streams())
 
 
-def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(service: Service, client: Client) -> None:
+def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(
+    service: Service, client: Client, tmp_path: Path
+) -> None:
     clock, judge = Clock(), Judge()
     with client.stream(ASKED, clock=clock) as stream:
         assert client.streams() == [stream.stream_id]
@@ -194,10 +199,46 @@ def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(service: Ser
         assert state.reason == "stopped"
         assert stream.at(state.stops).velocities == (0.0,) * 6
         _attack(service, stream, clock)
+        with kept_open(stream):
+            shown = _shown(client.stream_recording(stream.stream_id))
+        assert 0 < len(shown) <= stream.read().updates, "what is written by now, of a stream that goes on"
     assert client.streams() == []
     with pytest.raises(StreamUnknown):
         stream.read()
+    _has_a_recording(service, client, stream, tmp_path)
     _is_repeated(service, stream, client.info().version)
+
+
+def _shown(recording: bytes) -> list[float]:
+    """When a stream's recording shows where the robot would stand [s]."""
+    with tempfile.NamedTemporaryFile(suffix=".rrd") as file:
+        Path(file.name).write_bytes(recording)
+        (chunk,) = (one for one in RrdReader(file.name).stream().to_chunks() if one.entity_path == "/path/stop")
+    nanoseconds = chunk.to_record_batch().column("path_time").to_numpy(zero_copy_only=False).astype(np.int64)
+    times: list[float] = (1e-9 * nanoseconds).tolist()
+    return times
+
+
+def _has_a_recording(service: Service, client: Client, stream: ServiceStream, tmp_path: Path) -> None:
+    """A stream that is over is shown from a file that the service makes: each update that was answered."""
+    shown = _shown(client.stream_recording(stream.stream_id))
+    (file,) = (service.data / "streams" / stream.stream_id).iterdir()
+    answered = [one for one in read(file)[1] if isinstance(one, Updated) and (one.piece or one.state)]
+    worked_on = [one.update.time for one in answered if one.state is None or one.state.reason != "late"]
+    assert shown == pytest.approx(worked_on, abs=1e-8)
+    exported = tmp_path / "exported.rrd"
+    done = CliRunner().invoke(app, ["runs", "export", stream.stream_id, str(exported), "--data", str(service.data)])
+    assert done.exit_code == 0, done.output
+    assert _shown(exported.read_bytes()) == shown
+    with plain_client(service.endpoint) as wire:
+        key = f"guidefield/local/streams/{stream.stream_id}/recording"
+        answer = wire.answer(key)
+        assert answer.encoding == "application/octet-stream"
+        assert _shown(answer.payload) == shown
+        assert wire.refusal("guidefield/local/streams/nowhere/recording")["name"] == "INVALID_OBJECT_NAME"
+        assert wire.refusal("guidefield/local/streams/.lock/recording")["name"] == "MALFORMED_REQUEST"
+        assert wire.refusal(f"{key}?delete")["name"] == "MALFORMED_REQUEST"
+        assert wire.refusal(key, b"{}")["name"] == "MALFORMED_REQUEST"
 
 
 def _is_repeated(service: Service, stream: ServiceStream, version: str) -> None:
@@ -293,7 +334,7 @@ def _cannot_use(service: Service, ben: Client, first: ServiceStream) -> None:
     name = first.stream_id
     with plain_client(service.endpoint) as wire:
         key = f"guidefield/local/as/ben/streams/anna:{name}"
-        for what in ("", "?delete", "/stop"):
+        for what in ("", "?delete", "/stop", "/recording"):
             assert wire.refusal(f"{key}{what}")["name"] == "NOT_ALLOWED"
         assert wire.refusal(f"{key}/goal", b'{"goal": null}')["name"] == "NOT_ALLOWED"
         assert wire.refusal(f"guidefield/local/as/ben/streams/{name}")["name"] == "STREAM_UNKNOWN"
@@ -368,7 +409,7 @@ def test_the_same_for_asyncio(service: Service) -> None:
     async def go() -> list[Piece]:
         clock = Clock()
         async with await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client:
-            asked = {**ASKED, "obstacles": []}
+            asked = {**ASKED, "obstacles": [], "recording": "off"}
             async with client.stream(asked, clock=clock) as stream:
                 await stream.update()
                 state = await stream.answer(ANSWERED_WITHIN)
@@ -389,6 +430,8 @@ def test_the_same_for_asyncio(service: Service) -> None:
                 await stream.stop()
                 assert (await stream.read()).pieces == 4
             assert await client.streams() == []
+            with pytest.raises(UnknownObject, match="nothing is kept"):
+                await client.stream_recording(stream.stream_id)
             return pieces
 
     pieces = asyncio.run(go())

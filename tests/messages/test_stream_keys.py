@@ -14,6 +14,7 @@ from guidefield.messages.stream_keys import (
     ListStreams,
     OpenStream,
     ReadStream,
+    RecordStream,
     is_stream,
     stream_query,
 )
@@ -34,6 +35,7 @@ def test_what_is_asked_for() -> None:
     assert stream_query(query("streams/a", delete="")) == EndStream("a")
     assert stream_query(query("streams/a/goal", b"{}")) == AimStream("a")
     assert stream_query(query("streams/a/stop")) == HaltStream("a")
+    assert stream_query(query("streams/a/recording")) == RecordStream("a")
     assert is_stream(query("streams/a"))
     assert not is_stream(query("scenes/streams"))
 
@@ -47,6 +49,8 @@ def test_what_is_asked_for() -> None:
         (query("streams/a", robot="x"), "unknown parameter 'robot' at 'streams/a'; valid: delete"),
         (query("streams/a", b"{}"), "takes no payload"),
         (query("streams/a/stop", b"{}"), "takes no payload"),
+        (query("streams/a/recording", b"{}"), "takes no payload"),
+        (query("streams/a/recording", robot="x"), "unknown parameter 'robot' at 'streams/a/recording'; valid: none"),
         (query("streams/a/goal"), "StreamAim"),
         (query("streams", b'{"robot": "ur5"}'), "scene"),
         (query("streams", OPEN[:-1] + b', "stream_id": "a/b"}'), "stream_id"),

@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pytest
+
+from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.stream.journal import FILE_BYTES, MOST_FILES
-from guidefield.stream.kept_streams import MOST_KEPT, begin, file_bytes
+from guidefield.stream.kept_streams import MOST_KEPT, begin, file_bytes, newest_file
 
 
 def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:
@@ -26,3 +29,18 @@ def test_all_streams_of_a_user_keep_its_quota() -> None:
     assert file_bytes(None) == FILE_BYTES
     assert MOST_KEPT * MOST_FILES * file_bytes(2**20) <= 2**20
     assert file_bytes(2**40) == FILE_BYTES
+
+
+def test_the_newest_file_is_asked_for_by_the_name_of_its_stream(tmp_path: Path) -> None:
+    folder = begin(tmp_path / "streams", "s")
+    with pytest.raises(UnknownObject, match="nothing is kept of a stream 's'"):
+        newest_file(tmp_path / "streams", "s")
+    for number in (1, 2):
+        (folder / f"{number:06}.stream").write_bytes(b"x")
+    assert newest_file(tmp_path / "streams", "s").name == "000002.stream"
+    for name in ("..", "../streams/s", ".", "", "s/../s"):
+        with pytest.raises(MalformedRequest, match="stream_id"):
+            newest_file(tmp_path / "streams", name)
+    with pytest.raises(UnknownObject):
+        newest_file(tmp_path / "nowhere", "s")
+    assert not (tmp_path / "nowhere").exists(), "looking leaves no folder behind"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
@@ -19,7 +20,7 @@ from guidefield.messages.streams import Observation, Piece, StreamObstacle, Stre
 from guidefield.messages.values import Placement
 from guidefield.scene.scene import Scene as BuiltScene
 from guidefield.stream.journal import Journal, files_of
-from guidefield.stream.shown import record
+from guidefield.stream.shown import record, recorded
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.takeover import TakeOver
 from tests.robots import robot
@@ -38,6 +39,10 @@ def opens(request: StreamOpen, taking: TakeOver) -> CertifiedStream:
     return CertifiedStream(request, robot("ur5"), scene, taking)
 
 
+def opens_another(request: StreamOpen, taking: TakeOver) -> CertifiedStream:
+    return CertifiedStream(msgspec.structs.replace(request, start={}), robot("panda"), EMPTY, taking)
+
+
 def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_piece(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "s", ASKED, "plain", {})
     pieces = []
@@ -52,7 +57,7 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     journal.close()
     (file,) = files_of(tmp_path / "s")
     recording = tmp_path / "s.rrd"
-    assert record(file, opens, recording) == 12
+    record(file, opens, recording)
     written = [chunk for chunk in RrdReader(recording).stream().to_chunks() if not chunk.is_static]
     chunks = {chunk.entity_path: chunk for chunk in written if not _has(chunk, "vertex_positions")}
     drawn = [chunk for chunk in written if _has(chunk, "vertex_positions") and "crate" in chunk.entity_path]
@@ -62,8 +67,11 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     assert np.allclose([row[0][0] for row in moved], [1.2 - 0.02 * k for k in range(12)], atol=1e-6)
     assert [row[0] for row in _column(chunks["/stream/log"], "text")] == ["standing", "standing"]
     horizon = [row[0] for row in _column(chunks["/plots/horizon"], "scalars")]
+    assert len(horizon) == 12
     assert horizon[2:] == pytest.approx([piece.stops - piece.update for piece in pieces])
     assert all(row[0] > 0.0 for row in _column(chunks["/plots/latency"], "scalars"))
+    with pytest.raises(MalformedRequest, match=r"the robot of 000001\.stream has other joints now"):
+        recorded(file, opens_another)
     kept = file.read_bytes()
     file.write_bytes(kept[: 4 + int.from_bytes(kept[:4], "little")])  # the beginning alone
     with pytest.raises(MalformedRequest, match="holds no update"):

@@ -21,7 +21,7 @@ from guidefield.cli import demonstration, doctoring, ending, serving
 from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
-from guidefield.cli.found_run import Data, RunName, Service, recording_file
+from guidefield.cli.found_run import Data, Service, StreamName, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.quota_file import read_quotas
 from guidefield.cli.recording import fetch_recording
@@ -365,7 +365,7 @@ def demo(
 
 @app.command()
 def show(
-    run: RunName,
+    run: StreamName,
     web: Annotated[bool, typer.Option("--web", help="In a web browser instead of a window.")] = False,
     data: Data = None,
     name: Service = "local",

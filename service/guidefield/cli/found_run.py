@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from guidefield.cli.stream_replaying import record_stream, stream_files
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.replies import MotionReply, PlanReply
 from guidefield.messages.requests import MotionRequest
@@ -91,10 +92,11 @@ def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
 
 @contextlib.contextmanager
 def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
-    """The file of a run's recording, with all it needs; that of a kept run is there for as long as the block runs.
+    """The file of a run's or stream's recording, with all it needs; of a kept one it is there while the block runs.
 
     Raises:
-        UnknownObject: if there is no such run or file.
+        UnknownObject: if there is no such run, stream or file.
+        MalformedRequest: if nothing can be shown of the stream.
     """
     if run.endswith(".rrd"):
         file = Path(run)
@@ -103,6 +105,10 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
         yield file
         return
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
-        file = Path(folder) / f"{run}.rrd"
-        file.write_bytes(whole_recording(run_store(data, name), run))
+        if files := stream_files(run, data_folder(data, name)):
+            file = Path(folder) / f"{files[-1].stem}.rrd"
+            record_stream(files[-1], data_folder(data, name), (), file)
+        else:
+            file = Path(folder) / f"{run}.rrd"
+            file.write_bytes(whole_recording(run_store(data, name), run))
         yield file

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
 from guidefield.cli.files import writable
-from guidefield.cli.found_run import Data, RunName, Service, find_plan, recording_file, run_store
+from guidefield.cli.found_run import Data, RunName, Service, StreamName, find_plan, recording_file, run_store
 from guidefield.engine import Engine
 from guidefield.messages.replies import RunsReply
 from guidefield.messages.store_requests import ReadRuns
@@ -62,14 +62,14 @@ def compare(first: RunName, second: RunName, data: Data = None, name: Service = 
 
 @runs_app.command()
 def export(
-    run: RunName,
+    run: StreamName,
     file: Annotated[
         Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.", callback=writable)
     ],
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Write the motion of a run to a file for other programs, or its recording with all it needs."""
+    """Write the motion of a run to a file for other programs, or a run's or stream's recording with all it needs."""
     from guidefield.arrays import run_arrays, write_motion
 
     if file.suffix == ".rrd":

@@ -257,6 +257,17 @@ class Client:
         """The streams that are open, of this user."""
         return self._ask(questions.streams()).streams
 
+    def stream_recording(self, stream_id: str) -> bytes:
+        """The recording of the last that is kept of a stream, open or over, to be written to an `.rrd` file.
+
+        Args:
+            stream_id: Its name.
+
+        Raises:
+            UnknownObject: if nothing is kept of a stream of that name, or no update of it yet.
+        """
+        return self._ask(questions.stream_recording(stream_id))
+
     def robots(self) -> RobotsReply:
         """The robots that can be named."""
         return self._ask(questions.robots())

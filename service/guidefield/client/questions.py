@@ -305,6 +305,11 @@ def stop_stream(stream_id: str) -> Question[Done]:
     return Question(key, _reader(key, Done), request_id=stream_id)
 
 
+def stream_recording(stream_id: str) -> Question[bytes]:
+    """The recording of one stream."""
+    return Question(f"{_key('streams', stream_id)}/recording", bytes, request_id=stream_id)
+
+
 def info() -> Question[InfoReply]:
     """What the service says about itself."""
     return _reading("info", InfoReply)

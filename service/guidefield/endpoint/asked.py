@@ -21,6 +21,8 @@ from guidefield.pool.waiting import Answer
 
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
 """Zenoh encodings that mean JSON: its own default ones too."""
+FILE = "application/octet-stream"
+"""The Zenoh encoding of a recording."""
 RETRY_AFTER = 1.0
 """When to ask again whose answers wait to be read [s]."""
 LONGEST_CLIENT = 64
@@ -78,6 +80,7 @@ class Asked:
         self._key = str(query.key_expr)
         self._user = PLAIN
         self._encoding = Encoding.JSON
+        self._is_recording = False
         self._count = count
         self._post = post
         self._open = threading.Lock()
@@ -109,6 +112,7 @@ class Asked:
             client=self._client(),
             names_owner=key != below,
         )
+        self._is_recording = keys.is_recording(told)
         payload = self._query.payload
         size = 0 if payload is None else len(payload)
         let_in(told, size)
@@ -120,30 +124,30 @@ class Asked:
         attachment = self._query.attachment
         return "" if attachment is None else attachment.to_bytes()[:LONGEST_CLIENT].decode(errors="replace")
 
-    def settle(self, future: Future[Answer], encoding: str | None = None) -> None:
-        """Answer with what a future holds; a reply in the query's encoding, unless it has another one."""
+    def settle(self, future: Future[Answer]) -> None:
+        """Answer with what a future holds."""
         with self.answering_failures():
-            self.answer(future.result(), encoding)
+            self.answer(future.result())
 
-    def answer(self, answer: Answer, encoding: str | None = None) -> None:
+    def answer(self, answer: Answer) -> None:
         """Have the answer sent, unless one was sent; an error in its place where too much waits for this client."""
         if not self._open.acquire(blocking=False):
             return
         asker, told = Asker(self._user, self._client()), "answered" if answer[0] else "refused"
-        if not self._post(asker, len(answer[1]), partial(self._send, answer, encoding)):
+        if not self._post(asker, len(answer[1]), partial(self._send, answer)):
             told = "refused"
             unread = False, codec.encode(error_reply(_unread()), self._encoding)
-            if not self._post(asker, 0, partial(self._send, unread, None)):
+            if not self._post(asker, 0, partial(self._send, unread)):
                 told = "dropped"
                 self._query.drop()
         self._count(told)
 
-    def _send(self, answer: Answer, encoding: str | None) -> None:
+    def _send(self, answer: Answer) -> None:
         is_reply, payload = answer
         with self._query as query:
             if is_reply:
                 key = "/".join([self._prefix, *self._key.split("/")[2:]])
-                query.reply(key, payload, encoding=encoding or self._encoding.value)
+                query.reply(key, payload, encoding=FILE if self._is_recording else self._encoding.value)
             else:
                 query.reply_err(payload, encoding=self._encoding.value)
 

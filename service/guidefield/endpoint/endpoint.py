@@ -27,7 +27,7 @@ from guidefield.endpoint.meter import Meter
 from guidefield.endpoint.outbox import Outbox
 from guidefield.endpoint.promised import Promised, Settled
 from guidefield.endpoint.readers import Readers
-from guidefield.endpoint.streams import Streams
+from guidefield.endpoint.streams import Streams, require_own
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engines import Engines
@@ -126,7 +126,7 @@ class Endpoint:
         with asked.answering_failures():
             read = asked.read(self._let_in)
             if stream_keys.is_stream(read):
-                self._ask_stream(asked, read)
+                self._ask_stream(asked, read, received)
                 return
             keys.check(read)
             self._require_right(read)
@@ -148,7 +148,12 @@ class Endpoint:
         if not keys.is_cancel(told):  # that gives something back
             self._allowances.ask(told.user, size)
 
-    def _ask_stream(self, asked: Asked, read: keys.Query) -> None:
+    def _ask_stream(self, asked: Asked, read: keys.Query, received: float) -> None:
+        if keys.is_recording(read):  # the stream itself may be over
+            stream_keys.check(read)
+            require_own(read)
+            self._hand_over(asked, read, received)
+            return
         if self._streams is None:
             raise ServerBusy("this service takes no streams")
         if self._condition is not None:
@@ -250,8 +255,7 @@ class Endpoint:
 
     def _look_up(self, asked: Asked, read: keys.Query) -> None:
         task = self._readers.submit(read.asker, partial(self._read_files, read))
-        encoding = "application/octet-stream" if keys.is_recording(read) else None
-        task.add_done_callback(partial(asked.settle, encoding=encoding))
+        task.add_done_callback(asked.settle)
 
     def _read_files(self, read: keys.Query) -> Answer:
         if keys.is_recording(read):

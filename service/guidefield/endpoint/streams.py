@@ -124,9 +124,7 @@ class Streams:
             return self._opened(read, asked)
         if isinstance(asked, ListStreams):
             return _settled(self._list(read.owner), read.encoding)
-        if read.user not in (read.owner, PLAIN):
-            told = f"stream {asked.name[:64]!r} belongs to user {read.owner!r}, who alone may use it"
-            raise NotAllowed(told, user=read.owner, stream=asked.name[:64])
+        require_own(read)
         stream = self._named(read.owner, asked.name)
         if isinstance(asked, ReadStream):
             return _settled(stream.read(), read.encoding)
@@ -239,6 +237,18 @@ class Streams:
         with self._lock:
             names = [name if own == user else f"{own}:{name}" for own, name in self._open if user in (own, PLAIN)]
         return StreamsReply(streams=sorted(names), most=self.most)
+
+
+def require_own(read: Query) -> None:
+    """Refuse what somebody asks about another's stream; operators may, on the plain keys.
+
+    Raises:
+        NotAllowed: if it is another's; whether there is such a stream is not told.
+    """
+    if read.user not in (read.owner, PLAIN):
+        name = read.key[1][:64]
+        told = f"stream {name!r} belongs to user {read.owner!r}, who alone may use it"
+        raise NotAllowed(told, user=read.owner, stream=name)
 
 
 def _settled(reply: msgspec.Struct, encoding: Encoding) -> Future[Answer]:

@@ -19,7 +19,7 @@ from guidefield.messages.served import SERVED, SHARING
 from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME
 
 LONGEST_STORING = 120.0
-"""How long a robot or scene may take that is stored or described, and how long the list of robots [s]."""
+"""How long a robot or scene may take that is stored or described, the list of robots, a stream's recording [s]."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def changes_store(query: Query) -> bool:
 
 def is_recording(query: Query) -> bool:
     """Whether the query asks for a recording: the one answer that is not a message."""
-    return len(query.key) == 3 and query.key[0] == "runs" and query.key[2] == "recording"
+    return len(query.key) == 3 and query.key[0] in ("runs", "streams") and query.key[2] == "recording"
 
 
 def is_cancel(query: Query) -> bool:

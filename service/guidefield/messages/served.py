@@ -117,6 +117,11 @@ KEYS = (
         gives=["StreamAimed"],
     ),
     KeyInfo("streams/<id>/stop", "has its robot stop", gives=["Done"]),
+    KeyInfo(
+        "streams/<id>/recording",
+        "the last that is kept of one stream, open or over, as an .rrd file that is made when it is asked for",
+        worker="always",
+    ),
     KeyInfo("streams/<id>/update", "what its client sees, put by it", how="put", takes=["StreamUpdate"]),
     KeyInfo("streams/<id>/pieces", "pieces of motion, each with its stop", how="published", gives=["Piece"]),
     KeyInfo("streams/<id>/state", "why an update got no piece", how="published", gives=["StreamState"]),

@@ -53,7 +53,14 @@ class HaltStream:
     name: str
 
 
-StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | HaltStream
+@dataclass(frozen=True)
+class RecordStream:
+    """A recording of what is kept of one is to be made, which may be over."""
+
+    name: str
+
+
+StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | HaltStream | RecordStream
 
 
 def is_stream(query: Query) -> bool:
@@ -74,7 +81,7 @@ def check(query: Query) -> None:
             payload = False
         case (_,):
             valid = {"delete"}
-        case (_, "stop"):
+        case (_, "stop" | "recording"):
             pass
         case _:
             raise MalformedRequest(
@@ -105,6 +112,8 @@ def stream_query(query: Query) -> StreamQuery:
         return EndStream(name) if "delete" in query.parameters else ReadStream(name)
     if query.key[2] == "stop":
         return HaltStream(name)
+    if query.key[2] == "recording":
+        return RecordStream(name)
     if not query.payload:
         raise MalformedRequest("a goal is asked for with a StreamAim as payload", key="/".join(query.key))
     return AimStream(name)

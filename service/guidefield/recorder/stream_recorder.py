@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from guidefield.recorder.blueprint import SWITCHED_OFF, Eye
 from guidefield.recorder.camera import choose_eye
 from guidefield.recorder.chunks import PATH_TIME, begun, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
-from guidefield.recorder.writing import write_recording
+from guidefield.recorder.writing import encode_recording
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
@@ -72,18 +71,14 @@ class StreamMotion:
     moving: Sequence[MovingBody]
 
 
-def write_stream(file: Path, name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> None:
-    """Write the recording of a stream, with all that a viewer needs.
+def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: StreamMotion) -> bytes:
+    """The recording of a stream, with all that a viewer needs: the content of an `.rrd` file.
 
     Args:
-        file: Where.
         name: The stream's name; identifies the recording.
         group: The joints that moved.
         scene: What rests.
         motion: What there is to show.
-
-    Raises:
-        OSError: if the file can't be written.
     """
     drawn = bodies_file.prepared(group.robot, bodies_file.cache_folder())
     at = poses(group, configurations_of(group, motion.rows.tolist()))
@@ -98,7 +93,7 @@ def write_stream(file: Path, name: str, group: PlanningGroup, scene: Scene, moti
         *_figures(motion),
         *bodies_file.meshes(group.robot, drawn),
     ]
-    write_recording(file, name, chunks, _layout(eye))
+    return encode_recording(name, chunks, _layout(eye))
 
 
 def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from guidefield.errors import UnknownObject
+from guidefield.stores.files import checked_name
 from guidefield.stream.journal import FILE_BYTES, MOST_FILES, files_of
 
 MOST_KEPT = 8
@@ -33,6 +35,28 @@ def begin(streams: Path, name: str) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
     (streams / name).mkdir()
     return streams / name
+
+
+def newest_file(streams: Path, name: str) -> Path:
+    """The newest file of a stream's journal.
+
+    Args:
+        streams: The folder of a user's streams.
+        name: The stream's name.
+
+    Raises:
+        MalformedRequest: if that can't be the name of a stream.
+        UnknownObject: if nothing is kept of it.
+    """
+    files = files_of(streams / checked_name(name, "stream_id"))
+    if not files:
+        raise none_kept(name)
+    return files[-1]
+
+
+def none_kept(name: str) -> UnknownObject:
+    """What is told where nothing is kept of a stream."""
+    return UnknownObject(f"nothing is kept of a stream {name!r}", stream=name)
 
 
 def _changed(folder: Path) -> float:

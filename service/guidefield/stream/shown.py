@@ -12,19 +12,20 @@ import numpy as np
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages.streams import Observation, Piece, StreamObstacle
-from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, write_stream
+from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_recording
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.stream.commit import Commit
-from guidefield.stream.journal import Entry, Updated
+from guidefield.stream.journal import Begun, Entry, Updated
 from guidefield.stream.obstacles import in_its_frame
 from guidefield.stream.replay import Opens, read
 from guidefield.stream.snapshot import KeptObstacle
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.takeover import Counted
+from guidefield.whole_file import write_whole
 
 
-def record(file: Path, opens: Opens, recording: Path) -> int:
+def record(file: Path, opens: Opens, recording: Path) -> None:
     """Write the recording of a file of a journal, for a viewer.
 
     Args:
@@ -32,12 +33,23 @@ def record(file: Path, opens: Opens, recording: Path) -> int:
         opens: Opens a stream in this process.
         recording: Where the recording goes.
 
-    Returns:
-        How many updates it shows.
+    Raises:
+        MalformedRequest: as `recorded`.
+        OSError: if the file can't be read, or the recording can't be written.
+    """
+    write_whole(recording, recorded(file, opens), durable=False)
+
+
+def recorded(file: Path, opens: Opens) -> bytes:
+    """The recording of a file of a journal: the content of an `.rrd` file, with all that a viewer needs.
+
+    Args:
+        file: The file.
+        opens: Opens a stream in this process.
 
     Raises:
-        MalformedRequest: if it isn't such a file, or holds no update.
-        OSError: if the recording can't be written.
+        MalformedRequest: if it isn't such a file, or holds no update, or its robot has other joints now.
+        OSError: if the file can't be read.
     """
     begun, entries = read(file)
     updated = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state) and _counts(one)]
@@ -45,6 +57,7 @@ def record(file: Path, opens: Opens, recording: Path) -> int:
         raise MalformedRequest(f"{file.name} holds no update", file=file.name)
     request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
     with opens(request, Counted()) as stream:
+        _require_same_joints(file, begun, updated, stream)
         motions = _Motions(stream, [kept.commit() for kept in begun.snapshot.commits])
         rows, stops, horizon = [], [], []
         for one in updated:
@@ -67,8 +80,16 @@ def record(file: Path, opens: Opens, recording: Path) -> int:
             ],
             moving=_moving(begun.snapshot.obstacles, entries),
         )
-        write_stream(recording, f"{file.parent.name}-{file.stem}", stream.group, stream.scene, motion)
-    return len(updated)
+        return stream_recording(f"{file.parent.name}-{file.stem}", stream.group, stream.scene, motion)
+
+
+def _require_same_joints(file: Path, begun: Begun, updated: Sequence[Updated], stream: CertifiedStream) -> None:
+    """Refuse a robot that was stored anew under its name, with other joints."""
+    group = stream.group
+    names = [one.piece.position_names for one in updated if one.piece is not None]
+    sizes = [kept.ends.shape for kept in begun.snapshot.commits]
+    if any(one != group.position_names for one in names) or any(size != (group.nv,) for size in sizes):
+        raise MalformedRequest(f"the robot of {file.name} has other joints now", file=file.name)
 
 
 def _counts(one: Updated) -> bool:
