@@ -490,7 +490,7 @@ def _never() -> bool:
 _default = functools.cache(Engine)
 
 
-def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Path | None = None) -> Reply:
+def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str | Path | None = None) -> Reply:
     """Answer one request in this process: what the service does, with no queue in front and nothing kept.
 
     The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
@@ -523,7 +523,7 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: Pat
         Traceback (most recent call last):
         guidefield.errors.RobotInvalid: there is no robot 'ur55'; did you mean ur5? ...
     """
-    return _default().answer(codec.checked(request), record_to=record_to)
+    return _default().answer(codec.checked(request), record_to=None if record_to is None else Path(record_to))
 
 
 def motion_of(request: requests.CertifyRequest) -> Motion:

@@ -38,7 +38,7 @@ REQUEST = PlanRequest(
 def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[PlanRequest, PlanReply, Path]:
     """A plan whose recording has gone to another folder."""
     folder = tmp_path_factory.mktemp("planned")
-    reply = guidefield.answer(REQUEST, record_to=folder / "here.rrd")
+    reply = guidefield.answer(REQUEST, record_to=str(folder / "here.rrd"))
     assert isinstance(reply, PlanReply)
     assert reply.status.code == Status.SUCCESS, reply.status
     there = tmp_path_factory.mktemp("elsewhere") / "run.rrd"
