@@ -4,8 +4,8 @@ A straight motion along d takes at least max_j |d_j| / V_j, with the velocity li
 the search ends at the first whose bound is no better than the best way that was found. A way of several straight pieces
 is scored between what it takes where all joints have to wait for the slowest on each piece, and where none has to.
 
-Where time alone counts, there are more rounds of trees while the best score is far from the least bound, and several
-ways are left: which one is the quickest shows when they are optimised.
+Several ways are left, except where clearance counts most: which is the quickest shows when they are optimised. Where
+time alone counts there are more of them, and more rounds of trees while the best score is far from the least bound.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class QuickestWay(ReadOnly):
 
     Attributes:
         path: Chart points, shape (n, nv), free at samples.
-        others: Where time alone counts, the next best, shape (n, nv) each.
+        others: The next best, shape (n, nv) each; none where clearance counts most.
         tried: To how many goals a way was looked for.
         iterations: Samples that all its trees drew.
     """
@@ -66,11 +66,9 @@ def quickest_way(
             search.try_goal(index)
     if not search.found:
         return None
-    best, *others = sorted(search.found, key=lambda scored: scored[0])[: QUICKEST.ways]
-    thorough = problem.objective is Objective.TIME
-    return QuickestWay(
-        best[1], tuple(way for _, way in others) if thorough else (), len(search.straight), search.iterations
-    )
+    ways = {Objective.TIME: QUICKEST.ways, Objective.BALANCED: QUICKEST.few_ways, Objective.CLEARANCE: 1}
+    best, *others = sorted(search.found, key=lambda scored: scored[0])[: ways[problem.objective]]
+    return QuickestWay(best[1], tuple(way for _, way in others), len(search.straight), search.iterations)
 
 
 class _Search:

@@ -49,6 +49,9 @@ class QuickestSettings:
         rounds: More rounds of trees at most, where time alone counts.
         enough: They end when the best score is at most this times the least bound.
         ways: That are optimised coarsely then at most.
+        few_ways: The same for balanced motions. On 60 problems, 20 each of cages, boxes and tables that are reached
+            under, one way made motions 1.6 % slower, in cages 4 %, and took 15 % less time for the whole plan; five
+            ways gained 0.4 % for 17 % more.
     """
 
     goals: int = 10
@@ -56,6 +59,7 @@ class QuickestSettings:
     rounds: int = 4
     enough: float = 1.15
     ways: int = 5
+    few_ways: int = 3
 
 
 QUICKEST = QuickestSettings()

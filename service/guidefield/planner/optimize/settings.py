@@ -63,7 +63,8 @@ class OptimizationSettings:
         longest: Most that a coordinate of a control point moves in one step [rad or m], and the logarithm of the
             step. Unrecorded.
         enough: Of several first motions the next one is optimised coarsely only while the best takes more than this
-            times what a straight motion takes.
+            times what a straight motion takes. With 1.08, as for `time`, balanced motions in cages take 4 % less, and
+            their plans a quarter more time.
         most_moving_pieces: At most so many where the motion begins or ends in motion. Unrecorded.
         stop_pieces: So many at least for coming to rest there. Unrecorded.
         loosenings: How often limits are tightened until such a motion is within. Unrecorded.
@@ -106,7 +107,7 @@ class OptimizationSettings:
     tries: int = 24
     settled: float = 5e-4
     longest: float = 0.5
-    enough: float = 1.08
+    enough: float = 1.25
     most_moving_pieces: int = 192
     stop_pieces: int = 4
     loosenings: int = 8
@@ -156,7 +157,7 @@ PASSAGE = PassageSettings()
 OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
     {
         Objective.BALANCED: BALANCED,
-        Objective.TIME: dataclasses.replace(BALANCED, weight=0.05, fine=(1e-4, 3e-5, 1e-5)),
+        Objective.TIME: dataclasses.replace(BALANCED, weight=0.05, fine=(1e-4, 3e-5, 1e-5), enough=1.08),
         Objective.CLEARANCE: dataclasses.replace(BALANCED, weight=0.3, end_weight=30.0, farthest_floor=0.25),
     }
 )
