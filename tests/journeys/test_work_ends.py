@@ -62,8 +62,10 @@ def test_time_that_is_up_ends_a_request_and_what_waits_for_it(client: Client, wi
 
 
 ASKER = """
+import signal
 import sys
 from guidefield import Clearance, Client
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
 with Client.connect(sys.argv[1], wait=60.0) as client:
     client.kinematics(Clearance(robot="panda", scene="bookshelf", configurations=[{}] * 60_000, allowed_time=600.0))
 """
