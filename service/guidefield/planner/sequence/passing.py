@@ -79,7 +79,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Passage(ReadOnly):
+class PassedAt(ReadOnly):
     """A goal that is passed, at knots of a motion.
 
     Attributes:
@@ -104,7 +104,7 @@ class Joined(ReadOnly):
     """
 
     motion: Trajectory
-    passages: tuple[Passage, ...]
+    passages: tuple[PassedAt, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +200,7 @@ def _optimized(parts: Sequence[Part], joined: Joined, path: Rounded, stages: Sta
         if motion.duration >= best.motion.duration:
             break
         knots = np.cumsum([len(one.times) - 1 for one in found[:-1]]).tolist()
-        best = Joined(motion, tuple(Passage(k, k, k, away) for k, away in zip(knots, distances, strict=True)))
+        best = Joined(motion, tuple(PassedAt(k, k, k, away) for k, away in zip(knots, distances, strict=True)))
     return best
 
 
@@ -223,7 +223,7 @@ def _slowest(parts: Sequence[Part]) -> Problem:
     return dataclasses.replace(first, group=group)
 
 
-def _passages(motion: Trajectory, path: Rounded, goals: Sequence[PassedGoal]) -> tuple[Passage, ...]:
+def _passages(motion: Trajectory, path: Rounded, goals: Sequence[PassedGoal]) -> tuple[PassedAt, ...]:
     """Where the motion passes each goal: about the middle of its corner, by length."""
     travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(motion.positions, axis=0), axis=1))]
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.path, axis=0), axis=1))]
@@ -238,7 +238,7 @@ def _passages(motion: Trajectory, path: Rounded, goals: Sequence[PassedGoal]) ->
         outside = np.flatnonzero(away > goal.radius)
         entered = int(outside[outside < nearest].max(initial=-1)) + 1
         left = int(outside[outside > nearest].min(initial=len(away))) - 1
-        passages.append(Passage(int(first) + entered, int(first) + nearest, int(first) + left, float(away[nearest])))
+        passages.append(PassedAt(int(first) + entered, int(first) + nearest, int(first) + left, float(away[nearest])))
     return tuple(passages)
 
 
@@ -283,7 +283,7 @@ def _ending(problem: Problem, verdict: Verdict) -> Ending:
     return Ending(ended.status, message, ended.details)
 
 
-def _passed_by(passage: Passage, goal: PassedGoal) -> Ending:
+def _passed_by(passage: PassedAt, goal: PassedGoal) -> Ending:
     """How a part ended that comes not near enough to its goal."""
     message = (
         f"no motion was found that passes the goal within its `radius` of {goal.radius:.6g}: this one is"
