@@ -53,8 +53,11 @@ class GuidePlane:
             point: Shape (3,) [m, world].
             inset: How far from the edges [m].
         """
-        depth = self._depth(self.flat.axes @ (point - self.flat.origin))
-        return depth >= min(inset, self.inradius) - SLACK * self.flat.size
+        return self.depth(point) >= min(inset, self.inradius) - SLACK * self.flat.size
+
+    def depth(self, point: np.ndarray) -> float:
+        """How far inside the nearest edge the foot of a point (3,) in the world is [m], negative outside."""
+        return self._depth(self.flat.axes @ (point - self.flat.origin))
 
     def closest_point(self, point: np.ndarray, inset: float = 0.0) -> np.ndarray:
         """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""

@@ -20,10 +20,18 @@ from guidefield.scene.guide_plane import GuidePlane
 INSET = 1.6
 """The tip heads for the polygon inset by this many radii of its own."""
 
+KEPT = 0.5
+"""Share of that inset that it keeps while the motion is made better."""
+
 
 def inset_of(problem: Problem, plane: GuidePlane) -> float:
     """How far inside a plane's edges the tip stays [m]."""
     return min(INSET * tip_radius(problem), 0.8 * plane.inradius)
+
+
+def inset_at(problem: Problem, plane: GuidePlane, tip: np.ndarray) -> float:
+    """How far inside a plane's edges the tip stays [m] where a motion was found that has it at a place (3,) there."""
+    return min(KEPT * inset_of(problem, plane), max(plane.depth(tip), 0.0))
 
 
 def tip_radius(problem: Problem) -> float:

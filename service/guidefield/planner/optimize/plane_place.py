@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.planner.guide.tip_reach import inset_of
-from guidefield.planner.optimize.settings import PASSAGE
+from guidefield.planner.guide.tip_reach import inset_at
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.guide_plane import GuidePlane
@@ -38,9 +37,7 @@ class PlanePlace:
             plane: The plane.
             z: Chart point with the tip on it, shape (nv,).
         """
-        foot = plane.flat.axes @ (problem.kinematics.tip_positions(z[None])[0] - plane.flat.origin)
-        depth = float((plane.inward @ foot - plane.offsets).min())
-        return cls(problem, plane, min(PASSAGE.inset * inset_of(problem, plane), max(depth, 0.0)))
+        return cls(problem, plane, inset_at(problem, plane, problem.kinematics.tip_positions(z[None])[0]))
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
         """As in `Place`, shape (n, 1 + edges)."""

@@ -129,7 +129,6 @@ class PassageSettings:
     Attributes:
         weight: Of half the square of what is missed, against the duration, which counts from 1 [1/m² or 1/rad²].
         stiff: Change of what is missed in a piece, below which a change of time makes up for little [m or rad].
-        inset: Share of the guide's inset that the tip keeps from a guide plane's edges.
         spacing: Of samples about where a motion came nearest, in pieces.
         closer: Share of that with which samples are taken again.
         shifts: How often samples are taken at most.
@@ -142,7 +141,6 @@ class PassageSettings:
 
     weight: float = 1e5
     stiff: float = 2e-3
-    inset: float = 0.5
     spacing: float = 0.25
     closer: float = 0.125
     shifts: int = 8

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.guide.tip_reach import inset_at
 from guidefield.planner.relax.settings import CROSSING
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoint
@@ -29,7 +29,7 @@ class PlaneCrossing:
 
     @classmethod
     def through(cls, problem: Problem, plane: GuidePlane, z: ChartPoint) -> PlaneCrossing:
-        """The crossing of a plane at a chart point, with half the guide's inset or what it has, if less.
+        """The crossing of a plane at a chart point, with a share of the guide's inset or what it has, if less.
 
         Args:
             problem: Robot and guide planes.
@@ -37,8 +37,7 @@ class PlaneCrossing:
             z: Chart point with the tip on it, shape (nv,).
         """
         tip = problem.kinematics.tip_position(problem.group.expand_from_chart(z))
-        depth = float((plane.inward @ _foot(plane, tip) - plane.offsets).min())
-        return cls(problem, plane, min(0.5 * inset_of(problem, plane), max(depth, 0.0)))
+        return cls(problem, plane, inset_at(problem, plane, tip))
 
     def held_directions(self, z: ChartPoint, descent: ChartPoint) -> np.ndarray:
         """Directions of the chart in which the waypoint must not move, orthonormal rows, shape (r, nv).
