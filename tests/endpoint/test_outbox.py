@@ -58,6 +58,23 @@ def test_one_that_does_not_read_holds_up_nobody(name: str, outbox: Outbox) -> No
         assert stopped.taken == list(range(20)), "one after the other"
 
 
+def test_a_thread_that_idles_is_told_of_one_answer_only(outbox: Outbox) -> None:
+    first, stopped, healthy = _Reader(), _Reader(), _Reader()
+    first.reads.set()
+    healthy.reads.set()
+    assert outbox.post(Asker(client="first"), 1, lambda: first.take(0))
+    first.await_all(1)
+    with outbox._changed:  # nobody takes one before all are posted
+        assert outbox._changed.wait_for(lambda: outbox._idle, PATIENCE)
+        assert outbox.post(Asker(client="stopped"), 1, lambda: stopped.take(0))
+        for name in ("one", "another"):
+            assert outbox.post(Asker(client=name), 1, lambda: healthy.take(0))
+    healthy.await_all(2)
+    assert not stopped.taken
+    stopped.reads.set()
+    stopped.await_all(1)
+
+
 def test_what_waits_for_a_client_is_bounded_but_one_answer_is_always_sent(
     outbox: Outbox, monkeypatch: pytest.MonkeyPatch
 ) -> None:

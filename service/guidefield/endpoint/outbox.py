@@ -122,7 +122,11 @@ class Outbox:
         self._ready.setdefault(user, deque()).append(key)
         if self._idle:
             self._changed.notify_all()
-        elif self._threads < MOST_THREADS:
+        else:
+            self._start_thread()
+
+    def _start_thread(self) -> None:
+        if self._threads < MOST_THREADS:
             self._threads += 1
             threading.Thread(target=self._send_all, name="guidefield-outbox", daemon=True).start()
 
@@ -152,6 +156,8 @@ class Outbox:
             self._shares[user].threads += 1
             lane = self._lanes[key]
             lane.busy = True
+            if not self._idle and self._sendable() is not None:
+                self._start_thread()  # it was told of more than it takes, and may be kept by whoever doesn't read
             return key, lane.letters.popleft()
 
     def _sendable(self) -> str | None:
