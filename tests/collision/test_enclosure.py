@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.enclosure import enclosed, winding_number
+from guidefield.collision.enclosure import enclosed, enclosed_each, winding_number
 from guidefield.messages import scene as messages
 from guidefield.scene.facets import bvh
 from tests.collision.scenery import box, world_of
@@ -81,6 +81,18 @@ def test_allowed_pairs_may_be_enclosed():
     around = mesh_message(4.0 * vertices, triangles, position=(-1.5, -1.5, -1.0))
     allowed = [(link, "m") for link in arm.robot.links]
     assert enclosed(world_of(arm, [around], allowed), rest(arm)) is None
+
+
+def test_many_configurations_are_told_as_one_by_one():
+    arm = group("panda")
+    vertices, triangles = l_prism()
+    world = world_of(arm, [mesh_message(0.8 * vertices, triangles, position=(0.2, 0.0, 0.1))])
+    rng = np.random.default_rng(7)
+    qs = [arm.expand_from_chart(rng.uniform(arm.lower, arm.upper)) for _ in range(60)]
+    one_by_one = [enclosed(world, q) for q in qs]
+    assert enclosed_each(world, qs) == one_by_one
+    assert {one is None for one in one_by_one} == {True, False}
+    assert enclosed_each(world, []) == []
 
 
 @settings(deadline=None, max_examples=40)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,14 +30,23 @@ def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
         world: The robot among obstacles.
         q: Configuration of the group's model, shape (model.nq,).
     """
+    return enclosed_each(world, [q])[0]
+
+
+def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[tuple[str, str] | None]:
+    """`enclosed` at each of some configurations, sooner than one after the other; the robot is left anywhere."""
     if not world.has_surfaces:
-        return None
-    for pair in world.near(q):
-        first, second = world.pairs.of(pair)
-        for outer, inner in ((first, second), (second, first)):
-            if _is_around(world, outer, inner):
-                return world.pair_names(pair)
-    return None
+        return [None] * len(qs)
+    found: list[tuple[str, str] | None] = []
+    for q, pairs in zip(qs, world.near_each(qs), strict=True):
+        world.place(q)
+        around = next((pair for pair in pairs if _is_one_around_the_other(world, *world.pairs.of(pair))), None)
+        found.append(None if around is None else world.pair_names(around))
+    return found
+
+
+def _is_one_around_the_other(world: World, first: int, second: int) -> bool:
+    return _is_around(world, first, second) or _is_around(world, second, first)
 
 
 def _is_around(world: World, outer: int, inner: int) -> bool:

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.enclosure import enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
@@ -234,8 +234,11 @@ def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
 
 def _are_free(world: World, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) touch nothing: (n,), bool."""
-    qs = map(world.group.expand_from_chart, zs)
-    return np.array([not world.in_collision(q) and enclosed(world, q) is None for q in qs], bool)
+    qs = [world.group.expand_from_chart(z) for z in zs]
+    free = ~np.array(world.in_collision_each(qs), bool)
+    inside = enclosed_each(world, [q for q, one in zip(qs, free, strict=True) if one])
+    free[free] = [one is None for one in inside]
+    return free
 
 
 def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, field: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
-from guidefield.collision.enclosure import enclosed
+from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.errors import Status
 from guidefield.planner.settings import GOALS, LEAVING
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
@@ -110,7 +110,7 @@ def tip_points(
     result = _solved(problem, target, starts, count, _keep_some_distance)
     if not result.solutions and result.rejected and not _hopeless(problem, result):
         result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
-    zs = [z for z in result.solutions if _is_outside(problem, z)]
+    zs = [z for z, one in zip(result.solutions, _are_in_the_open(problem, result.solutions), strict=True) if one]
     if result.solutions and not zs:  # all that were chosen are inside of something: choose among the others
         result = _solved(problem, target, starts, count, _are_outside)
         zs = list(result.solutions)
@@ -170,7 +170,7 @@ def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
 def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) surely touch nothing and are inside of nothing: (n,), bool."""
     free = _touch_nothing(problem, zs)
-    free[free] = [_is_outside(problem, z) for z in zs[free]]
+    free[free] = _are_in_the_open(problem, zs[free])
     return free
 
 
@@ -190,22 +190,20 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
 def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> np.ndarray:
     """Which chart points (nv,) touch nothing and are inside of nothing by Coal's judgement, and keep the clearance."""
     touch = problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs])
-    return np.array(
-        [
-            not one and _is_outside(problem, z) and _keeps_clearance(problem, z)
-            for z, one in zip(zs, touch, strict=True)
-        ],
-        bool,
-    )
+    free = ~np.array(touch, bool)
+    free[free] = _are_in_the_open(problem, [z for z, one in zip(zs, free, strict=True) if one])
+    free[free] = [_keeps_clearance(problem, z) for z, one in zip(zs, free, strict=True) if one]
+    return free
 
 
 def _those_that_keep_off(problem: Problem, zs: Sequence[ChartPoint]) -> list[ChartPoint]:
     return [z for z, kept in zip(zs, _keep_off(problem, zs), strict=True) if kept]
 
 
-def _is_outside(problem: Problem, z: ChartPoint) -> bool:
-    """Whether no body is wholly inside another one at a chart point."""
-    return enclosed(problem.world, problem.group.expand_from_chart(z)) is None
+def _are_in_the_open(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> list[bool]:
+    """At which of some chart points, each of shape (nv,), no body is wholly inside another one."""
+    qs = [problem.group.expand_from_chart(z) for z in zs]
+    return [inside is None for inside in enclosed_each(problem.world, qs)]
 
 
 def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
