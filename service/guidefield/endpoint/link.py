@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from guidefield.endpoint.outbox import MOST_THREADS
 from guidefield.messages import codec
 
 READ_WITHIN = 15.0
@@ -13,11 +14,15 @@ It is Zenoh's own: with 2 s a service that got hardly any of a busy machine lost
 """
 LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
 """Zenoh drops a larger message without a word [bytes]; what is between this and a payload's limit is refused."""
-RUNTIME = "(rx: (worker_threads: 32), tx: (worker_threads: 4), net: (worker_threads: 4), app: (worker_threads: 4))"
+RUNTIME = (
+    f"(rx: (worker_threads: 4), tx: (worker_threads: {MOST_THREADS + 4}), "
+    "net: (worker_threads: 4), app: (worker_threads: 4))"
+)
 """Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
 
-Zenoh blocks one of those that receive, for up to `READ_WITHIN`, where a link ends to which something is still being
-sent; of two, the default, the other links would end, too.
+Where a link ends to which an answer is being sent, Zenoh blocks one of the threads that send until the answer's own
+thread gives up, for up to `READ_WITHIN`. So there are more of them than answers are sent at once; of four, Zenoh's own
+number, four stopped clients would keep every other link's answers waiting.
 """
 UNLESS_TOLD = {
     "scouting/multicast/enabled": "false",
