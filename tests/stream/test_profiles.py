@@ -76,3 +76,23 @@ def test_position_limits_stop_a_piece_in_time() -> None:
         assert following.ends[0] <= 3.0
         commit = following
     assert abs(commit.ends[0] - 3.0) <= 1e-6
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(share, min_size=3, max_size=3), st.lists(st.floats(0.2, 1.0), min_size=3, max_size=3))
+def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], hardness: list[float]) -> None:
+    """Else a robot near the floor would begin with a motion of its own; every limit is kept all the same."""
+    rates = np.outer(hardness, [VELOCITY, ACCELERATION, JERK])
+    bounds = JointBounds(np.full(3, -3.0), np.full(3, 3.0), rates)
+    velocities = np.array(shares) * rates[:, 0]
+    state, goals = np.zeros((3, 3)), np.full(3, np.inf)
+    for begins in (0.0, 0.02, 0.04):  # each follows the one before
+        commit = towards(state, velocities, goals, bounds, begins, 0.03, 0.0)
+        states = np.array([commit.state(time) for time in np.linspace(begins, commit.stops, 50)])
+        assert (np.abs(states[:, :, 1:]) <= rates * (1.0 + ROUNDING)).all()
+        states = np.array([commit.state(time) for time in np.linspace(begins, commit.brakes, 30)])
+        along = states[:, :, 0] @ velocities / max(velocities @ velocities, 1e-12)
+        np.testing.assert_allclose(
+            states[:, :, 0], np.outer(along, velocities), atol=1e-3 * max(1e-6, commit.ends.max())
+        )
+        state = commit.state(begins + 0.02)[:, :3]

@@ -1,15 +1,18 @@
-"""Pieces of constant jerk, and the hardest braking after them: quickest changes of velocity within exact limits.
+"""Pieces of constant jerk, and hard braking after them: quick changes of velocity within exact limits.
 
 From a velocity v and an acceleration a, the quickest way to a velocity u without acceleration is jerk, none, and jerk
 the other way, in the direction of  u - v - a |a| / (2 J).  A piece is the beginning of such a way; the way to 0 from
-where it ends is the hardest braking. Both keep velocity, acceleration and jerk wherever v + a |a| / (2 J) kept the
-velocity's limit before.
+where it ends is the braking. Both keep velocity, acceleration and jerk wherever v + a |a| / (2 J) kept the velocity's
+limit before. The slowest coordinate changes as hard as it may; the others take as long, with less acceleration and
+jerk, so that all go straight on together: else each piece would begin as if all went as far. Who accelerates when
+braking begins brakes as hard as it may: what goes on longer sweeps more.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import float64
 
 from guidefield.kernels.jit.signatures import (
@@ -30,6 +33,9 @@ MOST_PHASES = 9
 
 HALVINGS = 40
 """So often the velocity is halved whose piece and braking end at a given value."""
+
+SOFTENINGS = 12
+"""So often the share of the limits is halved with which a coordinate takes as long as the slowest one."""
 
 _REACHED = 1e-10
 """An end that is as close to where it is wanted is there [rad or m]."""
@@ -125,6 +131,98 @@ def _ending_at(q: float, v: float, a: float, u: float, goal: float, piece: float
     return 0.5 * (low + high)
 
 
+@lane_part
+def _lasts(v: float, a: float, u: float, most: float, jerk: float) -> float:
+    """How long the quickest change of velocity lasts [s]; see `_change`."""
+    _, first, hold, last = _change(v, a, u, most, jerk)
+    return first + hold + last
+
+
+@lane_part
+def _softest(v: float, a: float, u: float, most: float, jerk: float, time: float) -> float:
+    """The least share of acceleration and jerk that changes a velocity within a time, and never beyond v and u.
+
+    Args:
+        v: As in `_change`.
+        a: As there.
+        u: As there.
+        most: As there.
+        jerk: As there.
+        time: How long it may last [s].
+    """
+    low, high = 0.0, 1.0
+    for _ in range(SOFTENINGS):
+        share = 0.5 * (low + high)
+        beyond = v + 0.5 * a * abs(a) / (share * jerk)
+        if min(v, u) <= beyond <= max(v, u) and _lasts(v, a, u, max(abs(a), share * most), share * jerk) <= time:
+            high = share
+        else:
+            low = share
+    return high
+
+
+@lane_part
+def _softened(
+    state: Floats, u: float, lasts: float, slowest: float, limits: Floats, lower: float, upper: float
+) -> tuple[float, float]:
+    """Limits of acceleration and jerk with which a change of velocity lasts as long as the slowest one.
+
+    Args:
+        state: Value, velocity and acceleration, shape (3,).
+        u: The velocity that is wanted.
+        lasts: How long it is gone towards it [s]; infinite: until it is reached.
+        slowest: How long the slowest change lasts [s].
+        limits: Of velocity, acceleration and jerk, shape (3,).
+        lower: The least value; where it wouldn't be kept, the limits stay as they are.
+        upper: The largest value, likewise.
+    """
+    q, v, a = state[0], state[1], state[2]
+    share = _softest(v, a, u, limits[1], limits[2], slowest)
+    soft, slow = max(abs(a), share * limits[1]), share * limits[2]
+    end = _end_of(q, v, a, u, lasts if math.isfinite(lasts) else 0.0, soft, slow)
+    return (soft, slow) if lower <= end <= upper else (limits[1], limits[2])
+
+
+@lane_part
+def _write(
+    state: Floats, u: float, lasts: float, most: float, jerk: float, phases: Floats, count: int, begin: float
+) -> tuple[int, float]:
+    """Write the phases of a change of velocity; how many there are then, and when the last one ends [s].
+
+    Args:
+        state: Value, velocity and acceleration, shape (3,); those of the end afterwards.
+        u: The velocity that is wanted.
+        lasts: How long it is gone towards it [s]; infinite: until it is reached.
+        most: The acceleration's limit.
+        jerk: The jerk's limit.
+        phases: Out: shape (`MOST_PHASES`, 5).
+        count: How many there are already.
+        begin: When those end [s].
+    """
+    q, v, a = state[0], state[1], state[2]
+    j, first, hold, last = _change(v, a, u, most, jerk)
+    left = lasts
+    for which in range(4):
+        length, rate = first, j
+        if which == 1:
+            length, rate = hold, 0.0
+        elif which == 2:
+            length, rate = last, -j
+        elif which == 3:
+            length, rate = left if math.isfinite(lasts) else 0.0, 0.0
+            if length > 0.0:
+                a = 0.0  # but for rounding it is
+        length = min(length, left)
+        if length <= 0.0:
+            continue
+        row = phases[count]
+        row[0], row[1], row[2], row[3], row[4] = begin, q, v, a, rate
+        q, v, a = _along(q, v, a, rate, length)
+        begin, left, count = begin + length, left - length, count + 1
+    state[0], state[1], state[2] = q, v, a
+    return count, begin
+
+
 @compiled(float64(MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, MATRIX, BLOCKS_OUT, INDICES_OUT, VECTOR_OUT))
 def piece_and_braking(
     state: Floats,
@@ -138,7 +236,7 @@ def piece_and_braking(
     counts: Integers,
     ends: Floats,
 ) -> float:
-    """The motion of a piece towards velocities, and of the hardest braking after it.
+    """The motion of a piece towards velocities, and of hard braking after it.
 
     Args:
         state: Value, velocity and acceleration of each coordinate, shape (nv, 3).
@@ -156,8 +254,9 @@ def piece_and_braking(
     Returns:
         When the last one stands [s].
     """
-    stops = 0.0
-    for k in range(state.shape[0]):
+    count, stops = state.shape[0], 0.0
+    wanted, begun, now = np.empty(count), np.zeros(count), state.copy()
+    for k in range(count):
         q, v, a = state[k, 0], state[k, 1], state[k, 2]
         most, jerk = limits[k, 1], limits[k, 2]
         u = min(max(velocities[k], -limits[k, 0]), limits[k, 0])
@@ -166,29 +265,22 @@ def piece_and_braking(
         edge = upper[k] if u >= 0.0 else lower[k]
         if math.isfinite(edge):
             u = _ending_at(q, v, a, u, edge, piece, most, jerk)
-        count, begin = 0, 0.0
-        for part in range(2):
-            j, first, hold, last = _change(v, a, u if part == 0 else 0.0, most, jerk)
-            left = piece if part == 0 else math.inf
-            for which in range(4):
-                length, rate = first, j
-                if which == 1:
-                    length, rate = hold, 0.0
-                elif which == 2:
-                    length, rate = last, -j
-                elif which == 3:
-                    length, rate = left if part == 0 else 0.0, 0.0
-                    if length > 0.0:
-                        a = 0.0  # but for rounding it is
-                length = min(length, left)
-                if length <= 0.0:
-                    continue
-                row = phases[k, count]
-                row[0], row[1], row[2], row[3], row[4] = begin, q, v, a, rate
-                q, v, a = _along(q, v, a, rate, length)
-                begin, left, count = begin + length, left - length, count + 1
-        row = phases[k, count]
-        row[0], row[1], row[2], row[3], row[4] = begin, q, 0.0, 0.0, 0.0
-        counts[k], ends[k] = count + 1, q
-        stops = max(stops, begin)
+        wanted[k], counts[k] = u, 0
+    for part in range(2):
+        # who changes less takes as long as the slowest, so that all go straight on together
+        slowest = 0.0
+        for k in range(count):
+            u = wanted[k] if part == 0 else 0.0
+            slowest = max(slowest, _lasts(now[k, 1], now[k, 2], u, limits[k, 1], limits[k, 2]))
+        for k in range(count):
+            u, lasts = (wanted[k], piece) if part == 0 else (0.0, math.inf)
+            most, jerk = limits[k, 1], limits[k, 2]
+            if not math.isfinite(goals[k]):
+                most, jerk = _softened(now[k], u, lasts, slowest, limits[k], lower[k], upper[k])
+            counts[k], begun[k] = _write(now[k], u, lasts, most, jerk, phases[k], counts[k], begun[k])
+    for k in range(count):
+        row = phases[k, counts[k]]
+        row[0], row[1], row[2], row[3], row[4] = begun[k], now[k, 0], 0.0, 0.0, 0.0
+        counts[k], ends[k] = counts[k] + 1, now[k, 0]
+        stops = max(stops, begun[k])
     return stops
