@@ -135,6 +135,20 @@ def test_a_robot_that_stands_gives_way_to_what_drifts_into_it() -> None:
     assert gave_way.pieces > 0
 
 
+def test_who_comes_to_the_goal_stands_there_before_giving_way() -> None:
+    """What leads there is proven; who gave way before standing came to a goal with something near it much later."""
+    with opened(ball(speed=0.05)) as stream:
+        near = tip_at(stream, 1.0)
+        x, y, height = near.position
+        beside = Observation("ball", 0.0, Placement((x, y, height + 0.25)))
+        answers = told(stream, 150, beside)
+    first = next(k for k, one in enumerate(answers) if isinstance(one, Piece) and one.reaches_goal)
+    last = answers[first]
+    assert isinstance(last, Piece)
+    until = [one for one in answers[first:] if one.update is not None and one.update + 0.02 < last.stops]
+    assert not any(isinstance(one, Piece) and one.leads_to == "away" for one in until)
+
+
 def test_reasons_why_there_is_no_piece() -> None:
     with opened(ball()) as stream:
         seen = Observation("ball", 0.0, FAR)

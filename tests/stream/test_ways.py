@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import coal
 import numpy as np
 import pinocchio as pin
+import pytest
 
+from guidefield.kernels.stream.arrival import FADING, arrival
+from guidefield.kernels.stream.room import nearest
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
-from guidefield.stream.settings import STREAM
+from guidefield.stream.obstacles import Drifting
+from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.stream import CertifiedStream
+from guidefield.stream.ways import NOTHING
 from tests.robots import robot
 
 UP = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}
-NOTHING = np.empty((0, 16))
 
 
 def top(stream: CertifiedStream, z: ChartPoint) -> float:
@@ -47,6 +53,77 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
             assert room.resting_free(np.array([z0, z1])).tolist() == [kept == 1.0, True]
             assert room.clearance(STREAM.resting, [z0, z1]) == kept * STREAM.resting
             samples = np.random.default_rng(0).uniform(-2.0, 2.0, (50, len(z0)))
-            way = room.way(NOTHING, np.empty(0), z0, z1, samples, np.empty((0, 4)))
+            way = room.way(NOTHING, Kept(0.1, 0.0), z0, z1, samples, np.empty((0, 4)))
         assert way is not None
         assert np.array_equal(way[[0, -1]], [z0, z1])
+
+
+def ball(where: tuple[float, float, float], drift: tuple[float, float, float], radius: float = 0.1) -> Drifting:
+    """One that drifts, and may be as fast as that."""
+    row = np.zeros((1, 16))
+    row[0, [0, 5, 10]], row[0, [3, 7, 11]], row[0, 15] = 1.0, where, radius
+    return Drifting(row, np.array([drift]), np.array([np.linalg.norm(drift)]))
+
+
+def later(drifting: Drifting, time: float) -> np.ndarray:
+    """Its boxes after a time [s], shape (k, 16)."""
+    boxes = drifting.boxes.copy()
+    boxes[:, [3, 7, 11]] += time * drifting.drifts
+    return boxes
+
+
+STRETCHED = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.6}
+
+
+def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait() -> None:
+    """Against all of them, one after the other."""
+    with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
+        room, z0 = stream._room, stream.executing.ends
+    step, steps, dear = 0.1, 8, 60.0
+    places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in range(4)])
+    going, waiting = np.array([0.25]), np.array([0.15])
+    costs = []
+    for start in (0.2, 0.5, 0.8):
+        drifting = ball((0.6, start, 0.5), (0.0, -0.5, 0.0))
+        least = np.array(
+            [[nearest(room.robot, later(drifting, step * i), z, 0.25)[0] for z in places] for i in range(steps + 1)]
+        )
+        best = np.inf
+        for goes in product((False, True), repeat=steps):
+            place, cost = 0, 0.0
+            for i, on in enumerate(goes, start=1):
+                if place == len(places) - 1:
+                    break
+                place += on
+                lack = max(0.0, (going if on else waiting)[0] - least[i, place])
+                cost += step * (1.0 + dear * lack / (1.0 + step * i / FADING))
+            best = min(best, cost + step * (len(places) - 1 - place))
+        found = arrival(
+            room.robot, drifting.boxes, drifting.drifts, going, waiting, places, step, step * steps + 1e-9, dear
+        )
+        assert found == pytest.approx(best, rel=1e-12)
+        costs.append(found)
+    assert max(costs) > 0.5, "who is in the way costs something"
+    assert len(set(costs)) == 3
+
+
+def test_ways_are_planned_to_where_obstacles_will_be() -> None:
+    """The straight way is free of a ball that has left it by then, and not of one that comes."""
+    with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
+        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+    z1, model, kept = z0.copy(), stream.group.model, Kept(0.02, 0.0)
+    z1[0] += 1.5
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(0.5 * (z0 + z1)))
+    tip, rise = data.oMf[stream.group.tip_id].translation, 2.0
+    drop = rise * 0.75 / speeds[0]
+    free = {
+        name: room.straight(ball((tip[0], tip[1], height), (0.0, 0.0, drift)), kept, 0.0, np.array([z0, z1]))
+        for name, height, drift in (
+            ("rests there", tip[2], 0.0),
+            ("leaves", tip[2], rise),
+            ("comes", tip[2] - drop, rise),
+            ("rests below", tip[2] - drop, 0.0),
+        )
+    }
+    assert free == {"rests there": False, "leaves": True, "comes": False, "rests below": True}

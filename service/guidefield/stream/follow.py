@@ -68,19 +68,19 @@ class Way:
 
         Args:
             stand: Where the robot could stand at the soonest, shape (nv,).
-            since: The place [s] from which on the nearest one is looked for.
+            since: The place [s] from which on the nearest one is looked for; 0: on all of the way.
             ahead: How far ahead of that to aim [s].
         """
-        place = self._nearest(stand, since, since + 2.0 * ahead)
+        place = self._nearest(stand, since, since + 2.0 * ahead if since > 0.0 else np.inf)
         beyond = place + ahead
         last = beyond >= self.length
         target = self.goal if last else self.at(beyond)
         return Aim(target - stand, place, self.goal if last else None, self.length - place)
 
-    def rest(self, place: float, until: float) -> ChartPoints:
-        """The points of the way from one place to another [s], shape (k, nv)."""
+    def rest(self, stand: ChartPoint, place: float, until: float = np.inf) -> ChartPoints:
+        """From where the robot could stand, shape (nv,), along the way after a place until another one [s], (k, nv)."""
         inner = self.points[(self.begins > place) & (self.begins < until)]
-        return np.concatenate([self.at(place)[None], inner, self.at(min(until, self.length))[None]])
+        return np.concatenate([stand[None], inner, self.at(min(until, self.length))[None]])
 
     def _nearest(self, z: ChartPoint, since: float, until: float) -> float:
         """The place [s] of a stretch of the way that is nearest to a point (nv,)."""

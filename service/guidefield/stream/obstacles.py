@@ -13,6 +13,7 @@ from guidefield.geometry.placements import frames
 from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
 from guidefield.messages import scene as messages
 from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle
+from guidefield.read_only import ReadOnly
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
@@ -60,6 +61,21 @@ class Assumption:
     deviation: Deviation | None
     min_clearance: float
     clock_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Drifting(ReadOnly):
+    """What moves, for planning.
+
+    Attributes:
+        boxes: Rounded boxes that stand for it, shape (k, 16) [m, world].
+        drifts: The velocity of each as it was observed, shape (k, 3) [m/s].
+        rates: How fast each grows for the judge, shape (k,) [m/s].
+    """
+
+    boxes: np.ndarray
+    drifts: np.ndarray
+    rates: np.ndarray
 
 
 @dataclass(eq=False)
@@ -285,6 +301,14 @@ class Obstacles:
             moved[:, [3, 7, 11]] += (time - self._since)[:, None] * self._drifts
             rows.append(moved)
         return np.concatenate(rows)
+
+    def drifting(self, now: float) -> Drifting:
+        """What stands for what was seen, and how it goes on from a time [s]."""
+        boxes = self.boxes([now])
+        if not len(boxes):
+            return Drifting(boxes, np.empty((0, 3)), np.empty(0))
+        of = self._boxes_of[self._there[self._boxes_of]]
+        return Drifting(boxes, self._drifts.copy(), self._rates[len(self._resting) + of])
 
 
 def in_its_frame(message: messages.Obstacle) -> messages.Obstacle:

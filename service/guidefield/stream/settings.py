@@ -4,11 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 WITHIN = 1e-7
 """What pieces leave of each limit, so that no rounding leads beyond it; a share of the limit."""
 
 RISE = 0.05
 """In so long the acceleration's limit is reached where no jerk limit is given [s]."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What ways keep from what moves.
+
+    Attributes:
+        least: From all [m].
+        ahead: And what each may cover in so long [s].
+    """
+
+    least: float
+    ahead: float
+
+    def from_each(self, rates: np.ndarray) -> np.ndarray:
+        """It [m], given how fast each grows for the judge, shape (k,) [m/s]."""
+        return self.least + self.ahead * rates
 
 
 @dataclass(frozen=True)
@@ -21,13 +40,24 @@ class StreamSettings:
         reserve: Pieces along the way keep what obstacles cover in so long beyond what is proven [s], so that what is
             left is enough to flee: the prototype's.
         evaluations: A commit that isn't judged after so many configurations isn't sent: the median takes about 15.
-        ahead: The way is aimed at so far ahead of where the robot could stand, in time at full speed [s].
+        ahead: The way is aimed at so far ahead of where the robot could stand, in time at full speed [s]; nearer where
+            it is followed more slowly, so that it is followed more closely.
         looked_at: So much of the way is looked at in each cycle, in time at full speed [s].
-        predicted: For which times after now obstacles are predicted where the way is looked at [s]: the prototype's.
-        planned: The same where a new one is planned [s].
-        grown: By how much obstacles are grown where the way is looked at [m], less where an end is closer: the
-            prototype's.
-        planned_grown: The same where a new one is planned [m].
+        predicted: A goal is taken where something is on it now, or will be in so long [s].
+        planned: So far ahead it is foreseen where obstacles are when the robot could come to a place at the soonest,
+            where ways are looked at and planned [s].
+        looked: What the way that is followed keeps from what moves, or another one is planned.
+        kept: The same where ways are planned: one is, with each of these.
+        going: What the robot keeps from what moves where a way costs nothing but its time, on the move: about what the
+            judge wants at full speed.
+        waiting: The same where it waits.
+        widening: Where an end of a way is closer than that, so much more is kept for each second from there [m/s].
+        step: Of time, where it is found what ways cost [s].
+        arriving: So far that is foreseen [s].
+        dear: What a lack of 1 m for 1 s costs [s]: of seven hard Pandas five succeeded, and four at 20.
+        gain: Another way is followed if it costs less by so much [s],
+        gain_share: and by this share.
+        again: So long after a way was planned the next one is, where something moves [s].
         resting: What ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven.
         resting_looked_at: What a way is looked at with then [m]: less, or each way would be left soon for another one.
         closer: Shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had
@@ -35,7 +65,7 @@ class StreamSettings:
         spacing: Of samples along ways [rad or m].
         longest: An edge of the trees, for each root of the number of coordinates [rad or m].
         samples: So many points are drawn for a tree at most.
-        cuts: So many short cuts are tried.
+        cuts: So many short cuts are tried: with 60 ways have more corners, at which the robot is slow.
         refused: After so many updates without a piece another way is planned.
         near: Obstacles that are predicted as close as this are fled from [m].
         foreseen: So far ahead [s].
@@ -52,17 +82,26 @@ class StreamSettings:
     evaluations: int = 600
     ahead: float = 0.25
     looked_at: float = 1.5
-    predicted: tuple[float, ...] = (0.0, 0.25)
-    planned: tuple[float, ...] = (0.0, 0.25, 0.5)
-    grown: float = 0.04
-    planned_grown: float = 0.10
+    predicted: float = 0.25
+    planned: float = 1.5
+    looked: Kept = Kept(0.02, 0.10)
+    kept: tuple[Kept, ...] = (Kept(0.04, 0.25), Kept(0.02, 0.10))
+    going: Kept = Kept(0.03, 0.25)
+    waiting: Kept = Kept(0.03, 0.12)
+    widening: float = 0.4
+    step: float = 0.1
+    arriving: float = 2.5
+    dear: float = 60.0
+    gain: float = 0.1
+    gain_share: float = 0.1
+    again: float = 0.1
     resting: float = 0.004
     resting_looked_at: float = 0.002
     closer: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
     spacing: float = 0.1
     longest: float = 0.5
     samples: int = 1000
-    cuts: int = 60
+    cuts: int = 150
     refused: int = 2
     near: float = 0.12
     foreseen: float = 0.4

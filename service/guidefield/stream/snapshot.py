@@ -90,6 +90,7 @@ class Snapshot(msgspec.Struct, frozen=True):
         place: How far along it is [s].
         refused: Updates without a piece, in a row.
         unfound: Whether the last way wasn't found.
+        planned: When a way was planned last [s]; None: none was.
         random: State of the random numbers, as JSON.
         obstacles: All but those of the scene.
     """
@@ -106,6 +107,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     place: float
     refused: int
     unfound: bool
+    planned: float | None
     random: str
     obstacles: tuple[KeptObstacle, ...]
 

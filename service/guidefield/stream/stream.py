@@ -25,14 +25,14 @@ from guidefield.stream.commit import Commit, towards
 from guidefield.stream.flight import flights, pressure_at
 from guidefield.stream.follow import Way
 from guidefield.stream.goals import goals_of
-from guidefield.stream.obstacles import Obstacles
+from guidefield.stream.obstacles import Drifting, Obstacles
 from guidefield.stream.opening import opened
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
 from guidefield.stream.snapshot import KeptCommit, KeptObstacle, Rows, Snapshot, random_state, restore_random
 from guidefield.stream.takeover import Counted, TakeOver
 from guidefield.stream.watching import Unwatched, Watching
-from guidefield.stream.ways import INSIDE, Ordered, Planner, Room
+from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
@@ -85,9 +85,9 @@ class CertifiedStream:
         self.request = request
         self.group, self.scene = asked.group, scene
         self.warnings = asked.warnings
-        self._room = Room(asked.group, asked.joints, asked.world, request.min_clearance)
+        self._room = Room(asked.group, asked.joints, asked.world, asked.bounds, request.min_clearance)
         self._taking: TakeOver = taking or Counted()
-        beside = Room(asked.group, asked.joints, asked.world, request.min_clearance)
+        beside = Room(asked.group, asked.joints, asked.world, asked.bounds, request.min_clearance)
         self._planner = Planner(beside, asked.group, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
         for index, one in enumerate(request.obstacles):
@@ -111,6 +111,7 @@ class CertifiedStream:
         self._ordered: Ordered | None = None
         self._refused = 0
         self._unfound = False
+        self._planned = -np.inf
         if request.goal is not None:
             try:
                 self.aim_for(request.goal)
@@ -288,6 +289,7 @@ class CertifiedStream:
             place=self._place,
             refused=self._refused,
             unfound=self._unfound,
+            planned=self._planned if np.isfinite(self._planned) else None,
             random=random_state(self._rng),
             obstacles=tuple(KeptObstacle(one.declared, one.seen, one.gone) for one in known),
         )
@@ -306,6 +308,7 @@ class CertifiedStream:
         speeds = self._opened.bounds.rates[:, 0]
         self._way = None if kept.way is None else Way(kept.way.array(), speeds)
         self._place, self._refused, self._unfound = kept.place, kept.refused, kept.unfound
+        self._planned = -np.inf if kept.planned is None else kept.planned
         self._ordered = None
         restore_random(self._rng, kept.random)
         self._obstacles.known.clear()
@@ -384,7 +387,9 @@ class CertifiedStream:
         state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
         still = self._towards(cycle, state, np.zeros(self.group.nv), None)
         found = self._followed(cycle, state, still)
-        if found is None or cycle.threatened:
+        # who comes to the goal stands there first: what leads there is proven
+        arriving = cycle.reason == "at_goal" and cycle.begins < cycle.base.stops
+        if (found is None and not arriving) or cycle.threatened:
             found = self._fled(cycle, state, still) or found
         if found is not None:
             self._refused = 0
@@ -408,11 +413,12 @@ class CertifiedStream:
             cycle.reason = "at_goal"
             return None
         way = self._looked_for(cycle, still.ends)
-        aim = way.aim(still.ends, self._place, STREAM.ahead)
-        self._place = aim.place
         speeds = self._opened.bounds.rates[:, 0]
-        largest = float((np.abs(aim.direction) / speeds).max())
+        since = self._place
         for share in STREAM.speeds:
+            aim = way.aim(still.ends, since, STREAM.ahead * share)
+            self._place = aim.place
+            largest = float((np.abs(aim.direction) / speeds).max())
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
             commit = self._towards(cycle, state, velocities, aim.last)
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
@@ -446,6 +452,7 @@ class CertifiedStream:
                 tried.append((after, len(tried), commit))
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
             if self._proven(cycle, commit, reserved=False):
+                self._place = 0.0  # the way may be nearest elsewhere then
                 return commit, "away"
         return None
 
@@ -476,25 +483,36 @@ class CertifiedStream:
         goal = self._chosen(cycle, stand)
         if self._ordered is not None and self._taking.takes(self._ordered, cycle.now):
             self._took = True
-            points = self._ordered.found.result()
-            self._unfound = points is None
-            if points is not None and (self._ordered.goal == goal).all():
-                self._way, self._place = Way(points, speeds), 0.0
+            found = self._ordered.found.result()
+            self._unfound = found.nowhere
+            if found.way is not None and (self._ordered.goal == goal).all():
+                self._way, self._place = Way(found.way, speeds), 0.0
             self._ordered = None
         if self._way is None or not (self._way.goal == goal).all():
             self._way, self._place = Way(np.array([stand, goal]), speeds), 0.0
-        if self._ordered is None and (self._refused >= STREAM.refused or not self._is_free(cycle, stand)):
-            boxes = self._obstacles.boxes([cycle.now + time for time in STREAM.planned])
-            due = cycle.now + self.request.planning_time
-            self._ordered = self._planner.order(due, stand, goal, boxes, self._rng)
-            self._refused = 0
+        if self._ordered is None:
+            self._order_if_due(cycle, stand, goal)
         return self._way
+
+    def _order_if_due(self, cycle: _Cycle, stand: ChartPoint, goal: ChartPoint) -> None:
+        """Have a way planned where the one that is followed isn't free, or may not be the best any more."""
+        assert self._way is not None, "there is a way"
+        drifting = self._obstacles.drifting(cycle.now)
+        goes = self._refused < STREAM.refused and self._is_free(NOTHING, stand)
+        again = len(drifting.boxes) > 0 and cycle.now >= self._planned + self.request.planning_time + STREAM.again
+        if goes and not again and self._is_free(drifting, stand):
+            return
+        self._planned = cycle.now
+        due = cycle.now + self.request.planning_time
+        followed = self._way.rest(stand, self._place) if goes else None
+        self._ordered = self._planner.order(due, stand, goal, drifting, followed, self._rng)
+        self._refused = 0
 
     def _chosen(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
         assert self._goals is not None, "there is a goal"
-        boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted[-1]])
-        taken = np.array([(self._room.grown(boxes, 1.0, [z]) < -INSIDE).any() for z in self._goals], bool)
+        boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
+        taken = np.array([(self._room.gaps(boxes, z) < -INSIDE).any() for z in self._goals], bool)
         if taken.all():
             cycle.reason = "goal_taken"
             taken[:] = False
@@ -507,14 +525,12 @@ class CertifiedStream:
         nearest: ChartPoint = self._goals[np.argmin(np.where(taken, np.inf, far))]
         return nearest
 
-    def _is_free(self, cycle: _Cycle, stand: ChartPoint) -> bool:
-        """Whether what is looked at of the way is free of what is predicted."""
+    def _is_free(self, drifting: Drifting, stand: ChartPoint) -> bool:
+        """Whether what is looked at of the way is free of what rests, and of what moves as it is foreseen."""
         assert self._way is not None, "there is a way"
-        boxes = self._obstacles.boxes([cycle.now + time for time in STREAM.predicted])
-        points = self._way.rest(self._place, self._place + STREAM.looked_at)
-        ends = [stand, self._way.goal]
-        grown = self._room.grown(boxes, STREAM.grown, ends)
-        return self._room.straight(boxes, grown, self._room.clearance(STREAM.resting_looked_at, ends), points)
+        points = self._way.rest(stand, self._place, self._place + STREAM.looked_at)
+        clearance = self._room.clearance(STREAM.resting_looked_at, [stand, self._way.goal])
+        return self._room.straight(drifting, STREAM.looked, clearance, points)
 
     def _sent(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
         number = max(self._commits) + 1

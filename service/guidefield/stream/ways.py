@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
@@ -14,16 +15,23 @@ import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.kernels.stream.arrival import arrival
 from guidefield.kernels.stream.room import RoomRobot, nearest
 from guidefield.kernels.stream.way import Surroundings, cut_short, straight_free, way_between
-from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.stream.commit import JointBounds
+from guidefield.stream.follow import Way
+from guidefield.stream.obstacles import Drifting
 from guidefield.stream.robot_tables import JointRows, room_robot
-from guidefield.stream.settings import STREAM
+from guidefield.stream.settings import STREAM, Kept
+from guidefield.stream.views import read_only_views
 
 FAR = 0.3
 """Distances are measured up to this [m]."""
+
+NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0))
+"""Nothing moves."""
 
 _T = TypeVar("_T")
 
@@ -41,20 +49,21 @@ class Room:
         group: The robot's planned joints.
         joints: Their rows.
         world: The robot among what rests.
+        bounds: How fast it may be.
         least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
     """
 
-    def __init__(self, group: PlanningGroup, joints: JointRows, world: World, least: float) -> None:
+    def __init__(
+        self, group: PlanningGroup, joints: JointRows, world: World, bounds: JointBounds, least: float
+    ) -> None:
+        self._speeds = bounds.rates[:, 0].copy()
         self.robot: RoomRobot = room_robot(group, joints)
         self._lanes = BatchCollision.build(world)
         self._least = least
 
-    def grown(self, boxes: np.ndarray, most: float, ends: list[ChartPoint]) -> np.ndarray:
-        """What to keep from boxes (k, 16), shape (k,) [m]: less than most where one of some ends is closer."""
-        kept = np.full(len(boxes), most)
-        for z in ends:
-            kept = np.minimum(kept, nearest(self.robot, boxes, z, FAR) - INSIDE)
-        return kept
+    def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
+        """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
+        return nearest(self.robot, boxes, z, FAR) - INSIDE
 
     def clearance(self, most: float, ends: list[ChartPoint]) -> float:
         """What to keep from what rests [m]: `most` beyond the least, or less where one of some ends (nv,) is closer."""
@@ -66,22 +75,22 @@ class Room:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
         return ~self._lanes.touching(zs, self._least + STREAM.resting)
 
-    def straight(self, boxes: np.ndarray, grown: np.ndarray, clearance: float, points: ChartPoints) -> bool:
+    def straight(self, drifting: Drifting, kept: Kept, clearance: float, points: ChartPoints) -> bool:
         """Whether a way is free.
 
         Args:
-            boxes: What moves, shape (k, 16) [m].
-            grown: What to keep from each, shape (k,) [m].
+            drifting: What moves.
+            kept: What to keep from it.
             clearance: What to keep from what rests [m].
             points: The way, straight from each point to the next, shape (m, nv).
         """
-        among = self._among(boxes, grown, clearance)
+        among = self._among(drifting, kept, clearance, points[0], points[-1])
         return all(straight_free(among, points[k], points[k + 1]) for k in range(len(points) - 1))
 
     def way(
         self,
-        boxes: np.ndarray,
-        grown: np.ndarray,
+        drifting: Drifting,
+        kept: Kept,
         z0: ChartPoint,
         z1: ChartPoint,
         samples: np.ndarray,
@@ -90,8 +99,8 @@ class Room:
         """A way from z0 to z1, each (nv,), shape (m, nv); None: none was found.
 
         Args:
-            boxes: What moves, shape (k, 16) [m].
-            grown: What to keep from each, shape (k,) [m].
+            drifting: What moves.
+            kept: What to keep from it.
             z0: Where it begins, shape (nv,).
             z1: Where it ends, shape (nv,).
             samples: Points that trees grow to, shape (n, nv).
@@ -99,18 +108,61 @@ class Room:
         """
         path = np.empty((2 * len(samples) + len(cuts) + 4, len(z0)))
         z0, z1 = np.ascontiguousarray(z0, float), np.ascontiguousarray(z1, float)
-        among = self._among(boxes, grown, self.clearance(STREAM.resting, [z0, z1]))
+        among = self._among(drifting, kept, self.clearance(STREAM.resting, [z0, z1]), z0, z1)
         count = way_between(among, z0, z1, STREAM.longest * np.sqrt(len(z0)), samples, path)
         if count == 0:
             return None
         count = cut_short(among, cuts, count, path)
         return path[:count].copy()
 
-    def _among(self, boxes: np.ndarray, grown: np.ndarray, clearance: float) -> Surroundings:
-        """The robot among what rests, with a clearance [m], and boxes (k, 16), grown by (k,) [m]."""
-        words, boxes, grown = self._lanes.words.view(), boxes.view(), grown.view()
-        read_only(words, boxes, grown)
-        return Surroundings(self.robot, words, clearance, boxes, grown, STREAM.spacing)
+    def cost(self, drifting: Drifting, points: ChartPoints) -> float:
+        """What a way (m, nv) costs among what moves, as a time of arrival [s]."""
+        way = Way(points, self._speeds)
+        if way.length == 0.0 or not len(drifting.boxes):
+            return way.length
+        count = math.ceil(way.length / STREAM.step)
+        places = np.array([way.at(way.length * k / count) for k in range(count + 1)])
+        going, waiting = (kept.from_each(drifting.rates) for kept in (STREAM.going, STREAM.waiting))
+        return float(
+            arrival(
+                self.robot, drifting.boxes, drifting.drifts, going, waiting, places, way.length / count,
+                STREAM.arriving, STREAM.dear,
+            )
+        )  # fmt: skip
+
+    def _among(self, drifting: Drifting, kept: Kept, clearance: float, z0: ChartPoint, z1: ChartPoint) -> Surroundings:
+        """The robot among what rests, with a clearance [m], and what moves, on ways between two points (nv,)."""
+        later = float(min(np.max(np.abs(z1 - z0) / self._speeds), STREAM.planned))
+        then = drifting.boxes.copy()
+        then[:, [3, 7, 11]] += later * drifting.drifts
+        among = Surroundings(
+            robot=self.robot,
+            words=self._lanes.words,
+            clearance=clearance,
+            boxes=drifting.boxes,
+            drifts=drifting.drifts,
+            grown=kept.from_each(drifting.rates),
+            ends=np.array([z0, z1]),
+            gaps=np.array([self.gaps(drifting.boxes, z0), self.gaps(then, z1)]),
+            speeds=self._speeds,
+            horizon=STREAM.planned,
+            widening=STREAM.widening,
+            spacing=STREAM.spacing,
+        )
+        return read_only_views(among)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What came of planning.
+
+    Attributes:
+        way: The way, shape (m, nv); None: none is better than the one that is followed.
+        nowhere: Whether none was found at all.
+    """
+
+    way: ChartPoints | None
+    nowhere: bool
 
 
 @dataclass(frozen=True)
@@ -125,7 +177,7 @@ class Ordered:
 
     due: float
     goal: ChartPoint
-    found: Future[ChartPoints | None]
+    found: Future[Found]
 
 
 class Planner:
@@ -145,29 +197,58 @@ class Planner:
         """Have something else done with its room, when its turn comes."""
         return self._thread.submit(work, self._room)
 
-    def order(self, due: float, z0: ChartPoint, z1: ChartPoint, boxes: np.ndarray, rng: np.random.Generator) -> Ordered:
-        """Have a way planned.
+    def order(
+        self,
+        due: float,
+        z0: ChartPoint,
+        z1: ChartPoint,
+        drifting: Drifting,
+        followed: ChartPoints | None,
+        rng: np.random.Generator,
+    ) -> Ordered:
+        """Have a way planned that costs less than the one that is followed.
 
         Args:
             due: When it is to be taken over [s].
             z0: Where it begins, shape (nv,).
             z1: Where it ends, shape (nv,).
-            boxes: What moves, shape (k, 16) [m].
+            drifting: What moves.
+            followed: What is left of the way that is followed, shape (m, nv); None: it can't be followed.
             rng: For its samples.
         """
         samples = self._samples(z0, z1, rng)
         cuts = rng.random((STREAM.cuts, 4))
-        return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, boxes, samples, cuts))
+        return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, drifting, followed, samples, cuts))
 
     def close(self) -> None:
         """End its thread."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def _planned(
-        self, z0: ChartPoint, z1: ChartPoint, boxes: np.ndarray, samples: np.ndarray, cuts: np.ndarray
-    ) -> ChartPoints | None:
-        grown = self._room.grown(boxes, STREAM.planned_grown, [z0, z1])
-        return self._room.way(boxes, grown, z0, z1, samples, cuts)
+        self,
+        z0: ChartPoint,
+        z1: ChartPoint,
+        drifting: Drifting,
+        followed: ChartPoints | None,
+        samples: np.ndarray,
+        cuts: np.ndarray,
+    ) -> Found:
+        """The way that costs least, of the straight one and planned ones."""
+        room = self._room
+        straight = np.array([z0, z1])
+        ways = [room.way(drifting, kept, z0, z1, samples, cuts) for kept in STREAM.kept]
+        found = [way for way in ways if way is not None]
+        if room.straight(NOTHING, STREAM.going, room.clearance(STREAM.resting, [z0, z1]), straight):
+            found.append(straight)
+        if not found:
+            return Found(None, nowhere=followed is None)
+        costs = [room.cost(drifting, way) for way in found]
+        least = min(costs)
+        if followed is not None:
+            before = room.cost(drifting, followed)
+            if least > before - max(STREAM.gain, STREAM.gain_share * before):
+                return Found(None, nowhere=False)
+        return Found(found[costs.index(least)], nowhere=False)
 
     def _samples(self, z0: ChartPoint, z1: ChartPoint, rng: np.random.Generator) -> np.ndarray:
         """Random points within the limits; of an endless angle about both ends."""

@@ -36,8 +36,14 @@ class Surroundings(NamedTuple):
         robot: The robot, for what moves.
         words: The robot among what rests, a packed `LaneWorld`.
         clearance: What to keep from what rests [m].
-        boxes: What moves, shape (k, 16) [m, world].
+        boxes: What moves, now, shape (k, 16) [m, world].
+        drifts: How fast each goes straight on, shape (k, 3) [m/s].
         grown: What to keep from each, shape (k,) [m].
+        ends: The way's ends, shape (2, nv).
+        gaps: What may be kept from each at the ends, shape (2, k) [m]; `widening` more for each second from there.
+        speeds: Of the coordinates, at most, shape (nv,) [rad/s or m/s].
+        horizon: So far it is foreseen where boxes are when the robot could come at the soonest [s].
+        widening: See `gaps` [m/s].
         spacing: Of the samples along a way [rad or m].
     """
 
@@ -45,11 +51,41 @@ class Surroundings(NamedTuple):
     words: Indices
     clearance: float
     boxes: Rows
+    drifts: Rows
     grown: Row
+    ends: Rows
+    gaps: Rows
+    speeds: Row
+    horizon: float
+    widening: float
     spacing: float
 
 
 SURROUNDINGS = numba_type(Surroundings)
+
+
+@inlined
+def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats, least: Floats) -> bool:
+    """Whether a box will be too close to coordinates z, shape (nv,), when the robot could be there at the soonest.
+
+    Args:
+        among: What it is to be free of.
+        z: The coordinates.
+        moved: Memory: the boxes then, shape (k, 16), with what never changes in it.
+        grown: Memory: what is kept from each, shape (k,).
+        least: Memory: shape (k,).
+    """
+    first, last = 0.0, 0.0
+    for j in range(z.shape[0]):
+        first = max(first, abs(z[j] - among.ends[0, j]) / among.speeds[j])
+        last = max(last, abs(z[j] - among.ends[1, j]) / among.speeds[j])
+    then = min(first, among.horizon)
+    for k in range(moved.shape[0]):
+        for r in range(3):
+            moved[k, 4 * r + 3] = among.boxes[k, 4 * r + 3] + then * among.drifts[k, r]
+        kept = min(among.gaps[0, k] + among.widening * first, among.gaps[1, k] + among.widening * last)
+        grown[k] = min(among.grown[k], kept)
+    return bool(blocked(among.robot, moved, grown, z, least))
 
 
 @compiled(boolean(SURROUNDINGS, VECTOR, VECTOR))
@@ -67,7 +103,8 @@ def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
         square += (z1[j] - z0[j]) ** 2
         rows[0, j], rows[1, j] = z0[j], z1[j]
     count = max(1, math.ceil(math.sqrt(square) / among.spacing))
-    z, least = np.empty(nv), np.empty(among.boxes.shape[0])
+    z, moved = np.empty(nv), among.boxes.copy()
+    grown, least = np.empty(moved.shape[0]), np.empty(moved.shape[0])
     # the ends of halves first: what is in the way is found sooner
     stride = 1
     while stride < count:
@@ -80,7 +117,7 @@ def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
                 share = min(1.0, at / count)
                 for j in range(nv):
                     z[j] = z0[j] + share * (z1[j] - z0[j])
-                if blocked(among.robot, among.boxes, among.grown, z, least):
+                if _taken(among, z, moved, grown, least):
                     return False
             at += stride
         stride //= 2
