@@ -217,8 +217,8 @@ def _at_speed(one: Part, motion: Trajectory, speed: float, stages: Stages) -> Tr
 def _slowest(parts: Sequence[Part]) -> Problem:
     """The first problem with the lowest limits of all."""
     first, groups = parts[0].problem, [one.problem.group for one in parts]
-    velocities = np.min([group.velocity_limits for group in groups], axis=0)
-    accelerations = np.min([group.acceleration_limits for group in groups], axis=0)
+    velocities = np.stack([group.velocity_limits for group in groups]).min(axis=0)
+    accelerations = np.stack([group.acceleration_limits for group in groups]).min(axis=0)
     group = dataclasses.replace(first.group, velocity_limits=velocities, acceleration_limits=accelerations)
     return dataclasses.replace(first, group=group)
 
