@@ -29,7 +29,6 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note
-from guidefield.robot.group.path_constraints import Cone
 from guidefield.scene.guide_plane import build
 from tests.planner.relax.test_relaxation import over_the_wall, smallest_clearance
 
@@ -118,11 +117,10 @@ def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
     return dataclasses.replace(made, guide_planes=(plane,)), path, {0: middle}
 
 
-def constrained_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
-    """The same with a path constraint that anything keeps, which is relaxed instead."""
-    made, path, crossings = guided_over_the_wall()
-    anything = Cone("panda_hand", np.eye(3)[2], np.eye(3)[2], 3.2)
-    return dataclasses.replace(made, path_constraints=(anything,)), path, crossings
+@pytest.fixture
+def of_many_coordinates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has a motion that crosses guide planes count as one of too many coordinates: it is relaxed instead."""
+    monkeypatch.setattr(module, "BALANCED", dataclasses.replace(BALANCED, most_guided=1))
 
 
 def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> None:
@@ -167,17 +165,18 @@ def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pyt
     np.testing.assert_array_equal(finished.path[finished.crossings[0]], path[crossings[0]])
 
 
-def test_a_guided_motion_of_many_coordinates_is_relaxed(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("of_many_coordinates")
+def test_a_guided_motion_of_many_coordinates_is_relaxed() -> None:
     made, path, crossings = guided_over_the_wall()
-    monkeypatch.setattr(module, "BALANCED", dataclasses.replace(BALANCED, most_guided=made.group.nv - 1))
     made.observer.events.clear()
     stages = Stages(made)
     assert finish(made, PathSoFar(path, crossings), stages).verdict.free
     assert any(isinstance(event, Note) and "relaxed in" in event.text for event in made.observer.events)
 
 
-def test_a_refused_constrained_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = constrained_over_the_wall()
+@pytest.mark.usefixtures("of_many_coordinates")
+def test_a_refused_guided_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path, crossings = guided_over_the_wall()
     asked: list[float] = []
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -197,8 +196,9 @@ def test_a_refused_constrained_motion_is_relaxed_again_looking_closer(monkeypatc
     assert outcomes == ["contact", "free"]
 
 
+@pytest.mark.usefixtures("of_many_coordinates")
 def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = constrained_over_the_wall()
+    made, path, crossings = guided_over_the_wall()
     asked: list[float] = []
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
@@ -221,8 +221,9 @@ def test_shorter_segments_are_more() -> None:
     )
 
 
+@pytest.mark.usefixtures("of_many_coordinates")
 def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = constrained_over_the_wall()
+    made, path, crossings = guided_over_the_wall()
     upper = float(made.group.upper[0])
 
     def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:

@@ -3,10 +3,10 @@
 What the certificate refuses is optimised again with more weight on the clearance, and more samples. Where that can't be
 certified either, the path that was found is taken instead, as fast as a spline through it can be executed.
 
-A path that keeps path constraints, or crosses guide planes with many coordinates, is relaxed instead; a spline is laid
-through it and timed. What the certificate refuses there goes back: the spline is drawn closer to the path where it was
-refused (a path of straight, certified motions is its limit); where the path itself touches, it is relaxed again with
-shorter segments, whose samples see what was overlooked.
+A path that crosses guide planes with many coordinates is relaxed instead; a spline is laid through it and timed. What
+the certificate refuses there goes back: the spline is drawn closer to the path where it was refused (a path of
+straight, certified motions is its limit); where the path itself touches, it is relaxed again with shorter segments,
+whose samples see what was overlooked.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from guidefield.planner.motion.waypoints import length_of, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, closer
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, closer, constrained
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
 from guidefield.planner.relax.settings import RELAXATION
@@ -93,7 +93,7 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
         return _as_far_as_it_got(problem, found, found.failure, stages)
     if problem.optimization_iterations == 0 or length_of(found.path) == 0.0:
         return _certified(problem, found.path, found.crossings, stages)
-    plain = not (problem.path_constraints or (found.crossings and problem.group.nv > BALANCED.most_guided))
+    plain = not (found.crossings and problem.group.nv > BALANCED.most_guided)
     finished = (_optimized if plain else _relaxed)(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
@@ -178,6 +178,8 @@ def optimized_motion(
         found: The path with the guide planes that the motion crosses; None: it crosses none.
     """
     settings, crossed = OPTIMIZATION[problem.objective], _Crossed.of(problem, found)
+    if problem.path_constraints:
+        settings = constrained(settings)
     with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
         optimized = optimize(problem, motion, settings, others, crossed.passages)
         stage.outcome = optimized.outcome.value

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.kernels.linalg.bordered_band import COUPLED, solve_bordered
+from guidefield.kernels.linalg.bordered_band import (
+    AT_ONCE,
+    COUPLED,
+    BorderedFactor,
+    factorize_bordered,
+    solve_factorized,
+)
 
 
 def system(blocks: int, size: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -28,33 +34,41 @@ def system(blocks: int, size: int, seed: int) -> tuple[np.ndarray, np.ndarray, n
     return of_blocks, rng.normal(size=n + 1), np.block([[band, border[:, None]], [border[None], np.array([[corner]])]])
 
 
+def factorized(of_blocks: np.ndarray, border: np.ndarray, corner: float, damping: float) -> BorderedFactor | None:
+    """The factors; None where the system isn't positive definite."""
+    n, size, width = of_blocks.shape
+    band, (one, other) = np.empty((n * size, width + AT_ONCE - 1)), np.empty((2, n * size))
+    factor = BorderedFactor(band, one, other, np.empty(1))
+    return factor if factorize_bordered(of_blocks, border, corner, damping, factor) else None
+
+
 @given(st.integers(1, 12), st.integers(1, 5), st.integers(0, 1000), st.sampled_from([0.0, 0.3]))
 def test_agrees_with_a_dense_solution(blocks: int, size: int, seed: int, damping: float) -> None:
     of_blocks, right, matrix = system(blocks, size, seed)
-    solution = np.empty(len(right))
-    assert solve_bordered(
-        of_blocks, matrix[-1, :-1].copy(), matrix[-1, -1], right[:-1].copy(), right[-1], damping, solution
-    )
-    expected = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
-    np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+    factor, solution = factorized(of_blocks, matrix[-1, :-1].copy(), matrix[-1, -1], damping), np.empty(len(right))
+    assert factor is not None
+    for one in (right, right[::-1].copy()):
+        solve_factorized(factor, one, solution)
+        expected = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), one)
+        np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("place", [(2, 1), None])
 def test_what_is_not_positive_definite_is_refused(place: tuple[int, int] | None) -> None:
-    of_blocks, right, matrix = system(5, 3, 0)
+    of_blocks, _, matrix = system(5, 3, 0)
     corner = matrix[-1, -1]
     if place is None:
         corner -= 2.0  # less than what the border takes
     else:
         of_blocks[place[0], place[1], COUPLED * 3 + place[1]] = -1.0
-    assert not solve_bordered(
-        of_blocks, matrix[-1, :-1].copy(), corner, right[:-1].copy(), right[-1], 0.0, np.empty(len(right))
-    )
+    assert factorized(of_blocks, matrix[-1, :-1].copy(), corner, 0.0) is None
 
 
 def test_inputs_are_left_alone() -> None:
     of_blocks, right, matrix = system(6, 2, 3)
-    arrays = of_blocks, matrix[-1, :-1].copy(), right[:-1].copy()
+    arrays = of_blocks, matrix[-1, :-1].copy(), right
     for array in arrays:
         array.setflags(write=False)
-    assert solve_bordered(arrays[0], arrays[1], matrix[-1, -1], arrays[2], right[-1], 0.0, np.empty(len(right)))
+    factor = factorized(arrays[0], arrays[1], matrix[-1, -1], 0.0)
+    assert factor is not None
+    solve_factorized(factor, arrays[2], np.empty(len(right)))

@@ -11,10 +11,15 @@ import pytest
 
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
+from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.kernels.relax.verlet_list import nothing_remembered
 from guidefield.planner.optimize.bspline import BSpline, End
+from guidefield.planner.optimize.constraint_samples import constraint_samples
+from guidefield.planner.optimize.settings import BALANCED
+from guidefield.robot.group.kept_frames import kept_frames
+from guidefield.robot.group.path_constraints import ConstrainedFrames
 from tests.kernels.relax.test_relaxation import GROUPS, made, sampled
 
 PIECES = 9
@@ -87,6 +92,11 @@ def look(name: str, points: np.ndarray) -> ClearanceModel:
     return ClearanceModel(value, points, gradient, blocks)
 
 
+def unconstrained(name: str) -> KeptSamples:
+    """Without path constraints."""
+    return constraint_samples(kept_frames(ConstrainedFrames(made(name)[0].group, ())), PIECES, 1, BALANCED)
+
+
 def of(
     name: str, spline: BSpline, limits: MotionLimits, model: ClearanceModel | None = None
 ) -> tuple[float, np.ndarray, np.ndarray]:
@@ -96,8 +106,8 @@ def of(
     blocks = np.full((inner, nv, (COUPLED + 1) * nv), np.nan)
     border, gradient = np.full((2, inner * nv + 1), np.nan)
     value = motion_objective(
-        model or look(name, spline.points), ends_of(spline), limits, spline.points, spline.step, 0.3, 0.02, blocks,
-        border, gradient,
+        model or look(name, spline.points), ends_of(spline), limits, unconstrained(name), spline.points, spline.step,
+        0.3, 0.02, blocks, border, gradient,
     )  # fmt: skip
     hessian = np.zeros((inner * nv + 1, inner * nv + 1))
     for f in range(inner):

@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
+from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
 from guidefield.planner.optimize.bspline import BSpline
-from tests.kernels.optimize.test_motion_objective import ends_of, look, motion, of
+from guidefield.planner.optimize.constraint_samples import constraint_samples
+from guidefield.planner.optimize.settings import BALANCED
+from guidefield.robot.group.kept_frames import kept_frames
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
+from tests.kernels.optimize.test_motion_objective import ends_of, look, motion, of, unconstrained
+from tests.kernels.relax.test_relaxation import made
 
 RULES = DescentRules(
     steps=1000, tries=40, shorter=0.7, settled=1e-13, little=0.0, longest=0.5, trusted=math.inf, damping=1e-9
@@ -24,13 +31,15 @@ def descended(
     model: ClearanceModel,
     unit: float = 0.3,
     longest_step: float = math.inf,
+    kept: KeptSamples | None = None,
     **rules: float,
 ) -> tuple[BSpline, int]:
     """With the weight of limits, and unless told otherwise with the unit of time, that `of` has."""
     points = spline.points.copy()
     asked = RULES._replace(**rules)
     ends = ends_of(spline)
-    step, taken = newton_descent(model, ends, limits, asked, unit, longest_step, 0.02, spline.step, points)
+    kept = unconstrained("panda") if kept is None else kept
+    step, taken = newton_descent(model, ends, limits, kept, asked, unit, longest_step, 0.02, spline.step, points)
     return BSpline(points, step, spline.start, spline.end), taken
 
 
@@ -89,3 +98,18 @@ def test_pieces_stay_as_short_as_asked() -> None:
     free, kept = (descended(spline, limits, model, 100.0, longest)[0].step for longest in (math.inf, most))
     assert free > most, "time is cheap, else it doesn't matter"
     assert spline.step < kept <= most
+
+
+def test_it_keeps_to_a_constraint_that_bends_and_is_tight() -> None:
+    wild, limits = motion("panda", moving=False)
+    spline = BSpline.between(wild.start, wild.start, wild.inner, wild.step)
+    group = made("panda")[0].group
+    tip = Kinematics(group).tip_position(group.expand_from_chart(spline.start.position))
+    frames = ConstrainedFrames(group, (plane(group.tip, tip, np.array([0.0, 0.6, 0.8]), 1e-3),))
+    kept = constraint_samples(kept_frames(frames), spline.pieces, 2, BALANCED)
+    model = look("panda", spline.points)
+    after, taken = descended(spline, limits, model, kept=kept, steps=60, settled=1e-6)
+    assert taken > 1
+    assert constraint_penalty(kept, after.points) < 1e-3 * constraint_penalty(kept, spline.points)
+    places = np.linspace(0.0, after.pieces, 200)
+    assert max(float(frames.values(z)[0]) for z in after.at(places)) <= 1e-3

@@ -11,19 +11,22 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.certificate import certify
+from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.clearance import clearance_at
 from guidefield.messages import scene as messages
+from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.spline import interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, PASSAGE, closer
+from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, PASSAGE, closer, constrained
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build
 from tests.planner.problems import problem, scene_of
 from tests.planner.relax.test_relaxation import beside_the_way, over_the_wall, smallest_clearance
@@ -351,3 +354,37 @@ def test_the_observer_hears_of_each_step() -> None:
     assert len(notes) == 1
     assert f"{after.trajectory.duration:.3f} s" in notes[0]
     assert all((event.path[[0, -1]] == path[[0, -1]]).all() for event in steps)
+
+
+def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:
+    """A Panda beside a post whose tip stays near a level plane, or upright, and a way through random places there."""
+    post = messages.Box(name="post", size=(0.1, 0.1, 1.2), position=(0.6, 0.6, 0.6))
+    made, rng = problem("panda", scene_of(post), planes=()), np.random.default_rng(4)
+    first = made.z_start
+    placed = made.kinematics.frame_placement(made.group.expand_from_chart(first), made.group.tip_id)
+    axis = np.array([0.0, 0.0, 1.0])
+    one: PathConstraint = plane(made.group.tip, placed.translation, axis, tolerance)
+    if of == "cone":
+        one = Cone(made.group.tip, axis, placed.rotation @ axis, tolerance)
+    made = dataclasses.replace(made, path_constraints=(one,))
+    keeper, path = Keeper(made, made.constrained_frames), [first]
+    target = first + np.array([-1.2, 0.5, 0.3, 0.2, 0.4, 0.3, 0.0])
+    for share in np.linspace(0.0, 1.0, 30)[1:]:
+        back = keeper.brought_back(first + share * (target - first) + 0.05 * rng.normal(size=7))
+        assert back is not None
+        path.append(back)
+    return made, np.array(path)
+
+
+@pytest.mark.parametrize(("of", "tolerance"), [("plane", 0.002), ("plane", 0.03), ("cone", 0.3)])
+def test_path_constraints_are_kept_between_samples_too(of: str, tolerance: float) -> None:
+    made, path = kept_way(of, tolerance)
+    motion = along(made, path)
+    trajectory = optimize(made, motion, constrained(BALANCED)).trajectory
+    assert trajectory.duration < 0.8 * motion.duration
+    check_limits(made, trajectory)
+    assert certify(made.world, trajectory.bezier()).free
+    assert certify_constraints(made.constrained_frames, made.world.bodies.turns, trajectory.bezier()).free
+    zs = trajectory.evaluate(np.linspace(0.0, trajectory.duration, 1000))[0]
+    assert max(float(made.constrained_frames.values(z)[0]) for z in zs) <= tolerance
+    np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])

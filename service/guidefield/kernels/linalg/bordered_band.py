@@ -8,12 +8,14 @@ section 4.3).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
+from guidefield.kernels.jit.fields import RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS, SCALAR, VECTOR, Floats, compiled
+from guidefield.kernels.jit.signatures import BLOCKS, SCALAR, VECTOR, Floats, compiled, inlined
 
 COUPLED = 3
 """A block is coupled with as many before it."""
@@ -102,48 +104,73 @@ def _substitute(band: Floats, right_out: Floats) -> None:
         right_out[i] = value / band[i, 0]
 
 
-@compiled(types.boolean(BLOCKS, VECTOR, SCALAR, VECTOR, SCALAR, SCALAR, types.Array(types.float64, 1, "C")))
-def solve_bordered(
-    blocks: Floats,
-    border: Floats,
-    corner: float,
-    right: Floats,
-    right_corner: float,
-    damping: float,
-    solution_out: Floats,
+class BorderedFactor(NamedTuple):
+    """A system [[A, b], [b^T, c]] in factors; of memory until it is made.
+
+    Attributes:
+        band: U of A = U^T U, as `_factorize` leaves it, shape (n m, 4 m + AT_ONCE - 1).
+        border: b, shape (n m,).
+        across: A^-1 b, shape (n m,).
+        pivot: c - b^T A^-1 b, shape (1,).
+    """
+
+    band: RowsOut
+    border: RowOut
+    across: RowOut
+    pivot: RowOut
+
+
+FACTOR = numba_type(BorderedFactor)
+
+
+@inlined
+def room_for_factor(n: int, size: int) -> BorderedFactor:
+    """Memory for n blocks of a size."""
+    rows = n * size
+    band = np.empty((rows, (COUPLED + 1) * size + AT_ONCE - 1))
+    return BorderedFactor(band, np.empty(rows), np.empty(rows), np.empty(1))
+
+
+@compiled(types.boolean(BLOCKS, VECTOR, SCALAR, SCALAR, FACTOR))
+def factorize_bordered(
+    blocks: Floats, border: Floats, corner: float, damping: float, factor_out: BorderedFactor
 ) -> bool:
-    """Solve [[A, b], [b^T, c]] (x, y) = (r, s), with A's diagonal multiplied by 1 + damping.
+    """Factorize [[A, b], [b^T, c]] with its diagonal multiplied by 1 + damping.
 
     Args:
         blocks: A; block row f = blocks[f], its blocks beside one another, shape (n, m, 4 m): the last is on the
             diagonal, the first couples it with f - 3.
         border: b, shape (n m,).
         corner: c.
-        right: r, shape (n m,).
-        right_corner: s.
         damping: Not negative.
-        solution_out: x and behind it y, shape (n m + 1,).
+        factor_out: The factors.
 
     Returns:
-        Whether the system is positive definite; if not, `solution_out` means nothing.
+        Whether the system is positive definite; if not, the factors mean nothing.
     """
-    n, size, width = blocks.shape
-    rows = n * size
-    band = np.empty((rows, width + AT_ONCE - 1))
-    _upper(blocks, damping, band)
-    if not _factorize(band):
+    _upper(blocks, damping, factor_out.band)
+    if not _factorize(factor_out.band):
         return False
-    x, across = right.copy(), border.copy()
-    _substitute(band, x)
-    _substitute(band, across)
-    pivot, rest = corner * (1.0 + damping), right_corner
+    factor_out.border[:] = border
+    factor_out.across[:] = border
+    _substitute(factor_out.band, factor_out.across)
+    pivot = corner * (1.0 + damping)
+    for i in range(border.shape[0]):
+        pivot -= border[i] * factor_out.across[i]
+    factor_out.pivot[0] = pivot
+    return pivot > 0.0
+
+
+@compiled(types.void(FACTOR, VECTOR, types.Array(types.float64, 1, "C")))
+def solve_factorized(factor: BorderedFactor, right: Floats, solution_out: Floats) -> None:
+    """Solve a system in factors for a right side; both have what belongs to the border last, shape (n m + 1,)."""
+    rows = factor.border.shape[0]
+    x, rest = solution_out[:rows], right[rows]
+    x[:] = right[:rows]
+    _substitute(factor.band, x)
     for i in range(rows):
-        pivot -= border[i] * across[i]
-        rest -= border[i] * x[i]
-    if not pivot > 0.0:
-        return False
-    y = rest / pivot
+        rest -= factor.border[i] * x[i]
+    y = rest / factor.pivot[0]
     for i in range(rows):
-        solution_out[i] = x[i] - y * across[i]
+        x[i] -= y * factor.across[i]
     solution_out[rows] = y
-    return True

@@ -66,7 +66,7 @@ CLEARANCE = numba_type(ClearanceModel)
 
 
 @uncounted
-def _add_sample(
+def add_sample(
     k: int,
     basis: Floats,
     weight: float,
@@ -132,7 +132,7 @@ def clearance_along(
         value = robot_barrier(robot, tables, s, z, walls, samples.shares[s], near, work, slope, hessian)
         if value > 0.0:
             total += samples.weights[s] * value
-            _add_sample(k, basis, samples.weights[s], slope, hessian, row, gradient_out, blocks_out)
+            add_sample(k, basis, samples.weights[s], slope, hessian, row, gradient_out, blocks_out)
     return total
 
 

@@ -1,6 +1,6 @@
 """The objective of a motion as a uniform cubic B-spline in time, with gradient and Hessian by control points and u.
 
-    exp(u - u0) + clearance + μ · limit barrier,      u = log h, h the length of a piece
+    exp(u - u0) + clearance + μ · limit barrier + path constraints' penalty,      u = log h, h the length of a piece
 
 The clearance is its model's, and holds λ. The first three and the last three control points are the ends': they are
 moved by u alone.
@@ -17,6 +17,12 @@ from guidefield.kernels.jit.fields import Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, SCALAR, VECTOR_OUT, Floats, compiled
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel, expanded
+from guidefield.kernels.optimize.constraint_penalty import (
+    KEPT_SAMPLES,
+    KeptSamples,
+    add_constraint_penalty,
+    constraint_penalty,
+)
 from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits, add_limit_barrier, limit_barrier
 
 ENDS = 3
@@ -96,6 +102,7 @@ def _ends_to_border(blocks: Floats, slopes: Floats, border_out: Floats) -> float
 def objective_value(
     model: ClearanceModel,
     limits: MotionLimits,
+    kept: KeptSamples,
     points: Floats,
     step: float,
     first_step: float,
@@ -106,7 +113,8 @@ def objective_value(
     of_limits = limit_barrier(points, step, limits)
     if of_limits == math.inf:
         return of_limits
-    return step / first_step + limit_weight * of_limits + expanded(model, points, scratch)
+    of_constraints = constraint_penalty(kept, points)
+    return step / first_step + limit_weight * of_limits + of_constraints + expanded(model, points, scratch)
 
 
 @uncounted
@@ -122,11 +130,14 @@ def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) 
         border_out[i * nv + j] = gradient_out[i * nv + j] = 0.0
 
 
-@compiled(SCALAR(CLEARANCE, STATES, LIMITS, MATRIX, SCALAR, SCALAR, SCALAR, BLOCKS_OUT, VECTOR_OUT, VECTOR_OUT))
+@compiled(
+    SCALAR(CLEARANCE, STATES, LIMITS, KEPT_SAMPLES, MATRIX, SCALAR, SCALAR, SCALAR, BLOCKS_OUT, VECTOR_OUT, VECTOR_OUT)
+)
 def motion_objective(
     model: ClearanceModel,
     ends: MotionEnds,
     limits: MotionLimits,
+    kept: KeptSamples,
     points: Floats,
     step: float,
     first_step: float,
@@ -141,6 +152,7 @@ def motion_objective(
         model: The clearance; holds λ.
         ends: The ends of the motion.
         limits: What is kept. A coordinate whose range is a single value is cut out of the system.
+        kept: Where path constraints are looked at.
         points: Control points, shape (n, nv), n > 6, strictly within limits [rad or m].
         step: h [s].
         first_step: exp(u0) [s].
@@ -158,7 +170,7 @@ def motion_objective(
     total = expanded(model, points, gradient)
     of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks, border)
     duration = step / first_step
-    total += of_limits + duration
+    total += of_limits + duration + add_constraint_penalty(kept, points, gradient, blocks)
     by_u += duration
     by_uu += duration
     _slopes(ends, step, slopes)

@@ -11,8 +11,14 @@ from numba import types
 from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, Floats, compiled
-from guidefield.kernels.linalg.bordered_band import COUPLED, solve_bordered
+from guidefield.kernels.linalg.bordered_band import (
+    COUPLED,
+    factorize_bordered,
+    room_for_factor,
+    solve_factorized,
+)
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel
+from guidefield.kernels.optimize.constraint_penalty import KEPT_SAMPLES, KeptSamples
 from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits
 from guidefield.kernels.optimize.motion_objective import (
     ENDS,
@@ -61,6 +67,15 @@ def _largest(values: Floats) -> float:
 
 
 @uncounted
+def _product(first: Floats, second: Floats) -> float:
+    """The inner product of two rows."""
+    total = 0.0
+    for i in range(first.shape[0]):
+        total += first[i] * second[i]
+    return total
+
+
+@uncounted
 def _moved(points: Floats, ends: MotionEnds, move: Floats, stride: float, step: float, points_out: Floats) -> None:
     """Control points after a share of a step, the ends' for pieces of a length [s]."""
     n, nv = points.shape
@@ -82,13 +97,14 @@ def _distance(first: Floats, second: Floats) -> float:
 
 @compiled(
     types.Tuple((types.float64, types.int64))(
-        CLEARANCE, STATES, LIMITS, RULES, SCALAR, SCALAR, SCALAR, SCALAR, MATRIX_OUT
+        CLEARANCE, STATES, LIMITS, KEPT_SAMPLES, RULES, SCALAR, SCALAR, SCALAR, SCALAR, MATRIX_OUT
     )
 )
 def newton_descent(
     model: ClearanceModel,
     ends: MotionEnds,
     limits: MotionLimits,
+    kept: KeptSamples,
     rules: DescentRules,
     first_step: float,
     longest_step: float,
@@ -98,10 +114,14 @@ def newton_descent(
 ) -> tuple[float, int]:
     """Lower the objective of `motion_objective` by Newton's method; every motion on the way is within limits.
 
+    Under path constraints each step is followed by a second-order correction (Nocedal and Wright, Numerical
+    Optimization, 2006, section 18.3): the next one with the same factors.
+
     Args:
         model: The clearance.
         ends: The ends of the motion.
         limits: What is kept.
+        kept: Where path constraints are looked at.
         rules: When steps are taken.
         first_step: exp(u0) [s].
         longest_step: Pieces are no longer than this [s].
@@ -115,19 +135,19 @@ def newton_descent(
     n, nv = points_out.shape
     free = nv * (n - 2 * ENDS)
     blocks, border = np.empty((n - 2 * ENDS, nv, (COUPLED + 1) * nv)), np.empty(free + 1)
-    gradient, move = np.empty(free + 1), np.empty(free + 1)
-    trial, scratch = np.empty((n, nv)), np.empty((n, nv))
+    gradient, move, back = np.empty(free + 1), np.empty(free + 1), np.empty(free + 1)
+    trial, scratch, corrected = np.empty((n, nv)), np.empty((n, nv)), np.empty((n, nv))
+    factor = room_for_factor(n - 2 * ENDS, nv)
+    constrained = kept.frames.kinds.shape[0] > 0
     taken = 0
     for _ in range(rules.steps):
         value = motion_objective(
-            model, ends, limits, points_out, step, first_step, limit_weight, blocks, border, gradient
+            model, ends, limits, kept, points_out, step, first_step, limit_weight, blocks, border, gradient
         )
-        promised = 0.0
-        right = -gradient
-        if not solve_bordered(blocks, border[:free], border[free], right[:free], right[free], rules.damping, move):
+        if not factorize_bordered(blocks, border[:free], border[free], rules.damping, factor):
             break
-        for i in range(free + 1):
-            promised += right[i] * move[i]
+        solve_factorized(factor, -gradient, move)
+        promised = -_product(gradient, move)
         if promised < rules.settled * abs(value):
             break
         stride = min(1.0, rules.longest / _largest(move))
@@ -136,7 +156,18 @@ def newton_descent(
         for _ in range(rules.tries):
             length = min(step * math.exp(stride * move[free]), longest_step)
             _moved(points_out, ends, move, stride, length, trial)
-            lower = objective_value(model, limits, trial, length, first_step, limit_weight, scratch)
+            lower = objective_value(model, limits, kept, trial, length, first_step, limit_weight, scratch)
+            if constrained and lower < math.inf:  # back towards constraints that bend, by the same factors
+                motion_objective(
+                    model, ends, limits, kept, trial, length, first_step, limit_weight, blocks, border, gradient
+                )
+                solve_factorized(factor, -gradient, back)
+                further = min(length * math.exp(back[free]), longest_step)
+                _moved(trial, ends, back, 1.0, further, corrected)
+                then = objective_value(model, limits, kept, corrected, further, first_step, limit_weight, scratch)
+                if then < lower:
+                    lower, length = then, further
+                    trial[:, :] = corrected
             if lower < value:
                 break
             stride *= rules.shorter

@@ -75,7 +75,8 @@ class Measured(NamedTuple):
 
 
 @inlined
-def _room(frames: KeptFrames) -> Measured:
+def room_to_measure(frames: KeptFrames) -> Measured:
+    """Memory for these constraints."""
     nv, k = frames.chain.lower.shape[0], frames.kinds.shape[0]
     columns = np.empty(COLUMN * max(frames.chain.kinds.shape[0], 1))
     return Measured(np.empty(nv * LANES), columns, np.empty(12 * LANES), np.empty(k), np.empty((k, nv)))
@@ -138,8 +139,8 @@ def _write_row(
 
 
 @inlined
-def _measure(frames: KeptFrames, z: Floats, measured: Measured) -> None:
-    """Write the numbers of constraints at a chart point and their derivatives."""
+def measure(frames: KeptFrames, z: Floats, measured: Measured) -> None:
+    """Write the numbers of constraints at a chart point, shape (nv,), and their derivatives."""
     for j in range(z.shape[0]):
         measured.zs[j * LANES : (j + 1) * LANES] = z[j]
     for c in range(frames.kinds.shape[0]):
@@ -156,8 +157,8 @@ def _measure(frames: KeptFrames, z: Floats, measured: Measured) -> None:
 @compiled(SCALAR(FRAMES, VECTOR))
 def largest_share(frames: KeptFrames, z: Floats) -> float:
     """The largest share of its limit that a constraint's number is, at a chart point, shape (nv,)."""
-    measured, largest = _room(frames), 0.0
-    _measure(frames, z, measured)
+    measured, largest = room_to_measure(frames), 0.0
+    measure(frames, z, measured)
     for c in range(frames.kinds.shape[0]):
         largest = max(largest, measured.values[c] / frames.limits[c])
     return largest
@@ -176,10 +177,10 @@ def bring_back(frames: KeptFrames, room: float, most: int, z: Floats) -> bool:
     Returns:
         Whether it got there.
     """
-    measured, k, nv = _room(frames), frames.kinds.shape[0], z.shape[0]
+    measured, k, nv = room_to_measure(frames), frames.kinds.shape[0], z.shape[0]
     gram, excess, chosen, weights = np.empty((k, k)), np.empty(k), np.empty(k, np.int64), np.empty(k)
     for _ in range(most):
-        _measure(frames, z, measured)
+        measure(frames, z, measured)
         count, there = 0, True
         for c in range(k):
             over = measured.values[c] - room * frames.limits[c]

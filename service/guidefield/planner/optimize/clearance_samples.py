@@ -24,7 +24,7 @@ def clearance_samples(
         samples: How many on a piece.
         settings: Of the optimisation.
     """
-    bounds, pieces, of_pieces, shares = _places(spline.pieces, samples)
+    bounds, pieces, of_pieces, shares = places(spline.pieces, samples)
     lengths = np.linalg.norm(np.diff(spline.at(bounds), axis=0), axis=1)
     total = max(float(lengths.sum()), 1e-300)
     until = np.cumsum(lengths) - 0.5 * lengths
@@ -51,8 +51,13 @@ def _floor(kept: float, settings: OptimizationSettings) -> float:
 
 
 @functools.lru_cache(maxsize=256)
-def _places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Bounds between samples; piece and basis of the samples between them; their shares of self."""
+def places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where so many samples on each of some pieces are.
+
+    Returns:
+        The bounds between them, shape (s + 1,), in pieces from the start; the piece of each, shape (s,); the basis
+        there, shape (s, 4); how much each counts between links, shape (s,).
+    """
     bounds = np.arange(pieces * samples + 1) / samples
     middles = 0.5 * (bounds[:-1] + bounds[1:])
     of_samples = middles.astype(np.int64)

@@ -14,13 +14,16 @@ import numpy as np
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
+from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
 from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
+from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
+from guidefield.planner.optimize.constraint_samples import constraint_samples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
 from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
 from guidefield.read_only import ReadOnly, read_only
@@ -33,6 +36,7 @@ class Question(ReadOnly):
     Attributes:
         robot: Points and links.
         tables: Obstacles.
+        frames: Path constraints.
         limits: What is kept.
         kept: What start and end keep from obstacles [m].
         clearance: What is asked for [m].
@@ -44,6 +48,7 @@ class Question(ReadOnly):
 
     robot: SampledRobot
     tables: DistanceTables
+    frames: KeptFrames
     limits: MotionLimits
     kept: tuple[float, float]
     clearance: float
@@ -76,6 +81,7 @@ class Descent(ReadOnly):
         question: What is asked.
         samples: Where the clearance is looked at.
         near: Which obstacles were near there; kept up to date by looking at them.
+        constrained: Where path constraints are looked at.
         ends: The ends of the motion.
         unit: Length of the first motion's pieces, if it had as many [s].
     """
@@ -83,6 +89,7 @@ class Descent(ReadOnly):
     question: Question
     samples: MotionSamples
     near: NearBodies
+    constrained: KeptSamples
     ends: MotionEnds
     unit: float
 
@@ -98,7 +105,8 @@ class Descent(ReadOnly):
             np.array([one.acceleration for one in both]),
         )
         read_only(*ends)
-        return cls(question, placed, near, ends, question.duration / spline.pieces)
+        constrained = constraint_samples(question.frames, spline.pieces, samples, question.settings)
+        return cls(question, placed, near, constrained, ends, question.duration / spline.pieces)
 
     def look(self, spline: BSpline, passed: tuple[float, ...] = ()) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were."""
@@ -126,7 +134,8 @@ class Descent(ReadOnly):
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
         spline = look.spline
         of_limits = limit_barrier(spline.points, spline.step, self.question.limits)
-        return spline.step / self.unit + limit_weight * of_limits + look.model.value
+        of_constraints = constraint_penalty(self.constrained, spline.points)
+        return spline.step / self.unit + limit_weight * of_limits + of_constraints + look.model.value
 
     def lowered(self, look: Look, limit_weight: float, steps: int) -> BSpline | None:
         """A better motion as far as a look tells, after so many of Newton's steps at most; None where none is worth it.
@@ -152,6 +161,7 @@ class Descent(ReadOnly):
             look.model,
             self.ends,
             self.question.limits,
+            self.constrained,
             rules,
             self.unit,
             self.question.longest_step,

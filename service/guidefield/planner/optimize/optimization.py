@@ -38,6 +38,7 @@ from guidefield.planner.relax.settings import BARRIER
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly
+from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.scene.distance_tables import distance_tables
 
 
@@ -144,6 +145,7 @@ class _Descending:
     def __init__(self, problem: Problem, settings: OptimizationSettings, passages: tuple[Passage, ...]) -> None:
         self._problem, self._settings, self._passages = problem, settings, passages
         self._limits, self._tables = motion_limits(problem), distance_tables(problem.scene)
+        self._frames = kept_frames(problem.constrained_frames)
         self.steps = 0
         self.outcome: Outcome | None = None
 
@@ -161,6 +163,7 @@ class _Descending:
         question = Question(
             robot,
             tables,
+            self._frames,
             self._limits,
             (kept[0], kept[1]),
             problem.min_clearance,

@@ -14,21 +14,21 @@ from guidefield.robot.group.tip_chain import chain_to
 
 @kept_with
 def kept_frames(frames: ConstrainedFrames) -> KeptFrames:
-    """The constraints, each with the chain of joints that moves its frame."""
-    assert frames.group.is_euclidean, "path constraints are for joints of one coordinate"
+    """The constraints, each with the chain of joints that moves its frame; there may be none."""
+    assert not frames.constraints or frames.group.is_euclidean, "path constraints are for joints of one coordinate"
     chains = [chain_to(frames.group, frame) for frame in frames.indices]
     group = frames.group
     made = KeptFrames(
         kinds=np.array([CONE if isinstance(one, Cone) else NEAR for one in frames.constraints], np.int64),
-        vectors=np.array([_vectors(one) for one in frames.constraints]),
+        vectors=np.array([_vectors(one) for one in frames.constraints]).reshape(-1, VECTORS),
         limits=frames.limits.copy(),
         begins=np.cumsum([0, *(len(one.kinds) for one in chains)]),
-        firsts=np.array([one.first for one in chains]),
+        firsts=np.array([one.first for one in chains]).reshape(-1, 12),
         chain=TipChain(
-            kinds=np.concatenate([one.kinds for one in chains]),
-            drivers=np.concatenate([one.drivers for one in chains]),
-            scales=np.concatenate([one.scales for one in chains]),
-            placements=np.concatenate([one.placements for one in chains]),
+            kinds=np.concatenate([np.empty(0, np.int64), *(one.kinds for one in chains)]),
+            drivers=np.concatenate([np.empty(0, np.int64), *(one.drivers for one in chains)]),
+            scales=np.concatenate([np.empty((0, 2)), *(one.scales for one in chains)]),
+            placements=np.concatenate([np.empty((0, 12)), *(one.placements for one in chains)]),
             first=np.zeros(12),
             lower=group.lower,
             upper=group.upper,
