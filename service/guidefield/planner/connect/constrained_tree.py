@@ -22,7 +22,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 @dataclass(frozen=True, eq=False)
 class Keeper:
-    """Keeps configurations within path constraints; for the relaxation it holds a waypoint as a crossing does.
+    """Keeps configurations within path constraints.
 
     Attributes:
         problem: Robot and limits.
@@ -31,22 +31,6 @@ class Keeper:
 
     problem: Problem
     frames: ConstrainedFrames
-
-    def held_directions(self, z: ChartPoint, descent: ChartPoint) -> np.ndarray:
-        """Directions of the chart in which a descent would leave the constraints.
-
-        Args:
-            z: Where it is, a chart point, shape (nv,).
-            descent: Where it wants to go, shape (nv,).
-
-        Returns:
-            Orthonormal rows, shape (r, nv).
-        """
-        values, rows = self.frames.values_and_rows(z)
-        leaving = rows[(values >= CONSTRAINED.room * self.frames.limits * (1.0 - 1e-3)) & (rows @ descent > 0.0)]
-        _, strengths, directions = np.linalg.svd(leaving, full_matrices=False)
-        held: np.ndarray = directions[strengths > 1e-9]
-        return held
 
     def brought_back(self, z: ChartPoint) -> ChartPoint | None:
         """The chart point next to z (nv,), within limits, that keeps the constraints with room; None if there is none.

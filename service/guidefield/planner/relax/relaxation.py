@@ -22,12 +22,11 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.kernels.relax.sampled_robot import SampledRobot
-from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.waypoints import cut, length_of
 from guidefield.planner.relax.kept_waypoints import KeptWaypoints
 from guidefield.planner.relax.sampled_robot import sampled_robot
 from guidefield.planner.relax.settings import RELAXATION
-from guidefield.planner.relax.waypoint_chain import Shape, WaypointChain, WaypointKeeper
+from guidefield.planner.relax.waypoint_chain import Shape, WaypointChain
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly
@@ -107,7 +106,7 @@ def relax(
     problem.counters.iterations += tried
     if shape is before:
         return Relaxed(path, dict(crossings), tried, before.value, before.value, outcome)
-    path, marks = _with_short_ends(problem, shape.path, kept)
+    path, marks = _with_short_ends(shape.path, kept)
     relaxed = Relaxed(path, marks, tried, before.value, chain.energy(shape, length), outcome)
     _report(problem, relaxed)
     return relaxed
@@ -120,32 +119,16 @@ def _spread(
     most = int(RELAXATION.most_segments * RELAXATION.segment / segment)
     segments = int(np.clip(np.ceil(length_of(path) / segment), RELAXATION.least_segments, most))
     points, kept = kept.spread(path, segments)
-    keepers: dict[int, WaypointKeeper] = dict(kept.on_planes)
-    if problem.path_constraints:
-        keeper = Keeper(problem, problem.constrained_frames)
-        free = sorted(set(range(len(points))) - set(kept.held))
-        keepers.update(dict.fromkeys(free, keeper))
-        _bring_back(keeper, points, free)
-    chain = WaypointChain.of(problem, robot, points, kept.held, keepers)
+    chain = WaypointChain.of(problem, robot, points, kept.held, kept.on_planes)
     return chain, chain.at(points), kept
 
 
-def _with_short_ends(problem: Problem, path: ChartPoints, kept: KeptWaypoints) -> tuple[ChartPoints, dict[int, int]]:
+def _with_short_ends(path: ChartPoints, kept: KeptWaypoints) -> tuple[ChartPoints, dict[int, int]]:
     """A relaxed path with the segments next to waypoints that stay cut, and where the guide planes' crossings are."""
     stays = np.zeros(len(path), bool)
     stays[kept.held] = True
     points, indices = cut(path, stays[:-1] | stays[1:], RELAXATION.end_segment)
-    if problem.path_constraints:
-        new = sorted(set(range(len(points))) - set(indices.tolist()))
-        _bring_back(Keeper(problem, problem.constrained_frames), points, new)
     return points, {plane: int(indices[index]) for plane, index in kept.marks.items()}
-
-
-def _bring_back(keeper: Keeper, points: ChartPoints, which: list[int]) -> None:
-    """Replace waypoints by those next to them that keep the path constraints, where there are any."""
-    for k in which:
-        back = keeper.brought_back(points[k])
-        points[k] = points[k] if back is None else back
 
 
 def _descend(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -16,32 +15,13 @@ from guidefield.kernels.relax.sampled_robot import SampledRobot
 from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.relax.path_samples import path_samples
+from guidefield.planner.relax.plane_crossing import PlaneCrossing
 from guidefield.planner.relax.settings import BARRIER, RELAXATION
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables
-
-
-class WaypointKeeper(Protocol):
-    """Keeps a waypoint where it may be: on a guide plane, or within path constraints."""
-
-    def held_directions(self, z: ChartPoint, descent: ChartPoint) -> np.ndarray:
-        """Directions of the chart in which a waypoint must not move.
-
-        Args:
-            z: The waypoint, a chart point, shape (nv,).
-            descent: Where it wants to go, shape (nv,).
-
-        Returns:
-            Orthonormal rows, shape (r, nv).
-        """
-        ...
-
-    def brought_back(self, z: ChartPoint) -> ChartPoint | None:
-        """Chart coordinates next to z (nv,) where the waypoint may be; None if there are none near."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +58,7 @@ class WaypointChain(ReadOnly):
         lower, upper: Chart limits, shape (nv,).
         near: Which obstacles were near the samples; kept up to date by looking at them.
         held: Waypoints that stay.
-        crossings: What keeps waypoints where they may be.
+        crossings: What keeps waypoints on guide planes.
     """
 
     length: float
@@ -93,7 +73,7 @@ class WaypointChain(ReadOnly):
     upper: ChartPoint
     near: NearBodies
     held: list[int]
-    crossings: Mapping[int, WaypointKeeper]
+    crossings: Mapping[int, PlaneCrossing]
 
     @classmethod
     def of(
@@ -102,7 +82,7 @@ class WaypointChain(ReadOnly):
         robot: SampledRobot,
         path: ChartPoints,
         held: list[int],
-        crossings: Mapping[int, WaypointKeeper],
+        crossings: Mapping[int, PlaneCrossing],
     ) -> WaypointChain:
         """The chain of a problem's path (n, nv), whose length isn't zero.
 
@@ -111,7 +91,7 @@ class WaypointChain(ReadOnly):
             robot: The robot as points and links.
             path: Waypoints.
             held: Those that stay, the first and the last among them.
-            crossings: What keeps waypoints where they may be, by index.
+            crossings: What keeps waypoints on guide planes, by index.
         """
         group, units = problem.group, problem.group.units
         segments, length, tables = len(path) - 1, length_of(path), distance_tables(problem.scene)
