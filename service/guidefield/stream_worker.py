@@ -28,7 +28,7 @@ from guidefield.first_start import compile_kernels, processor
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import Done, ErrorReply, error_reply
-from guidefield.messages.stream_requests import StreamAim, StreamAimed
+from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamJudge, StreamJudged
 from guidefield.messages.streams import Observation, Piece, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.pool.companion import Taken
@@ -62,6 +62,15 @@ class Update:
 @dataclass(frozen=True)
 class Aim:
     """A query for another goal, as it came; which answer it waits for."""
+
+    asked: int
+    payload: bytes
+    encoding: Encoding
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A query whether the last piece is still proven, as it came."""
 
     asked: int
     payload: bytes
@@ -251,6 +260,8 @@ class _Answering:
                 self._update(one, newest=index == newest)
             elif isinstance(one, Aim):
                 self._answer(one.asked, one.encoding, partial(self._aim, one))
+            elif isinstance(one, Judge):
+                self._answer(one.asked, one.encoding, partial(self._judge, one))
             elif isinstance(one, Halt):
                 self._answer(one.asked, one.encoding, self._halt)
 
@@ -298,6 +309,20 @@ class _Answering:
 
     def _send_answer(self, asked: int, is_reply: bool, payload: bytes) -> None:
         self._line.send(Answered(asked, is_reply, payload, self._stream.goal_number))
+
+    def _judge(self, asked: Judge) -> StreamJudged:
+        judge: StreamJudge = codec.decode(asked.payload, StreamJudge, asked.encoding)
+        told = self._stream.judged(judge.time)
+        commit = self._stream.executing
+        pair = self._stream.pair_of(told)
+        return StreamJudged(
+            proven=told.free,
+            executing=commit.number,
+            stops=commit.stops,
+            pair=pair,
+            time=None if pair is None else told.time,
+            evaluations=told.evaluations,
+        )
 
     def _halt(self) -> Done:
         self._stream.stop()

@@ -209,6 +209,33 @@ def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(
     _is_repeated(service, stream, client.info().version)
 
 
+def test_a_client_asks_whether_what_it_executes_is_still_proven(client: Client) -> None:
+    clock, judge = Clock(), Judge()
+    with client.stream({**ASKED, "goal": GOAL}, clock=clock) as stream:
+        pieces = [one for one in (step(stream, clock) for _ in range(8)) if isinstance(one, Piece)]
+        last, before = pieces[-1], stream.read()
+        told = stream.judged()
+        assert (told.proven, told.pair, told.time) == (True, None, None)
+        assert (told.executing, told.stops) == (last.number, last.stops)
+        assert told.evaluations > 0
+        place = judge._bodies.place(np.array(last.trajectory.positions[-1]))[-1]
+        there = {"name": "crate", "time": clock.now, "placement": {"position": place.tolist()}}
+        stream.update(obstacles=[there])
+        assert stream.answer(ANSWERED_WITHIN) is not None
+        told = stream.judged(clock.now)
+        assert not told.proven
+        assert told.pair is not None
+        assert told.pair[1] == "crate"
+        assert told.time is not None
+        assert clock.now <= told.time <= told.stops
+        with pytest.raises(MalformedRequest, match="time"):
+            stream.judged(float("nan"))
+        read = stream.read()
+        assert (read.goal, read.updates) == (before.goal, before.updates + 1), "to judge changes nothing"
+    with pytest.raises(StreamUnknown):
+        stream.judged()
+
+
 def _shown(recording: bytes) -> list[float]:
     """When a stream's recording shows where the robot would stand [s]."""
     with tempfile.NamedTemporaryFile(suffix=".rrd") as file:
@@ -427,6 +454,7 @@ def test_the_same_for_asyncio(service: Service) -> None:
                     clock.now += PERIOD
                     await stream.update(obstacles=[{**far, "time": clock.now}])
                 assert await client.streams() == [stream.stream_id]
+                assert (await stream.judged()).proven
                 await stream.stop()
                 assert (await stream.read()).pieces == 4
             assert await client.streams() == []

@@ -48,6 +48,6 @@ def test_a_key_takes_a_payload_if_it_has_messages_for_it(key: KeyInfo) -> None:
 
 def test_every_rule_is_told() -> None:
     own = {key.key for key in QUERIED if stream_keys.is_stream(_query(key))}
-    assert own == {"streams", *(f"streams/<id>{what}" for what in ("", "/goal", "/stop", "/recording"))}
+    assert own == {"streams", *(f"streams/<id>{what}" for what in ("", "/goal", "/judge", "/stop", "/recording"))}
     told = {(key.key.split("/")[0], key.key.count("/") + 1) for key in QUERIED}
     assert set(keys._RULES) <= told

@@ -11,6 +11,7 @@ from guidefield.messages.stream_keys import (
     AimStream,
     EndStream,
     HaltStream,
+    JudgeStream,
     ListStreams,
     OpenStream,
     ReadStream,
@@ -34,6 +35,7 @@ def test_what_is_asked_for() -> None:
     assert stream_query(query("streams/a")) == ReadStream("a")
     assert stream_query(query("streams/a", delete="")) == EndStream("a")
     assert stream_query(query("streams/a/goal", b"{}")) == AimStream("a")
+    assert stream_query(query("streams/a/judge", b"{}")) == JudgeStream("a")
     assert stream_query(query("streams/a/stop")) == HaltStream("a")
     assert stream_query(query("streams/a/recording")) == RecordStream("a")
     assert is_stream(query("streams/a"))
@@ -52,6 +54,7 @@ def test_what_is_asked_for() -> None:
         (query("streams/a/recording", b"{}"), "takes no payload"),
         (query("streams/a/recording", robot="x"), "unknown parameter 'robot' at 'streams/a/recording'; valid: none"),
         (query("streams/a/goal"), "StreamAim"),
+        (query("streams/a/judge"), "StreamJudge"),
         (query("streams", b'{"robot": "ur5"}'), "scene"),
         (query("streams", OPEN[:-1] + b', "stream_id": "a/b"}'), "stream_id"),
         (query("streams", OPEN[:-1] + b', "latency": NaN}'), "NaN|malformed|invalid"),

@@ -16,7 +16,7 @@ from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.client.streams import END_WITHIN
 from guidefield.errors import GuidefieldError
 from guidefield.messages.goals import Positions
-from guidefield.messages.stream_requests import StreamAimed, StreamReply
+from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamUpdate
 
 _R = TypeVar("_R")
@@ -91,6 +91,10 @@ class AsyncServiceStream(StreamFacts):
         aimed: StreamAimed = await self._ask(question)
         self._link.aimed(asked)
         return aimed.goal
+
+    async def judged(self, time: float | None = None) -> StreamJudged:
+        """Whether the last piece and its stop are still proven, as `ServiceStream.judged`."""
+        return await self._ask(questions.judge_stream(self.stream_id, self.now if time is None else time))
 
     async def stop(self) -> None:
         """Have no piece follow the last one, until there is a goal again: the robot stops."""

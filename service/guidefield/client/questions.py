@@ -38,7 +38,14 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
-from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamReply, StreamsReply
+from guidefield.messages.stream_requests import (
+    StreamAim,
+    StreamAimed,
+    StreamJudge,
+    StreamJudged,
+    StreamReply,
+    StreamsReply,
+)
 from guidefield.messages.streams import StreamGoal, StreamOpen
 from guidefield.messages.values import Reply, RootJoint
 
@@ -297,6 +304,17 @@ def aim_stream(
     aim: StreamAim = codec.convert(codec.plain_fields({"goal": goal}), StreamAim)
     key = f"{_key('streams', stream_id)}/goal"
     return Question(key, _reader(key, StreamAimed), _sent(aim), request_id=stream_id), aim.goal
+
+
+def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
+    """Whether one stream's last piece is still proven from a time on [s].
+
+    Raises:
+        MalformedRequest: if that is no time.
+    """
+    judge: StreamJudge = codec.convert({"time": time}, StreamJudge)
+    key = f"{_key('streams', stream_id)}/judge"
+    return Question(key, _reader(key, StreamJudged), _sent(judge), request_id=stream_id)
 
 
 def stop_stream(stream_id: str) -> Question[Done]:

@@ -16,7 +16,7 @@ from guidefield.client.stream_facts import StreamFacts
 from guidefield.client.stream_link import Answer, StreamLink
 from guidefield.errors import GuidefieldError
 from guidefield.messages.goals import Positions
-from guidefield.messages.stream_requests import StreamAimed, StreamReply
+from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamUpdate
 
 END_WITHIN = 2.0
@@ -109,6 +109,17 @@ class ServiceStream(StreamFacts):
         aimed: StreamAimed = self._ask(question)
         self._link.aimed(asked)
         return aimed.goal
+
+    def judged(self, time: float | None = None) -> StreamJudged:
+        """Whether the last piece and its stop are still proven, by what the service was told last.
+
+        Args:
+            time: From when on, by the client's clock [s]; None: from now on.
+
+        Raises:
+            GuidefieldError: if that is no time, or the stream isn't open any more.
+        """
+        return self._ask(questions.judge_stream(self.stream_id, self.now if time is None else time))
 
     def stop(self) -> None:
         """Have no piece follow the last one, until there is a goal again: the robot stops."""

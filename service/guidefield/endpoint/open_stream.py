@@ -20,7 +20,18 @@ from guidefield.messages.stream_requests import StreamReply
 from guidefield.messages.streams import StreamState
 from guidefield.pool.companion import Companion
 from guidefield.pool.waiting import Answer
-from guidefield.stream_worker import Aim, Answered, Halt, Open, Refused, StreamConversation, Told, Update, ended_state
+from guidefield.stream_worker import (
+    Aim,
+    Answered,
+    Halt,
+    Judge,
+    Open,
+    Refused,
+    StreamConversation,
+    Told,
+    Update,
+    ended_state,
+)
 
 SILENCE = 10.0
 """After so long without an update a stream ends [s]."""
@@ -120,6 +131,10 @@ class OpenStream:
     def aim(self, payload: bytes, encoding: Encoding) -> Future[Answer]:
         """Have it aim for another goal."""
         return self._asked(partial(Aim, payload=payload, encoding=encoding), len(payload))
+
+    def judge(self, payload: bytes, encoding: Encoding) -> Future[Answer]:
+        """Have it judge its last piece."""
+        return self._asked(partial(Judge, payload=payload, encoding=encoding), len(payload))
 
     def halt(self, encoding: Encoding) -> Future[Answer]:
         """Have it stop its robot."""

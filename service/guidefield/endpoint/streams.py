@@ -41,6 +41,7 @@ from guidefield.messages.stream_keys import (
     AimStream,
     EndStream,
     HaltStream,
+    JudgeStream,
     ListStreams,
     OpenStream as Opened,
     ReadStream,
@@ -134,10 +135,11 @@ class Streams:
             over = stream.end(Preempted("it was asked to end", stream=asked.name))
             over.add_done_callback(lambda _: answer.set_result(done))
             return answer
-        if isinstance(asked, AimStream):
-            return stream.aim(read.payload, read.encoding)
-        assert isinstance(asked, HaltStream), "there is nothing else"
-        return stream.halt(read.encoding)
+        if isinstance(asked, HaltStream):
+            return stream.halt(read.encoding)
+        assert isinstance(asked, AimStream | JudgeStream), "there is nothing else"
+        answers = stream.aim if isinstance(asked, AimStream) else stream.judge
+        return answers(read.payload, read.encoding)
 
     def update(self, key: str, payload: Payload, encoding: object, allow: Callable[[str], None]) -> None:
         """Take an update that somebody put.

@@ -14,7 +14,14 @@ from guidefield.messages import faults, replies, requests
 from guidefield.messages.checked_scenes import CheckedScenes
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneChanged, SceneDiff
-from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamReply, StreamsReply
+from guidefield.messages.stream_requests import (
+    StreamAim,
+    StreamAimed,
+    StreamJudge,
+    StreamJudged,
+    StreamReply,
+    StreamsReply,
+)
 from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Reply
 
@@ -207,10 +214,12 @@ def json_schemas() -> dict[str, Any]:
         StreamOpen,
         StreamUpdate,
         StreamAim,
+        StreamJudge,
         Piece,
         StreamState,
         StreamReply,
         StreamAimed,
+        StreamJudged,
         StreamsReply,
     ]
     schemas, components = msgspec.json.schema_components(kinds)

@@ -116,6 +116,13 @@ KEYS = (
         takes=["StreamAim"],
         gives=["StreamAimed"],
     ),
+    KeyInfo(
+        "streams/<id>/judge",
+        "whether its last piece is still proven by what was seen last; plans nothing",
+        worker="with a payload",
+        takes=["StreamJudge"],
+        gives=["StreamJudged"],
+    ),
     KeyInfo("streams/<id>/stop", "has its robot stop", gives=["Done"]),
     KeyInfo(
         "streams/<id>/recording",

@@ -47,6 +47,13 @@ class AimStream:
 
 
 @dataclass(frozen=True)
+class JudgeStream:
+    """Whether what one sent last is still proven; its payload is read by the stream."""
+
+    name: str
+
+
+@dataclass(frozen=True)
 class HaltStream:
     """One is to stop its robot."""
 
@@ -60,7 +67,7 @@ class RecordStream:
     name: str
 
 
-StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | HaltStream | RecordStream
+StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | JudgeStream | HaltStream | RecordStream
 
 
 def is_stream(query: Query) -> bool:
@@ -77,7 +84,7 @@ def check(query: Query) -> None:
     key, payload = "/".join(query.key), bool(query.payload)
     valid: set[str] = set()
     match query.key[1:]:
-        case () | (_, "goal"):
+        case () | (_, "goal" | "judge"):
             payload = False
         case (_,):
             valid = {"delete"}
@@ -115,5 +122,6 @@ def stream_query(query: Query) -> StreamQuery:
     if query.key[2] == "recording":
         return RecordStream(name)
     if not query.payload:
-        raise MalformedRequest("a goal is asked for with a StreamAim as payload", key="/".join(query.key))
-    return AimStream(name)
+        asked = "a goal is asked for with a StreamAim" if query.key[2] == "goal" else "to judge takes a StreamJudge"
+        raise MalformedRequest(f"{asked} as payload", key="/".join(query.key))
+    return AimStream(name) if query.key[2] == "goal" else JudgeStream(name)

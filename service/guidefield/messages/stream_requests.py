@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from guidefield.messages.streams import StreamGoal, StreamState
-from guidefield.messages.values import Message, Reply
+from guidefield.messages.values import Message, Reply, require_finite_number
 
 
 class StreamAim(Message):
@@ -28,6 +28,42 @@ class StreamAimed(Reply):
     """
 
     goal: int
+    schema: int = 1
+
+
+class StreamJudge(Message):
+    """Ask whether the last piece and its stop are still proven, by what was seen last.
+
+    Attributes:
+        time: From when on, by the client's clock [s].
+        schema: Version of this message.
+    """
+
+    time: float
+    schema: Literal[1] = 1
+
+    def __post_init__(self) -> None:
+        require_finite_number("time", self.time)
+
+
+class StreamJudged(Reply):
+    """Whether the last piece and its stop are still proven, by what was seen last.
+
+    Attributes:
+        proven: Whether they are.
+        executing: Number of that piece; 0: the robot stands at the start.
+        stops: When the robot stands, by the client's clock [s].
+        pair: What couldn't be told apart: a link, and a link or an obstacle; null where it is proven, or undecided.
+        time: Where that is [s]; null as there.
+        evaluations: Configurations at which it was judged.
+    """
+
+    proven: bool
+    executing: int
+    stops: float
+    pair: tuple[str, str] | None
+    time: float | None
+    evaluations: int
     schema: int = 1
 
 

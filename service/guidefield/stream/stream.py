@@ -564,18 +564,18 @@ class CertifiedStream:
 
     def _state(self, time: float, reason: Reason, told: Told | None = None, base: Commit | None = None) -> StreamState:
         commit = self.executing if base is None else base
-        where = None if told is None or told.pair < 0 else told
         return StreamState(
             update=time,
             reason=reason,
-            pair=None if where is None else self._pair(where),
-            time=None if where is None else where.time,
+            pair=None if told is None else self.pair_of(told),
+            time=None if told is None or told.pair < 0 else told.time,
             executing=commit.number,
             stops=commit.stops,
         )
 
-    def _pair(self, told: Told) -> tuple[str, str] | None:
-        if told.judgement is Judgement.LIMITS:
+    def pair_of(self, told: Told) -> tuple[str, str] | None:
+        """What a judgement couldn't tell apart: a link, and a link or an obstacle; None where that isn't the reason."""
+        if told.pair < 0 or told.judgement is Judgement.LIMITS:
             return None
         names, own = self._opened.world.body_names, self._opened.world.pairs.own
         if told.pair < len(own):
