@@ -37,6 +37,8 @@ class MotionBound(ReadOnly):
         moved_by: Whether a joint moves a robot body, shape (r, nv of the model).
         own: The robot's own pairs, shape (n_self, 2).
         first_only, second_only: Joints that move the one body of those pairs and not the other, shape (n_self, nv).
+        apart_from: The first column behind all joints that move both, shape (n_self,). Joints stand in a model before
+            those that they move, so that none from there on moves both.
     """
 
     half_widths: np.ndarray
@@ -48,6 +50,7 @@ class MotionBound(ReadOnly):
     own: np.ndarray
     first_only: np.ndarray
     second_only: np.ndarray
+    apart_from: np.ndarray
 
     def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How much closer bodies can come within boxes about configurations.
@@ -62,9 +65,11 @@ class MotionBound(ReadOnly):
             Each of the robot's own pairs, shape (s, n_self) [m], and each of its bodies to what stands still, shape
             (s, r) [m].
         """
-        reach, sweep = self.reach(jacobians, centres), self.sweep(half_widths)[..., None]
-        own = (reach[:, self.own[:, 0]] * self.first_only + reach[:, self.own[:, 1]] * self.second_only) @ sweep
-        return own[..., 0], (reach @ sweep)[..., 0]
+        moved = self.reach(jacobians, centres) * self.sweep(half_widths)[:, None]
+        beyond = np.zeros((*moved.shape[:2], moved.shape[2] + 1))  # what the joints from one on move a body
+        beyond[..., :-1] = np.cumsum(moved[..., ::-1], axis=2)[..., ::-1]
+        own = beyond[:, self.own[:, 0], self.apart_from] + beyond[:, self.own[:, 1], self.apart_from]
+        return own, beyond[..., 0]
 
     def spread(self, half_widths: np.ndarray) -> np.ndarray:
         """Half widths, or rates, of the joints' moves, shape (s, nv of the model), of those in the chart, (s, nv)."""
@@ -113,6 +118,7 @@ def motion_bound(group: PlanningGroup, bodies: Bodies, own: np.ndarray) -> Motio
         "own": own.copy(),
         "first_only": first & ~second,
         "second_only": second & ~first,
+        "apart_from": np.where(first & second, np.arange(1, first.shape[1] + 1), 0).max(axis=1, initial=0),
     }
     return MotionBound(**arrays)
 
