@@ -14,6 +14,8 @@ import msgspec
 import pytest
 
 from guidefield import Client, MalformedRequest
+from guidefield.client.exchange import Exchange
+from guidefield.client.questions import Question
 from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, Service, await_that, plain_client
 
 STANDS_STILL = 3.0
@@ -109,6 +111,35 @@ def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
         assert [run.run_id for run in client.runs().runs].count(run_id) == 1
         assert far.info().uptime > 0.0
     assert link.cuts == 1
+
+
+def test_a_plan_whose_link_is_cut_again_and_again_is_answered(
+    client: Client, link: Link, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More often than an instance is asked again that was there all the time."""
+    asked, begin = threading.Semaphore(0), Exchange.begin
+
+    def noted(exchange: Exchange, question: Question[object], instance: str) -> None:
+        begin(exchange, question, instance)
+        if question.run_id == "often":
+            asked.release()
+
+    monkeypatch.setattr("guidefield.client.exchange.MOST_RETURNS", 2)
+    monkeypatch.setattr(Exchange, "begin", noted)
+    with (
+        Client.connect(link.endpoint, wait=CONNECTED_WITHIN) as far,
+        concurrent.futures.ThreadPoolExecutor(1) as threads,
+    ):
+        plan = threads.submit(far.plan, {**LONG, "run_id": "often"})
+        for _ in range(4):
+            assert asked.acquire(timeout=ANSWERED_WITHIN)
+            await_that(lambda: client.info().busy)
+            link.cut()
+        assert asked.acquire(timeout=ANSWERED_WITHIN)
+        assert not plan.done()
+        client.cancel("often")
+        assert plan.result(ANSWERED_WITHIN).status.name == "PREEMPTED"
+    assert link.cuts == 4
 
 
 def test_what_ended_a_run_is_told_again(client: Client, service: Service) -> None:

@@ -5,8 +5,8 @@ client stored and the question names; any other to the one that was the freest w
 has brought all that there is: an answer, or none, which means that the instance is gone. Where the client named no
 instance, the question then goes to another one; so it does where an instance is too busy to take it. Where there is no
 other one, and the link was only cut for a moment, the same instance is asked again: a plan goes under its name, so that
-the run that was under way, or has ended meanwhile, is what answers. A question is never with two at once, so there is
-never a second answer to it.
+the run that was under way, or has ended meanwhile, is what answers; so it goes on, however often the link is cut, until
+the question's time is up. A question is never with two at once, so there is never a second answer to it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from guidefield.messages.identities import PLAIN, base_key
 RETURN_WITHIN = 3.0
 """How long another instance is waited for when the one that was asked is gone [s]."""
 MOST_RETURNS = 5
-"""How often a question goes to the same instance again."""
+"""How often a question goes to the same instance again that was there all the time: it has no right to an answer."""
 PAUSE = 0.1
 """How long it waits before it goes there again, twice as long each time: Zenoh may not know yet that it is gone [s]."""
 LOOK_UP = 0.2
@@ -116,6 +116,10 @@ class Exchange:
         asking.send(self._asked_for(question))
         return asking.answer
 
+    def departures(self, instance: str) -> int:
+        """How often an instance was seen to go, or the link to it."""
+        return self._instances.departures(instance)
+
     def has_other(self, tried: frozenset[str]) -> bool:
         """Whether a question may go to another instance than those where it was."""
         return self.named is None and bool(self._instances.living() - tried)
@@ -198,7 +202,7 @@ class _Asking:
         self._question = question
         self._deadline = time.monotonic() + question.timeout
         self._tried: frozenset[str] = frozenset()
-        self._returns = 0
+        self._returns = self._departures = 0
         self._instance = ""
         self._brought: list[zenoh.Reply] = []
 
@@ -241,7 +245,7 @@ class _Asking:
         try:
             if self._exchange.session.is_closed():
                 raise NoService("the client was closed before the answer came", instance=self._instance)
-            lost = isinstance(error, NoService) and self._question.repeatable and self._returns < MOST_RETURNS
+            lost = isinstance(error, NoService) and self._question.repeatable and self._may_return()
             other = self._exchange.leave(self._instance, self._tried, back=lost)
             if other is None:
                 raise error
@@ -253,14 +257,18 @@ class _Asking:
             with contextlib.suppress(InvalidStateError):  # a session that closes meanwhile has both ends tell
                 self.answer.set_exception(failure)
 
+    def _may_return(self) -> bool:
+        """Whether to ask the same instance again: it went since the last time, or it wasn't asked too often."""
+        departures = self._exchange.departures(self._instance)
+        if departures != self._departures:
+            self._departures, self._returns = departures, 0
+        return self._returns < MOST_RETURNS
+
     def _gone(self) -> NoService:
         """Zenoh brings no answer where the instance is gone, and where this client has no right to the key."""
         name, key = self._instance, self._question.key
         if self._exchange.is_there(name):
-            told = (
-                f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it, or the "
-                "link is cut again and again"
-            )
+            told = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
         else:
             told = f"no service named {name!r} answers any more"
         return NoService(told, instance=name, key=key)

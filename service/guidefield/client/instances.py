@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import threading
 import time
+from collections import Counter
 
 import msgspec
 import zenoh
@@ -36,6 +37,7 @@ class Instances:
         self._briefly = f"{base_key('*', user)}/info?brief"
         self.loads = Loads()
         self._living: set[str] = set()
+        self._departures: Counter[str] = Counter()
         self._refreshed = -REFRESHED_EVERY
         self._changed = threading.Condition()
         self._tokens = session.liveliness().declare_subscriber("guidefield/*/alive", self._heard, history=True)
@@ -70,6 +72,11 @@ class Instances:
         """The names of those that live."""
         with self._changed:
             return set(self._living)
+
+    def departures(self, name: str) -> int:
+        """How often an instance was seen to go: it ended, or the link to it was cut."""
+        with self._changed:
+            return self._departures[name]
 
     def freest(self, but: frozenset[str], wait: float) -> str | None:
         """The living instance that has the least to do per worker; any of those that are equally free.
@@ -117,6 +124,7 @@ class Instances:
                 self._living.add(_instance(token.key_expr))
             else:
                 self._living.discard(_instance(token.key_expr))
+                self._departures[_instance(token.key_expr)] += 1
                 self.loads.forget(_instance(token.key_expr))
             self._changed.notify_all()
 
