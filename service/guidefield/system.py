@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import time
+from pathlib import Path
 
 import psutil
 
@@ -12,7 +14,21 @@ _PROCESSOR_TIME = 2
 
 
 def resident(pid: int) -> int:
-    """Resident memory of a process [bytes]; 0 once it has ended."""
+    """Resident memory of a process [bytes]; 0 once it has ended.
+
+    On Linux without psutil, which looks up when the process began each time: an answer that tells memory took twice as
+    long for it.
+    """
+    if psutil.LINUX:
+        try:
+            return int(Path(f"/proc/{pid}/statm").read_bytes().split()[1]) * mmap.PAGESIZE
+        except OSError:
+            return 0
+    return told_resident(pid)
+
+
+def told_resident(pid: int) -> int:
+    """The same as psutil tells it [bytes]."""
     try:
         return int(psutil.Process(pid).memory_info().rss)
     except psutil.Error:

@@ -55,6 +55,20 @@ def test_one_users_queries_cost_no_other_user_any() -> None:
     allowances.ask("bob")
 
 
+@given(st.floats(0.5, 50.0))
+def test_a_list_counts_as_ten_queries(rate: float) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        clock = _Clock(patch)
+        allowances = Allowances(Quotas(default=Quota(per_second=rate)), Waiting(Limits()))
+        for _ in range(int((max(1.0, rate) - 1.0) / rooms.LIST_COUNTS) + 1):
+            allowances.ask("alice", lists=True)
+        with pytest.raises(QuotaExceeded) as refused:
+            allowances.ask("alice", lists=True)
+        assert refused.value.details["retry_after"] <= rooms.LIST_COUNTS / rate + 0.001
+        clock.now += refused.value.details["retry_after"] + 0.001
+        allowances.ask("alice", lists=True)
+
+
 def test_what_waits_is_bounded_for_each_user() -> None:
     waiting = Waiting(Limits())
     quotas = Quotas(users={"alice": Quota(waiting=2)})

@@ -10,6 +10,7 @@ import pytest
 from guidefield.endpoint import outbox as rooms
 from guidefield.endpoint.outbox import Outbox
 from guidefield.messages.identities import Asker
+from tests.journeys.service import await_that
 
 PATIENCE = 60.0
 
@@ -64,8 +65,8 @@ def test_a_thread_that_idles_is_told_of_one_answer_only(outbox: Outbox) -> None:
     healthy.reads.set()
     assert outbox.post(Asker(client="first"), 1, lambda: first.take(0))
     first.await_all(1)
-    with outbox._changed:  # nobody takes one before all are posted
-        assert outbox._changed.wait_for(lambda: outbox._idle, PATIENCE)
+    await_that(lambda: outbox._idle)
+    with outbox._lock:  # nobody takes one before all are posted
         assert outbox.post(Asker(client="stopped"), 1, lambda: stopped.take(0))
         for name in ("one", "another"):
             assert outbox.post(Asker(client=name), 1, lambda: healthy.take(0))

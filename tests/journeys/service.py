@@ -121,15 +121,7 @@ class PlainClient:
             timeout=ANSWERED_WITHIN,
             consolidation=zenoh.ConsolidationMode.NONE,
         ):
-            sample = reply.ok if reply.ok is not None else reply.err
-            found.append(
-                Answer(
-                    is_reply=reply.ok is not None,
-                    key="" if reply.ok is None else str(reply.ok.key_expr),
-                    encoding=str(sample.encoding),
-                    payload=sample.payload.to_bytes(),
-                )
-            )
+            found.append(_answer(reply))
         return found
 
     def answer(
@@ -137,6 +129,14 @@ class PlainClient:
     ) -> Answer:
         (only,) = self.answers(key, payload, encoding, client)
         return only
+
+    def flood(self, key: str, count: int) -> list[Answer]:
+        """Ask something so often at once; the answers, as they come."""
+        found: list[Answer] = []
+        for _ in range(count):
+            heard = zenoh.handlers.Callback(lambda reply: found.append(_answer(reply)), indirect=False)
+            self._session.get(key, heard, timeout=ANSWERED_WITHIN, consolidation=zenoh.ConsolidationMode.NONE)
+        return found
 
     def put(self, key: str, payload: bytes, encoding: str = "application/json") -> None:
         """Put something on a key; nobody answers."""
@@ -156,6 +156,16 @@ class PlainClient:
         error: dict[str, Any] = answer.json()
         assert set(error) >= {"code", "name", "message", "details"}
         return error
+
+
+def _answer(reply: zenoh.Reply) -> Answer:
+    sample = reply.ok if reply.ok is not None else reply.err
+    return Answer(
+        is_reply=reply.ok is not None,
+        key="" if reply.ok is None else str(reply.ok.key_expr),
+        encoding=str(sample.encoding),
+        payload=sample.payload.to_bytes(),
+    )
 
 
 @contextlib.contextmanager

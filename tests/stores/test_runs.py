@@ -13,7 +13,8 @@ from guidefield.errors import MalformedRequest, Status, UnknownObject, WorkerCra
 from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene
-from guidefield.stores.run_folder import RUNNING
+from guidefield.stores import runs
+from guidefield.stores.run_folder import RUNNING, UNREADABLE, summary
 from guidefield.stores.runs import NoRuns, Retention, RunStore
 from tests.replies import plan_reply
 
@@ -74,6 +75,28 @@ def test_summaries_say_how_a_run_stands(store: RunStore) -> None:
     }
     assert (listed["running"].robot, listed["running"].scene) == ("urdf", "inline")
     assert (listed["found"].robot, listed["found"].scene) == ("panda", "bookshelf")
+
+
+def test_a_list_reads_only_what_changed(store: RunStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store.begin("running", REQUEST)
+    _ended(store, "ended")
+    first = store.summaries()
+    read: list[str] = []
+    monkeypatch.setattr(runs, "summary", lambda folder: (read.append(folder.name), summary(folder))[1])
+    assert store.summaries() == first
+    assert read == []
+    store.fail("running", CRASH)
+    _ended(store, "another")
+    reply = tmp_path / "runs" / "ended" / "reply.json"
+    reply.write_bytes(reply.read_bytes()[:-10])
+    assert {run.run_id: run.status for run in store.summaries()} == {
+        "running": "CRASH",
+        "another": "SUCCESS",
+        "ended": UNREADABLE,
+    }
+    assert sorted(read) == ["another", "ended", "running"]
+    store.delete("another")
+    assert store.summaries() == RunStore(tmp_path / "runs").summaries()
 
 
 def test_the_newest_run_is_listed_first(store: RunStore, tmp_path: Path) -> None:

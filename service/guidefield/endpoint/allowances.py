@@ -18,6 +18,8 @@ STEADY = HALVED_IN / math.log(2.0)
 """What is counted of a user who gets a processor second each second, for long [s]."""
 AT_ONCE = 256 * 2**20
 """So much payload may come at once [bytes]."""
+LIST_COUNTS = 10.0
+"""As how many queries one for a list counts, or for all of `info`: so much longer it takes to answer."""
 SHORTEST = 0.001
 """The shortest time after which somebody is told to ask again [s]."""
 
@@ -36,13 +38,14 @@ class Allowances:
         self._queries, self._payloads = _Refilled(), _Refilled()
         self._lock = threading.Lock()
 
-    def ask(self, user: str, size: int = 0) -> None:
+    def ask(self, user: str, size: int = 0, *, lists: bool = False) -> None:
         """A user asks something.
 
         Args:
             user: Who.
             size: How long the payload is [bytes]. Whoever has anything left may send a long one, and waits longer for
                 the next.
+            lists: Whether it asks for a list, or for all of `info`. Whoever has a query left may.
 
         Raises:
             QuotaExceeded: if it asks too often, or sent too much.
@@ -54,7 +57,8 @@ class Allowances:
             left = self._queries.left(user, rate, most, now)
             room = self._payloads.left(user, flow, most_bytes, now) if size else most_bytes
             if left >= 1.0 and room > 0.0:
-                self._queries.keep(user, left - 1.0, rate, most, now)
+                counts = min(LIST_COUNTS, most) if lists else 1.0
+                self._queries.keep(user, left - counts, rate, most, now)
                 self._payloads.keep(user, room - size, flow, most_bytes, now)
         if left < 1.0:
             raise _exceeded(f"{rate:g} queries a second", (1.0 - left) / rate, per_second=rate)

@@ -1,10 +1,11 @@
 """Queries in, exactly one answer out to each of them.
 
 Theory of operation. One queryable serves every key of the instance, so that a query on any key, known or not, has one
-answerer. Its callback only sorts: what needs a robot, obstacle geometry or a kernel goes to the pool of workers; what
-reads or deletes files goes to a few threads here; the rest is answered at once, or ends a run early. Whoever settles a
-query does so through `Asked`, which answers once and only once, whatever happens; the answer goes out by a thread of
-the `Outbox`, so that whoever doesn't read holds up nobody.
+answerer. Zenoh calls it in the thread of the link that a query came by, so that a flood on one link holds up no other.
+It only sorts: what needs a robot, obstacle geometry or a kernel goes to the pool of workers; what reads or deletes
+files goes to a few threads here; the rest is answered at once, or ends a run early. Whoever settles a query does so
+through `Asked`, which answers once and only once, whatever happens; the answer goes out by a thread of the `Outbox`, so
+that whoever doesn't read holds up nobody.
 """
 
 from __future__ import annotations
@@ -146,7 +147,7 @@ class Endpoint:
         if told.user != PLAIN:
             self._pool.stand_by()
         if not keys.is_cancel(told):  # that gives something back
-            self._allowances.ask(told.user, size)
+            self._allowances.ask(told.user, size, lists=keys.is_list(told))
 
     def _ask_stream(self, asked: Asked, read: keys.Query, received: float) -> None:
         if keys.is_recording(read):  # the stream itself may be over

@@ -71,7 +71,8 @@ class Outbox:
         self._shares: dict[str, _Share] = {}
         self._ready: OrderedDict[str, deque[object]] = OrderedDict()
         self._size = self._count = self._threads = self._idle = 0
-        self._changed = threading.Condition()
+        self._lock = threading.RLock()
+        self._sendable_now, self._emptied = threading.Condition(self._lock), threading.Condition(self._lock)
         self._closed = False
 
     def post(self, asker: Asker, size: int, send: Callable[[], None]) -> bool:
@@ -85,7 +86,7 @@ class Outbox:
         Returns:
             Whether it will be sent. One answer to a client always is.
         """
-        with self._changed:
+        with self._lock:
             key: object = asker if asker.client else object()
             lane = self._lanes.get(key)
             if lane is not None and lane.size + size > MOST_BYTES_OF_CLIENT:
@@ -110,18 +111,21 @@ class Outbox:
     def close(self, within: float) -> None:
         """Send what waits, for so long [s]; then leave it."""
         deadline = time.monotonic() + within
-        with self._changed:
-            self._changed.wait_for(lambda: not self._count, deadline - time.monotonic())
+        with self._lock:
+            self._emptied.wait_for(lambda: not self._count, deadline - time.monotonic())
             if self._count:
                 _log.warning("%d answers were not read and are left behind", self._count)
             self._closed = True
-            self._changed.notify_all()
+            self._sendable_now.notify_all()
 
     def _be_ready(self, user: str, key: object) -> None:
-        """Something may be sent to a client: have a thread do it, one that idles or a new one."""
+        """Something may be sent to a client: have a thread do it, one that idles or a new one.
+
+        One is woken, not all: where a hundred idled, they took longer to find nothing than an answer took.
+        """
         self._ready.setdefault(user, deque()).append(key)
         if self._idle:
-            self._changed.notify_all()
+            self._sendable_now.notify()
         else:
             self._start_thread()
 
@@ -141,9 +145,9 @@ class Outbox:
 
     def _next(self) -> tuple[object, _Letter] | None:
         """The next answer to send; None where there was none for a while, or nothing more is to be sent."""
-        with self._changed:
+        with self._lock:
             self._idle += 1
-            found = self._changed.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
+            found = self._sendable_now.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
             self._idle -= 1
             user = self._sendable()
             if not found or self._closed or user is None:
@@ -166,7 +170,7 @@ class Outbox:
         return next((user for user in self._ready if self._shares[user].threads < most), None)
 
     def _sent(self, key: object, letter: _Letter) -> None:
-        with self._changed:
+        with self._lock:
             lane = self._lanes[key]
             lane.busy = False
             lane.size -= letter.size
@@ -183,6 +187,6 @@ class Outbox:
             else:
                 del self._lanes[key]
                 if self._ready:
-                    self._changed.notify_all()  # somebody of the same user may have waited for this thread
+                    self._sendable_now.notify()  # somebody of the same user may have waited for this thread
             if not self._count:
-                self._changed.notify_all()
+                self._emptied.notify_all()

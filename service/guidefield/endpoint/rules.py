@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from guidefield.endpoint.allowances import LIST_COUNTS
 from guidefield.endpoint.asked import LONGEST_CLIENT
 from guidefield.endpoint.clients import GRACE
 from guidefield.endpoint.endpoint import LATE, LATE_SHARE
@@ -95,6 +96,7 @@ _OF_ANSWERS = (
     _limit("unread", MOST_BYTES, "bytes", "of answers that wait for all clients; more are SERVER_BUSY"),
     _limit("unread_answers", MOST_LETTERS, "answers", "that wait for all clients; more are SERVER_BUSY"),
     _limit("unread_of_user", OF_USER, "of these", "that one user may have"),
+    _limit("list_counts", LIST_COUNTS, "queries", "as which a list, or all of `info`, counts beside `per_second`"),
     _limit("reads", MOST_READS, "queries", "for files that wait for the disk; more are SERVER_BUSY"),
 )
 _OF_STORES = (

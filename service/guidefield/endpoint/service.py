@@ -160,7 +160,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         for keys in (base_key(settings.instance, PLAIN), base_key(settings.instance, "*")):
             heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
             opened.enter_context(session.declare_subscriber(f"{keys}/streams/*/update", heard))
-        opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", endpoint.receive))
+        # In the thread of its link: in one thread for all, a query waited for all that others had asked before.
+        asked = zenoh.handlers.Callback(endpoint.receive, indirect=False)
+        opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", asked))
         opened.callback(endpoint.close)
         opened.callback(Clients(session, settings.instance, endpoint.forget).close)
         offer = _ros_offer(settings.ros, session, engines, endpoint, opened)

@@ -195,6 +195,11 @@ def is_brief(query: Query) -> bool:
     return "brief" in query.parameters
 
 
+def is_list(query: Query) -> bool:
+    """Whether the query asks for all that there is of a kind, or for all of info."""
+    return query.key in (("robots",), ("scenes",), ("runs",)) or (query.key == ("info",) and not is_brief(query))
+
+
 def _plan(query: Query) -> requests.Request:
     request: requests.Request = codec.decode(query.payload, requests.PlanRequest, query.encoding)
     return request

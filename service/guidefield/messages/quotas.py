@@ -17,7 +17,7 @@ class Quota(Message):
 
     Attributes:
         waiting: How many requests may wait.
-        per_second: How many queries a second are answered; as many may come at once.
+        per_second: How many queries a second are answered; as many may come at once. A list counts as ten.
         payload_per_second: How much comes with them a second in the long run; 256 MiB may come at once [bytes].
         processor_per_minute: Seconds of a processor in a minute, in the long run [s].
         bytes: What kept runs may take, what kept streams may, and what stored robots and scenes may together [bytes].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import msgspec
@@ -38,6 +39,19 @@ class _ReplyHead(msgspec.Struct):
 
 
 _UNREADABLE_HEAD = _RequestHead(robot=UNREADABLE, scene=UNREADABLE)
+
+
+def state(folder: Path) -> tuple[tuple[int, int, int] | None, ...]:
+    """What tells whether a summary still holds: number, size and last change of each file that it is made of."""
+    return tuple(_file_state(f"{folder}/{name}") for name in (REQUEST, REPLY, ERROR))
+
+
+def _file_state(file: str) -> tuple[int, int, int] | None:
+    try:
+        found = os.stat(file)  # noqa: PTH116 - a Path for each file takes longer than to look at it
+    except FileNotFoundError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def summary(folder: Path) -> RunSummary | None:

@@ -34,7 +34,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.stores.files import checked_name, decoded, read_if_any
-from guidefield.stores.run_folder import ERROR, LOST, OWED, RECORDING, REPLY, REQUEST, has_ended, summary
+from guidefield.stores.run_folder import ERROR, LOST, OWED, RECORDING, REPLY, REQUEST, has_ended, state, summary
 from guidefield.system import is_alive, told_apart
 from guidefield.whole_file import DRAFT, flush_folder, write_whole
 
@@ -113,6 +113,7 @@ class RunStore:
     def __init__(self, folder: Path, retention: Retention = DEFAULT_RETENTION) -> None:
         self._folder = folder
         self._retention = retention
+        self._summaries: dict[str, tuple[object, RunSummary]] = {}
         folder.mkdir(parents=True, exist_ok=True)
 
     def begin(self, run_id: str, request: MotionRequest) -> None:
@@ -184,9 +185,16 @@ class RunStore:
                     _log.warning("run %s, left behind, is dropped: %s", folder.name, refusal)
 
     def summaries(self) -> list[RunSummary]:
-        """The runs that are kept, newest first."""
-        found = (summary(folder) for folder in self._folders())
-        return sorted((run for run in found if run is not None), key=lambda run: run.began, reverse=True)
+        """The runs that are kept, newest first; of those that did not change since the last time no file is read."""
+        known = self._summaries
+        told: dict[str, tuple[object, RunSummary]] = {}
+        for folder in self._folders():
+            before, now = known.get(folder.name), state(folder)
+            run = before[1] if before is not None and before[0] == now else summary(folder)
+            if run is not None:
+                told[folder.name] = now, run
+        self._summaries = told
+        return sorted((run for _, run in told.values()), key=lambda run: run.began, reverse=True)
 
     def read(self, run_id: str) -> AnyRunReply:
         """One run.
@@ -276,8 +284,9 @@ class RunStore:
             raise _unknown(run_id)
         return folder
 
-    def _folders(self) -> Iterator[Path]:
-        return (entry for entry in self._folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+    def _folders(self) -> list[Path]:
+        with os.scandir(self._folder) as entries:
+            return [Path(entry.path) for entry in entries if not entry.name.startswith(".") and entry.is_dir()]
 
     def _drop(self, folder: Path) -> None:
         grave = self._folder / f".{uuid.uuid4().hex}.old"
