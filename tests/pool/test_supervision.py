@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing.process
 import os
+import queue
 import signal
 import subprocess
 import sys
@@ -69,6 +70,18 @@ def test_a_job_that_is_prepared_too_long_is_answered_and_the_worker_goes_on(pool
         file.touch()
     assert pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE) == (True, begun.read_bytes())
     assert pool.crashes == crashes
+
+
+def test_that_a_worker_dies_after_its_job_was_answered_late_is_told(pool: Pool, tmp_path: Path) -> None:
+    begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
+    late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
+    died: queue.Queue[WorkerCrashed] = queue.Queue()
+    task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late, died=died.put))
+    assert task.result(PATIENCE) == (True, b"too late")
+    await_begun(begun)
+    os.kill(int(begun.read_bytes()), signal.SIGKILL)
+    assert "died" in str(died.get(timeout=PATIENCE))
+    assert _echoes(pool)
 
 
 def test_a_job_that_is_prepared_in_time_has_its_own_answer(pool: Pool, tmp_path: Path) -> None:

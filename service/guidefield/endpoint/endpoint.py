@@ -289,6 +289,7 @@ class Endpoint:
             asker=read.asker,
             size=size,
             hear=partial(self._tell_progress, read.user, run_id),
+            died=partial(self._fail_run, read.user, run_id),
         )
         cancelled = partial(_cancelled, run_id, head, read.encoding, received)
         task = self._under_way.submit((read.user, "runs", run_id), task, cancelled, (read.encoding, read.payload))
@@ -333,12 +334,15 @@ class Endpoint:
         self._publish(f"{base_key(self._instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
 
     def _end_run(self, user: str, run_id: str, future: Future[Answer]) -> None:
-        error = future.exception()
-        if isinstance(error, WorkerCrashed):
-            try:
-                self._engines.stores.of(user).runs.fail(run_id, error_reply(error))
-            except OSError:
-                _log.exception("the end of run %s is not kept", run_id)
+        if isinstance(error := future.exception(), WorkerCrashed):
+            self._fail_run(user, run_id, error)
+
+    def _fail_run(self, user: str, run_id: str, error: WorkerCrashed) -> None:
+        """Keep how a run ended whose worker died."""
+        try:
+            self._engines.stores.of(user).runs.fail(run_id, error_reply(error))
+        except OSError:
+            _log.exception("the end of run %s is not kept", run_id)
 
 
 def _thing(read: keys.Query) -> tuple[Kind, str]:

@@ -171,12 +171,10 @@ class Slot:
             elif not task.done():  # else it was answered while the worker still prepared for it
                 task.set_result(answer)
         except GuidefieldError as error:
-            if not task.done():
-                task.set_exception(error)
+            _refuse(task, error)
         except Exception as error:  # the slot must outlive its own bugs, and the caller must hear of them
             _log.exception("a slot failed")
-            if not task.done():
-                task.set_exception(WorkerCrashed(f"the pool failed: {error}"))
+            _refuse(task, WorkerCrashed(f"the pool failed: {error}"))
 
     def _put_back(self, task: Task) -> None:
         """Let a task wait again that was set back, unless somebody cancelled it meanwhile, or it was answered."""
@@ -322,6 +320,13 @@ class Slot:
         with contextlib.suppress(BlockingIOError):
             while self._heard.recv(LONGEST_TELLING):
                 pass
+
+
+def _refuse(task: Task, error: GuidefieldError) -> None:
+    if not task.done():
+        task.set_exception(error)
+    elif isinstance(error, WorkerCrashed):  # while the worker went on with what was answered late
+        task.died(error)
 
 
 def _how(error: Exception) -> str:

@@ -24,7 +24,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from guidefield.errors import ServerBusy
+from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.messages.identities import SOMEBODY, Asker
 from guidefield.pool.usage import Usage
 
@@ -57,6 +57,10 @@ def _hear_nothing(_told: bytes) -> None:
     pass
 
 
+def _die_in_silence(_error: WorkerCrashed) -> None:
+    pass
+
+
 class Task(Future[Answer]):
     """A job that waits or is worked on, and the answer to come.
 
@@ -68,6 +72,7 @@ class Task(Future[Answer]):
         asker: Who asks; the queue is fair between them.
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
+        died: Is called with how the worker ended that went on with it after it was answered late.
 
     Attributes:
         since: When it began to wait, by `time.monotonic()` [s].
@@ -84,6 +89,7 @@ class Task(Future[Answer]):
         asker: Asker = SOMEBODY,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
+        died: Callable[[WorkerCrashed], None] = _die_in_silence,
     ) -> None:
         super().__init__()
         self.job = job
@@ -93,6 +99,7 @@ class Task(Future[Answer]):
         self.asker = asker
         self.size = size
         self.hear = hear
+        self.died = died
         self.cancelled_by_client = threading.Event()
         self.if_cancelled: Callable[[], Answer] | None = None
         self.since = time.monotonic()
