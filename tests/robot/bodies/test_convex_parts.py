@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.convex import convex
-from guidefield.geometry.decomposition import decompose
+from guidefield.geometry.decomposition import TOLERANCE, decompose
 from guidefield.geometry.solid import solid
 from guidefield.robot.bodies.convex_parts import MOST, TIGHT, convex_parts
 from guidefield.robot.model.shapes import HULL_STAND_OFF, WIDEST_GAP, triangulation
@@ -23,7 +23,7 @@ def test_meshes_have_parts_and_what_is_convex_has_none() -> None:
         if found is not None:
             assert found.hull.stand_off > HULL_STAND_OFF
             assert 1 <= len(found.parts) <= MOST
-            assert found.stand_off <= found.hull.stand_off
+            assert found.stand_off <= found.hull.stand_off + TOLERANCE  # by which either may be given too large
 
 
 @pytest.mark.parametrize("part", ["upper_arm_link_0", "wrist_1_link_0"])

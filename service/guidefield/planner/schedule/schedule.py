@@ -163,7 +163,7 @@ def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarr
             needed = 3.0 * np.abs(second)[:, None] * rates * unit + 2.0 * along / step
             allowed = ((problem.jerk_limits - third[:, None] * rates**3) / needed).min(axis=2, initial=np.inf)
             most, least = np.minimum(most, allowed), np.maximum(least, -allowed)
-    changes = [np.fix(np.nan_to_num(one)).astype(np.int64) for one in (np.minimum(least, 0.0), np.maximum(most, 0.0))]
+    changes = [np.trunc(np.nan_to_num(one)).astype(np.int64) for one in (np.minimum(least, 0.0), np.maximum(most, 0.0))]
     for one in changes:
         one[0] = 0
     return changes[0], changes[1]
