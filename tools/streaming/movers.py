@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -42,11 +44,16 @@ class Mover:
         """Move on for a while dt [s]; bodies (n, 3) are where the robot's are."""
         self.steer(self, time, dt, bodies)
         self.position = self.position + dt * self.velocity
-        angle = float(np.linalg.norm(self.spin)) * dt
+        angle = math.hypot(*self.spin) * dt
         if angle > 0.0:
             self.rotation = (
                 coal.AngleAxis(angle, self.spin / np.linalg.norm(self.spin)).toRotationMatrix() @ self.rotation
             )
+
+    @cached_property
+    def radius(self) -> float:
+        """Of a ball about its frame's origin that holds it [m]."""
+        return radius_of(self.shape)
 
     @property
     def quaternion(self) -> tuple[float, ...]:
@@ -63,18 +70,21 @@ def reflected(centre: np.ndarray, radius: float, inner: float) -> Steering:
         inner: Radius of the ball about the base, and of the upright cylinder below that ball's centre [m].
     """
 
+    base = centre[:2].tolist()
+
     def steer(mover: Mover, _: float, dt: float, __: np.ndarray) -> None:
         ahead = mover.position + dt * mover.velocity
+        x, y, z = ahead.tolist()
+        across, away = math.hypot(x - base[0], y - base[1]), math.dist((x, y, z), centre)
         normals = []
-        if ahead[2] < 0.0:
+        if z < 0.0:
             normals.append(np.array([0.0, 0.0, 1.0]))
-        if np.linalg.norm(ahead - centre) > radius:
-            normals.append((centre - ahead) / np.linalg.norm(centre - ahead))
-        across = ahead - np.array([centre[0], centre[1], ahead[2]])
-        if ahead[2] < centre[2] and np.linalg.norm(across) < inner:
-            normals.append(across / np.linalg.norm(across))
-        elif np.linalg.norm(ahead - centre) < inner:
-            normals.append((ahead - centre) / np.linalg.norm(ahead - centre))
+        if away > radius:
+            normals.append((centre - ahead) / away)
+        if z < centre[2] and across < inner:
+            normals.append(np.array([x - base[0], y - base[1], 0.0]) / across)
+        elif away < inner:
+            normals.append((ahead - centre) / away)
         for normal in normals:
             into = float(mover.velocity @ normal)
             if into < 0.0:
@@ -89,3 +99,10 @@ def hunting(mover: Mover, _: float, __: float, bodies: np.ndarray) -> None:
     far = np.linalg.norm(ways, axis=1)
     nearest = int(np.argmin(far))
     mover.velocity = ways[nearest] * (mover.largest / max(1e-9, float(far[nearest])))
+
+
+def radius_of(shape: coal.CollisionGeometry) -> float:
+    """Of a ball about the origin that holds a shape [m]."""
+    shape.computeLocalAABB()
+    box = shape.aabb_local
+    return float(np.linalg.norm(np.maximum(np.abs(np.array(box.min_)), np.abs(np.array(box.max_)))))

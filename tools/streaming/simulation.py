@@ -20,7 +20,7 @@ import pinocchio as pin
 from guidefield.messages.streams import Observation, Piece, StreamGoal, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.stream.stream import CertifiedStream
-from streaming.movers import Mover
+from streaming.movers import Mover, radius_of
 
 STILL = 1e-9
 """Slower is at rest [rad/s or m/s]."""
@@ -138,8 +138,9 @@ class Bodies:
         self.joints = [shape.parentJoint for shape in self.geometry.geometryObjects]
         self.own = [(p.first, p.second) for p in self.geometry.collisionPairs] if own else []
         self.own = [(a, b) for a, b in self.own if self.joints[a] != self.joints[b]]
+        self._first, self._second = np.array(self.own, np.int64).reshape(-1, 2).T
         self.allowed = set(stream.request.allowed_collisions)
-        self.radii = np.array([_radius(shape.geometry) for shape in self.geometry.geometryObjects])
+        self.radii = np.array([radius_of(shape.geometry) for shape in self.geometry.geometryObjects])
 
     def place(self, z: np.ndarray) -> np.ndarray:
         """Put them at coordinates z (nv,); where their frames are, shape (n, 3) [m]."""
@@ -159,20 +160,16 @@ class Bodies:
         there = coal.Transform3s(here.rotation, here.translation)
         return bool(coal.collide(own, there, shape, place, coal.CollisionRequest(), result))
 
-    def touching_own(self) -> tuple[str, str] | None:
-        """A pair of its own that touches, or None."""
-        for a, b in self.own:
+    def touching_own(self, places: np.ndarray) -> tuple[str, str] | None:
+        """A pair of its own that touches, or None; places (n, 3) are where frames are [m]."""
+        far = np.linalg.norm(places[self._first] - places[self._second], axis=1)
+        for index in np.flatnonzero(far < self.radii[self._first] + self.radii[self._second]).tolist():
+            a, b = self.own[index]
             here = self.placed.oMg[b]
             shape = self.geometry.geometryObjects[b].geometry
             if self.touches(a, shape, coal.Transform3s(here.rotation, here.translation)):
                 return self.name(a), self.name(b)
         return None
-
-
-def _radius(shape: coal.CollisionGeometry) -> float:
-    shape.computeLocalAABB()
-    box = shape.aabb_local
-    return float(np.linalg.norm(np.maximum(np.abs(np.array(box.min_)), np.abs(np.array(box.max_)))))
 
 
 def simulate(
@@ -284,11 +281,12 @@ def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, lim
 def _look(outcome, bodies, places, movers, resting, now, moving, step) -> None:  # type: ignore[no-untyped-def]
     """Look for contacts."""
     found = outcome.at_speed if moving else outcome.at_rest
-    for mover in movers:
-        place = coal.Transform3s(mover.rotation, mover.position)
-        reach = _radius(mover.shape)
-        near = np.flatnonzero(np.linalg.norm(places - mover.position, axis=1) < reach + bodies.radii)
-        for body in near.tolist():
+    if movers:
+        centres, reaches = np.array([one.position for one in movers]), np.array([one.radius for one in movers])
+        far = np.linalg.norm(centres[:, None] - places, axis=2)
+        for which, body in np.argwhere(far < reaches[:, None] + bodies.radii).tolist():
+            mover = movers[which]
+            place = coal.Transform3s(mover.rotation, mover.position)
             if bodies.joints[body] and bodies.touches(body, mover.shape, place):
                 found.append((now, bodies.name(body), mover.name))
     if step % 4 == 0:  # what rests doesn't come by itself
@@ -297,6 +295,6 @@ def _look(outcome, bodies, places, movers, resting, now, moving, step) -> None: 
                 looked_at = bodies.joints[body] and (bodies.name(body), name) not in bodies.allowed
                 if looked_at and bodies.touches(body, shape, place):
                     found.append((now, bodies.name(body), name))
-        pair = bodies.touching_own()
+        pair = bodies.touching_own(places)
         if pair is not None:
             found.append((now, *pair))
