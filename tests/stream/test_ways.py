@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from numba import njit
 
 from guidefield.kernels.stream.arrival import FADING, arrival
-from guidefield.kernels.stream.room import nearest
+from guidefield.kernels.stream.room import blocked, nearest
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.model.spaces import ChartPoint
@@ -20,6 +22,9 @@ from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.ways import NOTHING
 from tests.robots import robot
+
+LARGER = 0.05
+"""Links are told to be larger than they are by so much at most [m]."""
 
 UP = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}
 
@@ -63,6 +68,42 @@ def ball(where: tuple[float, float, float], drift: tuple[float, float, float], r
     row = np.zeros((1, 16))
     row[0, [0, 5, 10]], row[0, [3, 7, 11]], row[0, 15] = 1.0, where, radius
     return Drifting(row, np.array([drift]), np.array([np.linalg.norm(drift)]))
+
+
+@njit
+def is_blocked(ways: Any, boxes: Any, grown: Any, z: Any) -> bool:
+    return bool(blocked(ways, boxes, grown, z))
+
+
+def test_who_is_told_to_be_free_keeps_what_is_to_be_kept_and_who_is_not_is_close() -> None:
+    """Against Coal's distances; links are told to be larger than they are."""
+    rng, told = np.random.default_rng(0), []
+    with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
+        group, room = stream.group, stream._room.robot
+    placed, data = group.geometry.createData(), group.model.createData()
+    for _ in range(60):
+        z, sides, rows = group.random(rng), rng.uniform(0.05, 0.2, (3, 3)), np.zeros((3, 16))
+        rows[:, [0, 5, 10]], rows[:, 12:15] = 1.0, 0.5 * sides
+        rows[:, [3, 7, 11]] = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0], (3, 3))
+        grown = rng.uniform(0.0, 0.4, 3)
+        pin.updateGeometryPlacements(group.model, data, group.geometry, placed, group.expand_from_chart(z))
+        gaps = [
+            min(
+                coal.distance(
+                    shape.geometry, coal.Transform3s(here.rotation, here.translation), coal.Box(*side),
+                    coal.Transform3s(np.eye(3), row[[3, 7, 11]]), coal.DistanceRequest(), coal.DistanceResult(),
+                )
+                for shape, here in zip(group.geometry.geometryObjects, placed.oMg, strict=True)
+                if shape.parentJoint
+            )
+            for side, row in zip(sides, rows, strict=True)
+        ]  # fmt: skip
+        told.append(is_blocked(room, rows, grown, z))
+        if told[-1]:
+            assert (gaps < grown + LARGER).any()
+        else:
+            assert (gaps >= grown).all()
+    assert 10 < sum(told) < 50
 
 
 def later(drifting: Drifting, time: float) -> np.ndarray:

@@ -47,7 +47,7 @@ class StreamSettings:
         planned: So far ahead it is foreseen where obstacles are when the robot could come to a place at the soonest,
             where ways are looked at and planned [s].
         looked: What the way that is followed keeps from what moves, or another one is planned.
-        kept: The same where ways are planned: one is, with each of these.
+        kept: The same where ways are planned: one is, with each of these, the least first.
         going: What the robot keeps from what moves where a way costs nothing but its time, on the move: about what the
             judge wants at full speed.
         waiting: The same where it waits.
@@ -85,7 +85,7 @@ class StreamSettings:
     predicted: float = 0.25
     planned: float = 1.5
     looked: Kept = Kept(0.02, 0.10)
-    kept: tuple[Kept, ...] = (Kept(0.04, 0.25), Kept(0.02, 0.10))
+    kept: tuple[Kept, ...] = (Kept(0.02, 0.10), Kept(0.04, 0.25))
     going: Kept = Kept(0.03, 0.25)
     waiting: Kept = Kept(0.03, 0.12)
     widening: float = 0.4

@@ -236,8 +236,12 @@ class Planner:
         """The way that costs least, of the straight one and planned ones."""
         room = self._room
         straight = np.array([z0, z1])
-        ways = [room.way(drifting, kept, z0, z1, samples, cuts) for kept in STREAM.kept]
-        found = [way for way in ways if way is not None]
+        found: list[ChartPoints] = []
+        for kept in STREAM.kept:
+            way = room.way(drifting, kept, z0, z1, samples, cuts)
+            if way is None:
+                break  # none that keeps more is found either
+            found.append(way)
         if room.straight(NOTHING, STREAM.going, room.clearance(STREAM.resting, [z0, z1]), straight):
             found.append(straight)
         if not found:

@@ -94,6 +94,15 @@ def _place(robot: RoomRobot, z: Floats) -> None:
 
 
 @inlined
+def _point(pose: Floats, ball: Floats) -> tuple[float, float, float]:
+    """Where the centre of a ball, shape (4,), of a joint with a pose, shape (12,), is in the world [m]."""
+    x = pose[0] * ball[0] + pose[1] * ball[1] + pose[2] * ball[2] + pose[3]
+    y = pose[4] * ball[0] + pose[5] * ball[1] + pose[6] * ball[2] + pose[7]
+    t = pose[8] * ball[0] + pose[9] * ball[1] + pose[10] * ball[2] + pose[11]
+    return x, y, t
+
+
+@inlined
 def _distance(box: Floats, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Distance of a point of the world from a rounded box, shape (16,), and its gradient; negative inside [m]."""
     dx, dy, dz = x - box[3], y - box[7], z - box[11]
@@ -137,17 +146,13 @@ def distances(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, least: Flo
         size = math.sqrt(box[12] ** 2 + box[13] ** 2 + box[14] ** 2) + box[15]
         for body in range(robot.carriers.shape[0]):
             pose, ball = robot.poses[robot.carriers[body]], robot.bounds[body]
-            x = pose[0] * ball[0] + pose[1] * ball[1] + pose[2] * ball[2] + pose[3]
-            y = pose[4] * ball[0] + pose[5] * ball[1] + pose[6] * ball[2] + pose[7]
-            t = pose[8] * ball[0] + pose[9] * ball[1] + pose[10] * ball[2] + pose[11]
+            x, y, t = _point(pose, ball)
             reach = size + ball[3] + least[k]
             if (x - box[3]) ** 2 + (y - box[7]) ** 2 + (t - box[11]) ** 2 >= reach * reach:
                 continue
             for i in range(robot.first[body], robot.first[body + 1]):
                 ball = robot.balls[i]
-                x = pose[0] * ball[0] + pose[1] * ball[1] + pose[2] * ball[2] + pose[3]
-                y = pose[4] * ball[0] + pose[5] * ball[1] + pose[6] * ball[2] + pose[7]
-                t = pose[8] * ball[0] + pose[9] * ball[1] + pose[10] * ball[2] + pose[11]
+                x, y, t = _point(pose, ball)
                 least[k] = min(least[k], _distance(box, x, y, t)[0] - ball[3])
 
 
@@ -173,17 +178,13 @@ def pressure(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, gradient: F
         size = math.sqrt(box[12] ** 2 + box[13] ** 2 + box[14] ** 2) + box[15]
         for body in range(robot.carriers.shape[0]):
             pose, ball = robot.poses[robot.carriers[body]], robot.bounds[body]
-            x = pose[0] * ball[0] + pose[1] * ball[1] + pose[2] * ball[2] + pose[3]
-            y = pose[4] * ball[0] + pose[5] * ball[1] + pose[6] * ball[2] + pose[7]
-            t = pose[8] * ball[0] + pose[9] * ball[1] + pose[10] * ball[2] + pose[11]
+            x, y, t = _point(pose, ball)
             reach = size + ball[3] + cut
             if (x - box[3]) ** 2 + (y - box[7]) ** 2 + (t - box[11]) ** 2 >= reach * reach:
                 continue
             for i in range(robot.first[body], robot.first[body + 1]):
                 ball = robot.balls[i]
-                x = pose[0] * ball[0] + pose[1] * ball[1] + pose[2] * ball[2] + pose[3]
-                y = pose[4] * ball[0] + pose[5] * ball[1] + pose[6] * ball[2] + pose[7]
-                t = pose[8] * ball[0] + pose[9] * ball[1] + pose[10] * ball[2] + pose[11]
+                x, y, t = _point(pose, ball)
                 d, nx, ny, nz = _distance(box, x, y, t)
                 lack = cut - (d - ball[3])
                 if lack <= 0.0:
@@ -206,8 +207,8 @@ def pressure(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, gradient: F
     return whole
 
 
-@lane_step(boolean(ROOM_ROBOT, MATRIX, VECTOR, VECTOR, VECTOR_OUT))
-def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats, least: Floats) -> bool:
+@lane_step(boolean(ROOM_ROBOT, MATRIX, VECTOR, VECTOR))
+def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats) -> bool:
     """Whether the robot comes closer to any box than it is to keep.
 
     Args:
@@ -215,13 +216,23 @@ def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats, least: Fl
         boxes: Shape (k, `ROUNDED_BOX`) [m, world].
         grown: What to keep from each, shape (k,) [m].
         z: Coordinates, shape (nv,).
-        least: Scratch, shape (k,).
     """
-    distances(robot, boxes, z, 0.25, least)
-    closer = False
-    for k in range(boxes.shape[0]):
-        closer |= least[k] < grown[k]
-    return closer
+    _place(robot, z)
+    for body in range(robot.carriers.shape[0]):
+        pose, ball = robot.poses[robot.carriers[body]], robot.bounds[body]
+        x, y, t = _point(pose, ball)
+        for k in range(boxes.shape[0]):
+            box = boxes[k]
+            size = math.sqrt(box[12] ** 2 + box[13] ** 2 + box[14] ** 2) + box[15]
+            reach = size + ball[3] + grown[k]
+            away = (x - box[3]) ** 2 + (y - box[7]) ** 2 + (t - box[11]) ** 2
+            if reach <= 0.0 or away >= reach * reach or _distance(box, x, y, t)[0] >= ball[3] + grown[k]:
+                continue
+            for i in range(robot.first[body], robot.first[body + 1]):
+                u, v, w = _point(pose, robot.balls[i])
+                if _distance(box, u, v, w)[0] - robot.balls[i, 3] < grown[k]:
+                    return True
+    return False
 
 
 def nearest(robot: RoomRobot, boxes: Floats, z: Floats, cut: float) -> Floats:

@@ -65,7 +65,7 @@ SURROUNDINGS = numba_type(Surroundings)
 
 
 @inlined
-def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats, least: Floats) -> bool:
+def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats) -> bool:
     """Whether a box will be too close to coordinates z, shape (nv,), when the robot could be there at the soonest.
 
     Args:
@@ -73,7 +73,6 @@ def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats, least: 
         z: The coordinates.
         moved: Memory: the boxes then, shape (k, 16), with what never changes in it.
         grown: Memory: what is kept from each, shape (k,).
-        least: Memory: shape (k,).
     """
     first, last = 0.0, 0.0
     for j in range(z.shape[0]):
@@ -85,7 +84,7 @@ def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats, least: 
             moved[k, 4 * r + 3] = among.boxes[k, 4 * r + 3] + then * among.drifts[k, r]
         kept = min(among.gaps[0, k] + among.widening * first, among.gaps[1, k] + among.widening * last)
         grown[k] = min(among.grown[k], kept)
-    return bool(blocked(among.robot, moved, grown, z, least))
+    return bool(blocked(among.robot, moved, grown, z))
 
 
 @compiled(boolean(SURROUNDINGS, VECTOR, VECTOR))
@@ -104,7 +103,7 @@ def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
         rows[0, j], rows[1, j] = z0[j], z1[j]
     count = max(1, math.ceil(math.sqrt(square) / among.spacing))
     z, moved = np.empty(nv), among.boxes.copy()
-    grown, least = np.empty(moved.shape[0]), np.empty(moved.shape[0])
+    grown = np.empty(moved.shape[0])
     # the ends of halves first: what is in the way is found sooner
     stride = 1
     while stride < count:
@@ -117,7 +116,7 @@ def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
                 share = min(1.0, at / count)
                 for j in range(nv):
                     z[j] = z0[j] + share * (z1[j] - z0[j])
-                if _taken(among, z, moved, grown, least):
+                if _taken(among, z, moved, grown):
                     return False
             at += stride
         stride //= 2
