@@ -1,4 +1,4 @@
-"""What the certificate refuses is repaired: optimised or relaxed again, with samples that see what was overlooked."""
+"""What the certificate refuses is repaired: optimised again, with samples that see what was overlooked."""
 
 from __future__ import annotations
 
@@ -22,24 +22,12 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
-from guidefield.planner.relax.settings import RELAXATION
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
-from guidefield.planner.task.trace import Note
 from guidefield.scene.guide_plane import build
-from tests.planner.relax.test_relaxation import over_the_wall, smallest_clearance
-
-
-def lowered_into_contact(path: np.ndarray) -> np.ndarray:
-    """A path over the wall with its middle bent down until it touches."""
-    made, _ = over_the_wall()
-    bad, middle = path.copy(), len(path) // 2
-    while smallest_clearance(made, bad) > -0.015:
-        bad[middle - 3 : middle + 4, 3] -= 0.01
-    return bad
+from tests.planner.walls import over_the_wall, smallest_clearance
 
 
 def through_the_wall(made: Problem, path: np.ndarray) -> Trajectory:
@@ -117,12 +105,6 @@ def guided_over_the_wall() -> tuple[Problem, np.ndarray, dict[int, int]]:
     return dataclasses.replace(made, guide_planes=(plane,)), path, {0: middle}
 
 
-@pytest.fixture
-def of_many_coordinates(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Has a motion that crosses guide planes count as one of too many coordinates: it is relaxed instead."""
-    monkeypatch.setattr(module, "BALANCED", dataclasses.replace(BALANCED, most_guided=1))
-
-
 def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> None:
     made, path, crossings = guided_over_the_wall()
     finished = finish(made, PathSoFar(path, crossings, proven=False), Stages(made))
@@ -163,79 +145,6 @@ def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pyt
     assert finished.verdict.free
     assert LOST in finished.warnings[0]
     np.testing.assert_array_equal(finished.path[finished.crossings[0]], path[crossings[0]])
-
-
-@pytest.mark.usefixtures("of_many_coordinates")
-def test_a_guided_motion_of_many_coordinates_is_relaxed() -> None:
-    made, path, crossings = guided_over_the_wall()
-    made.observer.events.clear()
-    stages = Stages(made)
-    assert finish(made, PathSoFar(path, crossings), stages).verdict.free
-    assert any(isinstance(event, Note) and "relaxed in" in event.text for event in made.observer.events)
-
-
-@pytest.mark.usefixtures("of_many_coordinates")
-def test_a_refused_guided_motion_is_relaxed_again_looking_closer(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
-    asked: list[float] = []
-
-    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
-        relaxed = relax(*arguments, segment=segment)
-        asked.append(segment)
-        first = len(asked) == 1
-        return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path)) if first else relaxed
-
-    monkeypatch.setattr(module, "relax", misled)
-    stages = Stages(made)
-    finished = finish(made, PathSoFar(path, crossings, proven=False), stages)
-    assert asked == [RELAXATION.segment, RELAXATION.finer * RELAXATION.segment]
-    assert finished.verdict.free
-    assert certify(made.world, finished.trajectory.bezier()).free
-    outcomes = [stage.outcome for stage in stages.left if stage.name == "certify"]
-    # a spline drawn closer to a path that touches would touch, too: it is not tried
-    assert outcomes == ["contact", "free"]
-
-
-@pytest.mark.usefixtures("of_many_coordinates")
-def test_a_repaired_motion_whose_relaxation_had_no_time_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
-    asked: list[float] = []
-
-    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
-        relaxed = relax(*arguments, segment=segment)
-        asked.append(segment)
-        if len(asked) == 1:
-            return dataclasses.replace(relaxed, path=lowered_into_contact(relaxed.path))
-        return dataclasses.replace(relaxed, outcome=Outcome.OUT_OF_TIME)
-
-    monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, PathSoFar(path, crossings, proven=False), Stages(made))
-    assert finished.verdict.free
-    assert finished.warnings == (HURRIED,)
-
-
-def test_shorter_segments_are_more() -> None:
-    made, path = over_the_wall()
-    assert len(relax(made, path, {}, segment=RELAXATION.finer * RELAXATION.segment).path) > 1.5 * len(
-        relax(made, path, {}).path
-    )
-
-
-@pytest.mark.usefixtures("of_many_coordinates")
-def test_a_spline_keeps_limits_that_a_waypoint_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, path, crossings = guided_over_the_wall()
-    upper = float(made.group.upper[0])
-
-    def misled(*arguments: Any, segment: float = RELAXATION.segment) -> Relaxed:
-        relaxed = relax(*arguments, segment=segment)
-        beyond = relaxed.path.copy()
-        beyond[len(beyond) // 2, 0] = upper + 0.01
-        return dataclasses.replace(relaxed, path=beyond)
-
-    monkeypatch.setattr(module, "relax", misled)
-    finished = finish(made, PathSoFar(path, crossings), Stages(made))
-    assert finished.verdict.free
-    assert finished.trajectory.bezier()[:, :, 0].max() <= upper + 1e-12
 
 
 def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> None:

@@ -17,7 +17,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from tests.planner.problems import problem, scene_of
-from tests.planner.relax.test_relaxation import over_the_wall
+from tests.planner.walls import over_the_wall
 
 
 def asked(**options: Any) -> Problem:

@@ -1,4 +1,4 @@
-"""How the planner searched: trees edge by edge, and paths as they were relaxed, where Pinocchio has the tip."""
+"""How the planner searched: trees edge by edge, and motions as they were optimised, where Pinocchio has the tip."""
 
 from __future__ import annotations
 

@@ -219,7 +219,7 @@ def _print(title: str, rows: list[Row]) -> None:
     print(
         f"    minimum {_spread(1e3 * m.minimum for _, m in done)} mm, {100 * share:.0f} % at the ends' own;"
         f" inner {_spread(1e3 * m.inner for _, m in done)} mm;"
-        f" found motions not relaxed: {sum(bool(row.warnings) for row, _ in done)};"
+        f" found motions not optimised: {sum(bool(row.warnings) for row, _ in done)};"
         f" length {_spread((row.relative_length for row, _ in done), 95, 2)} of VAMP's;"
         f" smoothness {_median(row.smoothness for row, _ in done):.2f};"
         f" duration {_median(row.duration for row, _ in done):.2f} s"

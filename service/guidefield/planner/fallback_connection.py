@@ -127,7 +127,7 @@ def _connected(
     part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
     connection = connect(part, found.path[-1], goals, rng, prove=prove)
     if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
-        problem.tell(Note("no connection keeps the clearance asked for: relaxing may make one of any that is free"))
+        problem.tell(Note("no connection keeps the clearance asked for: optimising may make one of any that is free"))
         problem = dataclasses.replace(problem, min_clearance=0.0)
         connection = connect(problem, found.path[-1], goals, rng, prove=prove)
     return connection

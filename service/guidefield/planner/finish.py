@@ -1,12 +1,8 @@
 """From a path that was found to the trajectory that is executed: optimise shape and time together, certify it.
 
 What the certificate refuses is optimised again with more weight on the clearance, and more samples. Where that can't be
-certified either, the path that was found is taken instead, as fast as a spline through it can be executed.
-
-A path that crosses guide planes with many coordinates is relaxed instead; a spline is laid through it and timed. What
-the certificate refuses there goes back: the spline is drawn closer to the path where it was refused (a path of
-straight, certified motions is its limit); where the path itself touches, it is relaxed again with shorter segments,
-whose samples see what was overlooked.
+certified either, the path that was found is taken instead, as fast as a spline through it can be executed. Where that
+is refused it is drawn closer to the path, whose straight motions are its limit.
 """
 
 from __future__ import annotations
@@ -32,10 +28,8 @@ from guidefield.planner.motion.waypoints import length_of, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, closer, constrained
+from guidefield.planner.optimize.settings import OPTIMIZATION, closer, constrained
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.relax.relaxation import Outcome, Relaxed, relax
-from guidefield.planner.relax.settings import RELAXATION
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
@@ -86,26 +80,24 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
 
     Args:
         problem: Robot, world, limits and budget.
-        found: The path. Only one that is proven itself is worth a try where the relaxed one is refused.
+        found: The path. Only one that is proven itself is worth a try where the optimised one is refused.
         stages: Where time is counted.
     """
     if found.failure is not None:
         return _as_far_as_it_got(problem, found, found.failure, stages)
     if problem.optimization_iterations == 0 or length_of(found.path) == 0.0:
         return _certified(problem, found.path, found.crossings, stages)
-    plain = not (found.crossings and problem.group.nv > BALANCED.most_guided)
-    finished = (_optimized if plain else _relaxed)(problem, found, stages)
+    finished = _optimized(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
-    unrelaxed = _certified(problem, found.path, found.crossings, stages)
+    as_found = _certified(problem, found.path, found.crossings, stages)
     if finished is None:
-        return replace(unrelaxed, warnings=(f"{LOST}; this is the motion as it was found",))
+        return replace(as_found, warnings=(f"{LOST}; this is the motion as it was found",))
     why = finished.verdict.reason
-    if not unrelaxed.verdict.free:
-        return unrelaxed if why is Reason.CONTACT else finished
-    made = "optimised" if plain else "relaxed"
-    warning = f"the {made} motion was not certified ({why.value}); this is the motion as it was found"
-    return replace(unrelaxed, warnings=(warning,))
+    if not as_found.verdict.free:
+        return as_found if why is Reason.CONTACT else finished
+    warning = f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
+    return replace(as_found, warnings=(warning,))
 
 
 def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
@@ -254,27 +246,6 @@ def _of_optimized(problem: Problem, optimized: Optimized, crossed: _Crossed, sta
         stage.outcome = verdict.reason.value
     warnings = (HURRIED,) if optimized.outcome is Shaping.OUT_OF_TIME else ()
     return Finished(verdict, trajectory.positions, crossed.knots(optimized), trajectory, warnings=warnings)
-
-
-def _relaxed(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    """The trajectory along the relaxed path; where it is refused, along it relaxed again, if that one isn't."""
-    with stages.entered("relax", "to the middle of the free space") as stage:
-        relaxed = relax(problem, found.path, found.crossings)
-        stage.outcome = relaxed.outcome.value
-    finished = _of_relaxed(problem, relaxed, stages)
-    if finished.verdict.free or problem.budget.spent():
-        return finished
-    with stages.entered("relax", "again, looking closer, because the certificate refused it") as stage:
-        relaxed = relax(problem, relaxed.path, relaxed.crossings, segment=RELAXATION.finer * RELAXATION.segment)
-        stage.outcome = relaxed.outcome.value
-    again = _of_relaxed(problem, relaxed, stages)
-    return again if again.verdict.free else finished
-
-
-def _of_relaxed(problem: Problem, relaxed: Relaxed, stages: Stages) -> Finished:
-    """The trajectory along a relaxed path, with a warning where time was up meanwhile."""
-    finished = _certified(problem, relaxed.path, relaxed.crossings, stages)
-    return replace(finished, warnings=(HURRIED,)) if relaxed.outcome is Outcome.OUT_OF_TIME else finished
 
 
 def _certified(problem: Problem, path: ChartPoints, crossings: Mapping[int, int], stages: Stages) -> Finished:

@@ -33,7 +33,7 @@ STEP_COLORS = {
 """Colour by kind of step (RGBA)."""
 
 RELAX_COLOR = (190, 160, 250, 255)
-"""Of a step of the relaxation (RGBA)."""
+"""Of a step of the optimisation (RGBA)."""
 
 POINT_RADIUS = 0.006
 """Radius of the point that stands for a step [m]."""

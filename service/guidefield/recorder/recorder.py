@@ -130,7 +130,7 @@ class Recorder:
         yield from search.relaxed(self._group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
         shown = evenly(len(steps), log.MOST_FRAMES)
         times, qs = [steps[index][0] for index in shown], [steps[index][1].q for index in shown]
-        if not steps:  # trees and relaxed paths are told without the robot, which waits at its start
+        if not steps:  # trees and optimised motions are told without the robot, which waits at its start
             times, qs = [0], [start]
         at = poses(self._group, qs)
         yield robot_entities.link_motion(self._group, links, at, np.array(times), STEP)

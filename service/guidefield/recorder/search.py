@@ -1,4 +1,4 @@
-"""How the planner searched: its trees as they grew, and the path as it was relaxed, over the timeline of its steps."""
+"""How the planner searched: its trees as they grew, and the motion as it was optimised, over the timeline of steps."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ MOST_NODES = 200
 """Nodes of a tree that are shown: the first ones."""
 
 MOST_ITERATIONS = 6
-"""Iterations of the relaxation that are shown: of more, as many, evenly chosen."""
+"""Iterations of the optimisation that are shown: of more, as many, evenly chosen."""
 
 MOST_WAYPOINTS = 24
-"""Points by which a path that is being relaxed is shown."""
+"""Points by which a motion that is being optimised is shown."""
 
 TREE_COLOR = (150, 170, 200, 140)
 RELAXED_COLOR = (190, 160, 250, 255)
@@ -62,7 +62,7 @@ def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -
 
 
 def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
-    """The tip's way along a path after steps of its relaxation, each with its number on the timeline."""
+    """The tip's way along a motion after steps of its optimisation, each with its number on the timeline."""
     if not paths:
         return
     chosen = evenly(len(paths), MOST_ITERATIONS)

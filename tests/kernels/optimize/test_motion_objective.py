@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from guidefield.kernels.barrier.verlet_list import nothing_remembered
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
-from guidefield.kernels.relax.verlet_list import nothing_remembered
 from guidefield.planner.optimize.bspline import BSpline, End
 from guidefield.planner.optimize.constraint_samples import constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.robot.group.path_constraints import ConstrainedFrames
-from tests.kernels.relax.test_relaxation import GROUPS, made, sampled
+from tests.kernels.barrier.test_robot_barrier import GROUPS, made, sampled
 
 PIECES = 9
 

@@ -17,8 +17,8 @@ from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
+from tests.kernels.barrier.test_robot_barrier import made
 from tests.kernels.optimize.test_motion_objective import ends_of, look, motion, of, unconstrained
-from tests.kernels.relax.test_relaxation import made
 
 RULES = DescentRules(
     steps=1000, tries=40, shorter=0.7, settled=1e-13, little=0.0, longest=0.5, trusted=math.inf, damping=1e-9

@@ -28,7 +28,7 @@ def walk(seed, n=10):
 
 
 def even(seed, n=32):
-    """Evenly spaced waypoints on a curve that bends slowly, as relaxation leaves them."""
+    """Evenly spaced waypoints on a curve that bends slowly."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 1.0, n)[:, None]
     return rng.normal(size=7) + t * rng.normal(size=7) + np.sin(np.pi * t) * rng.normal(size=7) * 0.3

@@ -29,8 +29,9 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build
 from tests.planner.problems import problem, scene_of
-from tests.planner.relax.test_relaxation import beside_the_way, over_the_wall, smallest_clearance
+from tests.planner.walls import beside_the_way, over_the_wall, smallest_clearance
 from tests.robots import box_arm, group, grouped
+from tests.scene.solids import l_prism, mesh_message
 
 
 def along(made: Problem, path: np.ndarray) -> Trajectory:
@@ -286,6 +287,23 @@ def test_a_guided_motion_crosses_its_plane_though_a_shorter_way_leads_past_it(tu
     assert place.plane.contains(tip)
 
 
+def test_a_long_chain_passes_its_plane_in_few_pieces() -> None:
+    made = problem("chain_fixed_10x168_r22", scene_of(), planes=())
+    rng, nv = np.random.default_rng(6), made.group.nv
+    start = made.group.chart(made.q_start)
+    path = np.array([start, start + 0.05 * rng.normal(size=nv), start + 0.1 * rng.normal(size=nv)])
+    place = PlanePlace.through(made, square(made.kinematics.tip_positions(path[1:2])[0], 0.05), path[1])
+    motion = along(made, path)
+    found = optimize(made, motion, BALANCED, passages=(Passage(place, path[1]),))
+    assert nv > BALANCED.many
+    assert found.outcome is Outcome.OPTIMISED
+    assert found.trajectory.duration < motion.duration
+    assert len(found.trajectory.times) - 1 <= 2 * BALANCED.least_pieces + 1
+    check_limits(made, found.trajectory)
+    tip = made.kinematics.tip_positions(found.trajectory.positions[[found.passed[0]]])[0]
+    assert place.plane.distance(tip, place.inset) <= PASSAGE.reached
+
+
 def test_a_plane_crossed_twice_is_crossed_twice_and_out_of_iterations_too() -> None:
     made, path, place = by_way_of(1.0)
     twice = (Passage(place, path[1]), Passage(place, path[1]))
@@ -313,6 +331,24 @@ def test_a_path_in_slight_contact_comes_free() -> None:
     while smallest_clearance(made, bad) > -0.005:
         bad[middle - 3 : middle + 4, 3] -= 0.01
     assert smallest_clearance(made, optimized(made, bad).trajectory.positions, 0.3) > 0.02
+
+
+@pytest.mark.parametrize("name", ["mesh", "sheet"])
+def test_it_gets_clear_of_surfaces(name: str) -> None:
+    over, path = over_the_wall()
+    vertices, triangles = l_prism()
+    standing = [(0.3, 0.0, 0.0), (0.8, 0.0, 0.0), (0.8, 0.0, 0.7), (0.3, 0.0, 0.7)]
+    obstacle = {
+        # an L that lies on its back, its corner cut out of the wall's upper front
+        "mesh": mesh_message(
+            vertices[:, [0, 2, 1]] * [0.25, 0.04, 0.35], triangles[:, ::-1], position=(0.3, -0.02, 0.0)
+        ),
+        "sheet": messages.Polygon(name="sheet", vertices=standing),
+    }[name]
+    made = problem(over.group, scene_of(obstacle), planes=())
+    before = smallest_clearance(made, path, 0.3)
+    assert 0.0 < before < 0.04
+    assert smallest_clearance(made, optimized(made, path).trajectory.positions, 0.3) > before + 0.01
 
 
 @pytest.mark.parametrize(

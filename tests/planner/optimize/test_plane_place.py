@@ -5,8 +5,36 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guidefield.messages import scene as messages
 from guidefield.planner.optimize.plane_place import PlanePlace
-from tests.planner.relax.test_plane_crossing import GROUPS, made, plane_through
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.guide_plane import GuidePlane, build
+from tests.planner.problems import problem, scene_of
+from tests.robots import box_arm, group, grouped
+
+GROUPS = {
+    "panda": lambda: group("panda"),
+    "floating": lambda: grouped(box_arm("floating x y", 0)),
+    "planar": lambda: grouped(box_arm("planar x y", 0)),
+}
+
+
+def plane_through(tip: np.ndarray, half: float = 0.1, shift: float = 0.0) -> GuidePlane:
+    """A square across (1, 1, 0) around a point, moved within its plane by a share of its half side."""
+    across, up = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0), np.array([0.0, 0.0, 1.0])
+    middle = tip + shift * half * across
+    corners = [middle + half * (a * across + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return build(messages.GuidePlane(name="GP", vertices=[tuple(c.tolist()) for c in corners]), 0)
+
+
+def made(name: str, seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
+    """A problem, a chart point and the tip there."""
+    planned: PlanningGroup = GROUPS[name]()
+    made_for = problem(planned, scene_of(), planes=())
+    z = 0.8 * planned.chart(planned.random(np.random.default_rng(seed)))
+    z = np.clip(z, planned.lower + 0.1, planned.upper - 0.1)
+    return made_for, z, made_for.kinematics.tip_position(planned.expand_from_chart(z))
 
 
 @pytest.mark.parametrize("name", GROUPS)

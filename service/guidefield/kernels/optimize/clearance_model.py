@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from guidefield.kernels.barrier.robot_barrier import robot_barrier
+from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace
+from guidefield.kernels.barrier.verlet_list import NEAR_BODIES, NearBodies
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled
-from guidefield.kernels.relax.robot_barrier import robot_barrier
-from guidefield.kernels.relax.sampled_robot import ROBOT, SampledRobot, workspace
-from guidefield.kernels.relax.verlet_list import NEAR_BODIES, NearBodies
 
 
 class MotionSamples(NamedTuple):

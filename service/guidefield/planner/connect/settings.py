@@ -71,7 +71,7 @@ class RoundSettings:
 
     Attributes:
         motions: That a round judges at most. Unrecorded.
-        share: Rounds end when this share of the time that was left is over: the rest is for relaxing, timing, the
+        share: Rounds end when this share of the time that was left is over: the rest is for timing, optimising, the
             certificate. A choice, not a measurement.
         least: By what share a path has to be shorter to be taken. A choice: less is not worth a round.
     """

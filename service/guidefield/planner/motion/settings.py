@@ -38,8 +38,8 @@ class TimingSettings:
         steps_a_piece: Of the first grid, in each piece of the spline .. Unrecorded.
         least_steps: .. and at least so many in all of it. Unrecorded.
         acceleration_change: A step of it is divided if some joint's acceleration changes over it by more than this
-            share of its limit: d^2r/dt^2 is constant over a step, so the end that allows less of it decides. Paths as
-            even as relaxed ones hardly need that. Unrecorded.
+            share of its limit: d^2r/dt^2 is constant over a step, so the end that allows less of it decides. Evenly
+            spaced waypoints hardly need that. Unrecorded.
         most_parts: Into at most so many. Unrecorded.
         shortest_step: No controller follows shorter steps, and their accelerations, second differences of positions,
             would be a matter of rounding [s].

@@ -4,7 +4,7 @@ First the optimal speed along the spline is found on a grid that contains the sp
 derivative jumps there. Then the motion is *defined* as the cubic Hermite curve in time through the grid points. Its
 extrema are known exactly, so the limits are kept everywhere and not at samples only: the limits of the steps that came
 out too fast are tightened, and what excess remains is removed by stretching all time. The motion leaves the spline by a
-few microradians on a relaxed path, by up to 0.3 milliradians near sharp corners; never beyond the spline's limits.
+few microradians on a smooth path, by up to 0.3 milliradians near sharp corners; never beyond the spline's limits.
 """
 
 from __future__ import annotations

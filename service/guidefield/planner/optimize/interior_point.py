@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.kernels.barrier.sampled_robot import SampledRobot
+from guidefield.kernels.barrier.verlet_list import NearBodies, nothing_remembered
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
@@ -18,8 +20,6 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constrai
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
-from guidefield.kernels.relax.sampled_robot import SampledRobot
-from guidefield.kernels.relax.verlet_list import NearBodies, nothing_remembered
 from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples

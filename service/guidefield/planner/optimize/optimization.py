@@ -24,17 +24,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
+from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.interior_point import Descent, Look, Question
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
-from guidefield.planner.optimize.settings import OptimizationSettings
+from guidefield.planner.optimize.sampled_robot import few_points, sampled_robot
+from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSettings
 from guidefield.planner.optimize.start import ends_of, first_motion, longest_step, motion_limits, moving_motion
 from guidefield.planner.optimize.within import brought_within
-from guidefield.planner.relax.sampled_robot import few_points, sampled_robot
-from guidefield.planner.relax.settings import BARRIER
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly
@@ -153,7 +152,7 @@ class _Descending:
         """A motion after all coarse weights of the limits' barrier; None where it can't be brought within limits."""
         problem, tables, ends = self._problem, self._tables, motion.positions[[0, -1]]
         robot = sampled_robot(problem, tables, ends)
-        kept = [obstacle_distance(robot, tables, z.copy(), BARRIER.farthest_floor) for z in ends]
+        kept = [obstacle_distance(robot, tables, z.copy(), SAMPLED_ROBOT.farthest) for z in ends]
         moving, longest = ends_of(problem, motion), np.inf
         if problem.in_motion:
             first = moving_motion(motion, moving, self._limits, self._settings)

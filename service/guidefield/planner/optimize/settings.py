@@ -22,14 +22,14 @@ class OptimizationSettings:
     Attributes:
         weight: Of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 %
             faster and keep 2 mm less on the way, with 0.2 1 % slower and 2 mm more.
-        range: Of the barrier [m]. Found for the relaxation of paths; with 120 mm motions get 10 % slower.
+        range: Of the barrier [m]. With 120 mm motions get 10 % slower.
         least_range: Share of the range at an end: what is that close by cannot be left.
         ramp: Joint distance from an end at which the range is the full one [rad or m]. Unrecorded.
         end_weight: Weight on top of the full one at an end, against the tighter range.
         floor: What is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m].
             With 2 mm instead two of 70 motions came nearer than 20 mm.
         farthest_floor: It is that share of what the ends keep, see `floor_share`, where that is more, but at most this
-            [m]. For `CLEARANCE` as far as the relaxation's: guided motions keep as much as theirs with it.
+            [m]. For `CLEARANCE` guided motions keep as much with it as paths in the middle of the free space.
         least_floor: The same at least, at ends [m]: the margin of all motions.
         floor_share: At an end it is this share of what the end keeps.
         floor_ramp: Joint distance from an end at which the floor is the full one [rad or m]. Unrecorded.
@@ -39,6 +39,10 @@ class OptimizationSettings:
         piece: Length of a piece before the last subdivision [rad or m]. Unrecorded.
         least_pieces, most_pieces: At least and at most so many. With 24 instead of 64, and no second try, four of 21
             motions of a Fetch were refused.
+        many: A motion of more coordinates than this has the least pieces. A step's work grows by the third power of the
+            coordinates, while a chain's length in the chart, which no obstacle sees, grows, too. Chains of 12 to 48
+            links in a passage that tapers, with 64 instead: their optimisation takes two to five times as long, for
+            motions up to 6 % longer that keep 10 mm less.
         coarse: Weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and
             3e-4 besides take more steps to the same motions.
         fine: The same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less.
@@ -72,9 +76,6 @@ class OptimizationSettings:
         inward: Weight of the limits' barrier then. Unrecorded.
         inward_steps: Newton's steps each time. Unrecorded.
         strictly: Share of the limits within which such a motion may begin. Unrecorded.
-        most_guided: A motion that crosses guide planes is relaxed instead where it has more coordinates than this: the
-            work of a step grows by their third power. Chains of 12 links (36) get half as long motions in four times
-            the time, which is past ten times with 24 links.
         damping: Added to the Hessian's diagonal, as a share of it, against rounding.
         constraint_room: Share of a path constraint's limit up to which it costs nothing. Constrained: with 0.85
             certificates take twice the time.
@@ -100,6 +101,7 @@ class OptimizationSettings:
     piece: float = 0.18
     least_pieces: int = 16
     most_pieces: int = 64
+    many: int = 24
     coarse: tuple[float, ...] = (1e-2, 1e-3)
     fine: tuple[float, ...] = (1e-4, 1e-5)
     steps: int = 20
@@ -122,7 +124,6 @@ class OptimizationSettings:
     inward: float = 0.1
     inward_steps: int = 3
     strictly: float = 0.995
-    most_guided: int = 24
     damping: float = 1e-9
     constraint_room: float = 0.7
     constraint_weight: float = 3e3
@@ -131,6 +132,29 @@ class OptimizationSettings:
 
 
 BALANCED = OptimizationSettings()
+
+
+@dataclass(frozen=True)
+class SampledRobotSettings:
+    """Of the robot as points, and of its links as they are kept apart.
+
+    Attributes:
+        weight: Sum of the weights of all points. Unrecorded.
+        range: Of the barrier between links [m]. Unrecorded.
+        least_range: The same between links that are that close at an end of the motion [m]. Unrecorded.
+        coarser: One in so many of a link's points stands for all against other links. Chosen for time; the value is
+            unrecorded.
+        farthest: Ends count as keeping at most so much from obstacles [m]. Unrecorded.
+    """
+
+    weight: float = 100.0
+    range: float = 0.03
+    least_range: float = 0.004
+    coarser: int = 3
+    farthest: float = 0.25
+
+
+SAMPLED_ROBOT = SampledRobotSettings()
 
 
 @dataclass(frozen=True)

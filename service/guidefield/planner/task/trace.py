@@ -90,11 +90,11 @@ class TreeGrown:
 
 @dataclass(frozen=True, eq=False)
 class PathRelaxed(ReadOnly):
-    """One accepted step of the optimisation, or of the relaxation.
+    """One accepted step of the optimisation.
 
     Attributes:
         path: The whole path after it, chart points, shape (n, nv).
-        objective: What is descended (planner/optimize/optimization.py, planner/relax/relaxation.py), dimensionless.
+        objective: What is descended (planner/optimize/optimization.py), dimensionless.
     """
 
     path: ChartPoints

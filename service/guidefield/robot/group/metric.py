@@ -1,8 +1,8 @@
 """The metric on the joint space: how far apart two chart points are, where joints turn and slide.
 
 It is the Euclidean norm of the difference of two chart points, each coordinate divided by what counts as one radian in
-it. The tree, its samples and what makes its paths shorter go by it, the choice among configurations that reach a pose,
-and the relaxation's energy. How finely a motion is sampled goes by the chart's own length instead.
+it. The tree, its samples and what makes its paths shorter go by it, and the choice among configurations that reach a
+pose. How finely a motion is sampled goes by the chart's own length instead.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from guidefield.robot.model.model import Joint
 LENGTH_OF_A_RADIAN = 0.5
 """How far a joint slides for what counts as one radian [m]; a power of two, which divides without rounding.
 
-Measured on the public problems of Fetch, whose torso slides (`tools/bench quality` and `connect`), and on chains whose
-base moves (`tools/fixed_requests`). With 1 m Fetch's motions take a fifth longer. With 0.25 m they take a fifth less,
-and keep as much to 1 mm, but two of 137 can't be relaxed, and motions of a moving base become less smooth and longer in
-time. The tree's mean time differs little between 1 and 0.125.
+Measured when shape came before time, on the public problems of Fetch, whose torso slides (`tools/bench quality` and
+`connect`), and on chains whose base moves (`tools/fixed_requests`). With 1 m Fetch's motions take a fifth longer. With
+0.25 m they take a fifth less, and keep as much to 1 mm, but two of 137 weren't certified at first, and motions of a
+moving base become less smooth and longer in time. The tree's mean time differs little between 1 and 0.125.
 """
 
 

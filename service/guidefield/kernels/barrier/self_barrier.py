@@ -10,12 +10,8 @@ import math
 
 from numba import void
 
-from guidefield.kernels.distance.distance import TABLES, DistanceTables, body_distance, bounds_near
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled
-from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.relax.barrier import barrier
-from guidefield.kernels.relax.sampled_robot import (
+from guidefield.kernels.barrier.barrier import barrier
+from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
     PAST,
@@ -28,6 +24,10 @@ from guidefield.kernels.relax.sampled_robot import (
     place_link,
     workspace,
 )
+from guidefield.kernels.distance.distance import TABLES, DistanceTables, body_distance, bounds_near
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, Vector3, compiled
+from guidefield.kernels.kinematics.poses import moved_by
 
 
 @uncounted

@@ -8,12 +8,8 @@ from __future__ import annotations
 
 import math
 
-from guidefield.kernels.distance.distance import TABLES, DistanceTables, nearest_body
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
-from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.relax.barrier import barrier, deficit
-from guidefield.kernels.relax.sampled_robot import (
+from guidefield.kernels.barrier.barrier import barrier, deficit
+from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
     PAST,
@@ -24,7 +20,11 @@ from guidefield.kernels.relax.sampled_robot import (
     place,
     workspace,
 )
-from guidefield.kernels.relax.verlet_list import NearBodies, bodies_that_count, remembered_bodies
+from guidefield.kernels.barrier.verlet_list import NearBodies, bodies_that_count, remembered_bodies
+from guidefield.kernels.distance.distance import TABLES, DistanceTables, nearest_body
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
+from guidefield.kernels.kinematics.poses import moved_by
 
 
 @uncounted

@@ -1,13 +1,13 @@
-"""The robot of a problem as the relaxation's kernels read it: points against obstacles, points against other links."""
+"""The robot of a problem as the barrier's kernels read it: points against obstacles, points against other links."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from guidefield.kernels.barrier.sampled_robot import FIRST, PAST, PAST_FEW, SampledRobot
+from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.relax.sampled_robot import FIRST, PAST, PAST_FEW, SampledRobot
-from guidefield.kernels.relax.self_barrier import pair_distances
-from guidefield.planner.relax.settings import BARRIER
+from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.link_bodies import link_bodies
@@ -22,7 +22,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
     Bodies that stand still don't count, nor do pairs that the world doesn't test. Links that are within range of each
-    other at an end of the path are let in that far all along it.
+    other at an end of the motion are let in that far all along it.
 
     Args:
         problem: Robot, world and field.
@@ -34,7 +34,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         origin=problem.group.expand(problem.group.q_origin),
         ignored=_ignored(problem, moving),
         pairs=pairs,
-        pair_ranges=np.full(len(pairs), BARRIER.self_range),
+        pair_ranges=np.full(len(pairs), SAMPLED_ROBOT.range),
     )
     read_only(*robot)
     closest = np.full(len(pairs), np.inf)
@@ -42,7 +42,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
-    robot = robot._replace(pair_ranges=np.clip(closest, BARRIER.least_self_range, BARRIER.self_range))
+    robot = robot._replace(pair_ranges=np.clip(closest, SAMPLED_ROBOT.least_range, SAMPLED_ROBOT.range))
     read_only(*robot)
     return robot
 
@@ -73,9 +73,9 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
         offsets=group.expand_offset,
         origin=np.empty(0),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
-        weights=np.full(int(counts.sum()), BARRIER.weight / max(int(counts.sum()), 1)),
+        weights=np.full(int(counts.sum()), SAMPLED_ROBOT.weight / max(int(counts.sum()), 1)),
         groups=np.column_stack(
-            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // BARRIER.coarser)]
+            [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // SAMPLED_ROBOT.coarser)]
         ),
         balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
         ignored=np.empty((len(moving), 0), bool),

@@ -1,4 +1,4 @@
-"""The objective of relaxation and its derivatives, against Pinocchio's kinematics and plain formulas."""
+"""The barrier of a robot and its derivatives, against Pinocchio's kinematics and plain formulas."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.kernels.barrier.barrier import SOFT, STEEPNESS
+from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
+from guidefield.kernels.barrier.sampled_robot import SampledRobot
+from guidefield.kernels.barrier.self_barrier import pair_distances
+from guidefield.kernels.barrier.verlet_list import MARGIN, nothing_remembered
 from guidefield.kernels.distance.distance import distance_at_points
-from guidefield.kernels.relax.barrier import SOFT, STEEPNESS
-from guidefield.kernels.relax.obstacle_barrier import obstacle_distance
-from guidefield.kernels.relax.relaxation import PathSamples, objective
-from guidefield.kernels.relax.sampled_robot import SampledRobot
-from guidefield.kernels.relax.self_barrier import pair_distances
-from guidefield.kernels.relax.verlet_list import MARGIN, nothing_remembered
-from guidefield.planner.relax.sampled_robot import sampled_robot
-from guidefield.planner.relax.settings import BARRIER
+from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
+from guidefield.planner.optimize.sampled_robot import sampled_robot
+from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables
@@ -75,7 +76,7 @@ def distances(made_for: Problem, robot: SampledRobot, z: np.ndarray) -> list[tup
         placed = data.oMi[shapes[body].parentJoint] * shapes[body].placement
         _, first, last, coarse = robot.groups[g]
         apart = [point_distance(shapes[body].geometry, placed, point) for point in world[g][: coarse - first]]
-        w = BARRIER.weight / robot.points.shape[1] * (last - first) / (coarse - first)
+        w = SAMPLED_ROBOT.weight / robot.points.shape[1] * (last - first) / (coarse - first)
         found += [(d, w, float(reach), 0.0) for d in apart]
     return found
 
@@ -107,56 +108,29 @@ def cost(distance: float, reach: float, floor: float) -> float:
     return plain(distance, reach) + STEEPNESS * wanting**2
 
 
-def samples_of(*rows: tuple[int, float, float]) -> PathSamples:
-    segments, fractions, weights = (np.array(column) for column in zip(*rows, strict=True))
-    samples = PathSamples(
-        segments.astype(np.int64),
-        fractions.astype(float),
-        weights.astype(float),
-        np.full(len(rows), REACH),
-        np.ones(len(rows)),
-    )
-    for array in samples:
-        array.setflags(write=False)
-    return samples
+class Barrier:
+    """The barrier at one configuration, which is that of a motion with a single sample on its last control point."""
 
-
-class Objective:
-    """The kernel with its outputs as values."""
-
-    def __init__(self, made_for: Problem, samples: PathSamples, stiffness: float = 0.0, ends: np.ndarray | None = None):
+    def __init__(self, made_for: Problem, ends: np.ndarray | None = None):
         self.robot, self.tables = sampled(made_for, ends)
-        self.samples, self.stiffness = samples, np.full(made_for.group.nv, stiffness)
-        self.near = nothing_remembered(len(samples.segments), len(self.robot.groups))
+        rows = np.zeros(1, np.int64), np.eye(4)[3:], np.ones(1), np.full(1, REACH), np.full(1, FLOOR), np.ones(1)
+        for row in rows:
+            row.setflags(write=False)
+        self.samples, self.near = MotionSamples(*rows), nothing_remembered(1, len(self.robot.groups))
 
-    def __call__(self, path: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        n, nv = path.shape
-        gradient, diagonal, upper = np.empty((n, nv)), np.empty((n, nv, nv)), np.empty((n - 1, nv, nv))
-        value = objective(
-            self.robot,
-            self.tables,
-            self.samples,
-            path,
-            self.stiffness,
-            CLEARANCE,
-            FLOOR,
-            self.near,
-            gradient,
-            diagonal,
-            upper,
-        )
-        return value, gradient, diagonal, upper
-
-
-def at_end(z: np.ndarray) -> np.ndarray:
-    """A path whose last waypoint is z."""
-    return np.vstack([z - 0.1, z])
+    def __call__(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Value, gradient and Hessian."""
+        nv = len(z)
+        points, gradient = np.vstack([np.zeros((COUPLED, nv)), z]), np.empty((COUPLED + 1, nv))
+        blocks = np.empty((COUPLED + 1, nv, (COUPLED + 1) * nv))
+        value = clearance_along(self.robot, self.tables, self.samples, points, CLEARANCE, self.near, gradient, blocks)
+        return value, gradient[COUPLED], blocks[COUPLED, :, COUPLED * nv :]
 
 
 @pytest.mark.parametrize("name", GROUPS)
 def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
     made_for, z = made(name)
-    value, *_ = (one := Objective(made_for, samples_of((0, 1.0, 1.0))))(at_end(z))
+    value, *_ = (one := Barrier(made_for))(z)
     expected = sum(w * cost(d, reach, floor) for d, w, reach, floor in distances(made_for, one.robot, z))
     assert value == pytest.approx(expected, rel=1e-5)
     assert value > 0.0
@@ -166,18 +140,16 @@ def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_its_gradient_is_its_derivative(name: str, seed: int) -> None:
     made_for, z = made(name, seed)
-    one, step = Objective(made_for, samples_of((0, 1.0, 1.0))), 1e-6
-    gradient = one(at_end(z))[1]
-    numeric = np.array([(one(at_end(z + e))[0] - one(at_end(z - e))[0]) / (2 * step) for e in step * np.eye(len(z))])
-    np.testing.assert_allclose(gradient[1], numeric, rtol=1e-4, atol=1e-4 * np.abs(numeric).max())
-    assert (gradient[0] == 0.0).all()
+    one, step = Barrier(made_for), 1e-6
+    numeric = np.array([(one(z + e)[0] - one(z - e)[0]) / (2 * step) for e in step * np.eye(len(z))])
+    np.testing.assert_allclose(one(z)[1], numeric, rtol=1e-4, atol=1e-4 * np.abs(numeric).max())
 
 
 @pytest.mark.parametrize("name", GROUPS)
 def test_its_hessian_is_gauss_and_newtons(name: str) -> None:
     made_for, z = made(name)
-    one, step = Objective(made_for, samples_of((0, 1.0, 1.0))), 1e-6
-    *_, diagonal, _ = one(at_end(z))
+    one, step = Barrier(made_for), 1e-6
+    *_, hessian = one(z)
     here = distances(made_for, one.robot, z)
 
     def only(z: np.ndarray) -> np.ndarray:
@@ -187,54 +159,17 @@ def test_its_hessian_is_gauss_and_newtons(name: str) -> None:
     h = 1e-6
     bends = [w * (cost(d + h, r, f) - 2 * cost(d, r, f) + cost(d - h, r, f)) / h**2 for d, w, r, f in here]
     expected = np.einsum("i,ij,ik->jk", bends, rows, rows)
-    np.testing.assert_allclose(diagonal[1], expected, rtol=2e-2, atol=1e-2 * np.abs(expected).max())
-    np.testing.assert_allclose(diagonal[1], diagonal[1].T, rtol=1e-12)
-    assert np.linalg.eigvalsh(diagonal[1]).min() >= -1e-9 * np.abs(diagonal[1]).max()
+    np.testing.assert_allclose(hessian, expected, rtol=2e-2, atol=1e-2 * np.abs(expected).max())
+    np.testing.assert_allclose(hessian, hessian.T, rtol=1e-12)
+    assert np.linalg.eigvalsh(hessian).min() >= -1e-9 * np.abs(hessian).max()
 
 
-def test_a_path_gathers_its_samples_on_its_waypoints() -> None:
-    made_for, z = made("panda")
-    rng = np.random.default_rng(5)
-    path = z + 0.05 * rng.normal(size=(4, len(z)))
-    samples = samples_of((0, 0.25, 0.3), (0, 0.5, 1.0), (1, 0.0, 0.7), (2, 0.75, 2.0), (2, 1.0, 0.5))
-    one, step = Objective(made_for, samples, stiffness=3.0), 1e-6
-    value, gradient, diagonal, upper = one(path)
-    numeric = np.empty_like(path)
-    for k in range(4):
-        for j in range(len(z)):
-            e = np.zeros_like(path)
-            e[k, j] = step
-            numeric[k, j] = (one(path + e)[0] - one(path - e)[0]) / (2 * step)
-    np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-4 * np.abs(numeric).max())
-    # blocks: the stretch's, and each sample's Hessian shared by 1 - t and t
-    expected, expected_upper = np.zeros_like(diagonal), np.zeros_like(upper)
-    for k in range(3):
-        expected[k] += 3.0 * np.eye(7)
-        expected[k + 1] += 3.0 * np.eye(7)
-        expected_upper[k] -= 3.0 * np.eye(7)
-    single = Objective(made_for, samples_of((0, 1.0, 1.0)))
-    for k, t, w in zip(samples.segments, samples.fractions, samples.weights, strict=True):
-        H = w * single(at_end((1 - t) * path[k] + t * path[k + 1]))[2][1]
-        expected[k] += (1 - t) ** 2 * H
-        expected[k + 1] += t**2 * H
-        expected_upper[k] += t * (1 - t) * H
-    np.testing.assert_allclose(diagonal, expected, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(upper, expected_upper, rtol=1e-9, atol=1e-6)
-    stretch = 1.5 * (np.diff(path, axis=0) ** 2).sum()
-    alone = sum(
-        w * single(at_end((1 - t) * path[k] + t * path[k + 1]))[0]
-        for k, t, w in zip(samples.segments, samples.fractions, samples.weights, strict=True)
-    )
-    assert value == pytest.approx(stretch + alone)
-
-
-def test_without_obstacles_only_the_stretch_and_the_robot_itself_count() -> None:
+def test_without_obstacles_a_robot_that_is_not_near_itself_costs_nothing() -> None:
     made_for = problem("panda", scene_of(), planes=())
-    path = np.vstack([made_for.q_start, made_for.q_start + 0.3])
-    one = Objective(made_for, samples_of((0, 0.5, 1.0)), stiffness=2.0, ends=path)
-    value, gradient, *_ = one(path)
-    assert value == pytest.approx(7 * 0.3**2)
-    np.testing.assert_allclose(gradient, np.outer([-1.0, 1.0], np.full(7, 0.6)))
+    value, gradient, hessian = Barrier(made_for, ends=made_for.q_start[None])(made_for.q_start)
+    assert value == 0.0
+    assert not gradient.any()
+    assert not hessian.any()
 
 
 def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
@@ -245,11 +180,10 @@ def test_links_within_range_at_an_end_are_let_in_that_far() -> None:
     for _ in range(20_000):
         z = made_for.group.chart(made_for.group.random(rng))
         pair_distances(robot, tables, z, closest)
-        if BARRIER.least_self_range < closest.min() < 0.5 * BARRIER.self_range:
+        if SAMPLED_ROBOT.least_range < closest.min() < 0.5 * SAMPLED_ROBOT.range:
             break
-    assert BARRIER.least_self_range < closest.min() < 0.5 * BARRIER.self_range
-    strict = Objective(made_for, samples_of((0, 1.0, 1.0)))(at_end(z))[0]
-    lenient = Objective(made_for, samples_of((0, 1.0, 1.0)), ends=z[None])(at_end(z))[0]
+    assert SAMPLED_ROBOT.least_range < closest.min() < 0.5 * SAMPLED_ROBOT.range
+    strict, lenient = Barrier(made_for)(z)[0], Barrier(made_for, ends=z[None])(z)[0]
     assert strict > 0.0
     assert lenient == pytest.approx(0.0, abs=1e-12)
 
@@ -269,7 +203,7 @@ def test_the_distances_of_pairs_are_those_of_their_points_within_range() -> None
     for (g, _), distance in zip(robot.pairs, closest, strict=True):
         count = robot.groups[g, 3] - robot.groups[g, 1]
         smallest = min(own[at : at + count])
-        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < BARRIER.self_range - 1e-6 else np.inf)
+        assert distance == (pytest.approx(smallest, abs=1e-6) if smallest < SAMPLED_ROBOT.range - 1e-6 else np.inf)
         at += count
 
 
@@ -286,12 +220,11 @@ def test_the_distance_from_obstacles_is_that_of_the_nearest_point(name: str) -> 
 def test_what_is_remembered_of_bodies_nearby_changes_nothing() -> None:
     made_for, z = made("panda")
     rng = np.random.default_rng(3)
-    samples = samples_of((0, 0.25, 0.3), (0, 1.0, 1.0))
-    remembering, moved_far = Objective(made_for, samples), 0
+    remembering, moved_far = Barrier(made_for), 0
     for scale in (0.0, 0.01, 0.03, 0.01, 1.0, 0.02, 0.5, 0.01):
         z = z + scale * rng.normal(size=len(z))
         before = remembering.near.centres.copy()
-        for found, expected in zip(remembering(at_end(z)), Objective(made_for, samples)(at_end(z)), strict=True):
+        for found, expected in zip(remembering(z), Barrier(made_for)(z), strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
         moved_far += int((np.linalg.norm(remembering.near.centres - before, axis=2) > MARGIN).sum())
     assert moved_far > 10

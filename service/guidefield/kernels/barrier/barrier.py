@@ -3,7 +3,7 @@
 At the distance d it is b(d / range), b(x) = (1 - x)^2 / x^3 below 1 and 0 beyond, once continuously differentiable.
 Below `SOFT` it is the parabola that continues it, so that what is inside an obstacle is pushed out with a finite force.
 It is the field's near-surface law 2 pi/d to a higher power, cut off smoothly at a range: the field itself, with all
-that is far away, was measured to be the wrong objective for a path.
+that is far away, was measured to be the wrong objective for a motion.
 
 Besides, what comes nearer than a floor costs the square of what is wanting: the barrier alone trades a narrow place
 for wide ones, also where it need not be narrow.

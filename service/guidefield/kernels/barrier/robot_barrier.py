@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from guidefield.kernels.barrier.obstacle_barrier import obstacle_barrier
+from guidefield.kernels.barrier.sampled_robot import SampledRobot, Workspace, place
+from guidefield.kernels.barrier.self_barrier import self_barrier
+from guidefield.kernels.barrier.verlet_list import NearBodies
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats, Vector3
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
-from guidefield.kernels.relax.obstacle_barrier import obstacle_barrier
-from guidefield.kernels.relax.sampled_robot import SampledRobot, Workspace, place
-from guidefield.kernels.relax.self_barrier import self_barrier
-from guidefield.kernels.relax.verlet_list import NearBodies
 
 
 @uncounted

@@ -1,6 +1,6 @@
 """Which bodies may be near a group of points, remembered as long as the group hasn't moved far.
 
-A path in relaxation is looked at again and again, and moves little from one time to the next. The bodies within reach
+A motion is looked at again and again, and moves little from one time to the next. The bodies within reach
 and a margin of where a group's ball was hold all those within reach of where it is, as long as the ball's centre has
 moved by no more than the margin.
 """
@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from guidefield.kernels.barrier.sampled_robot import SampledRobot, Workspace
 from guidefield.kernels.distance.distance import DistanceTables, bodies_near
 from guidefield.kernels.distance.triangle_distance import box_gap_squared
 from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, IndexRowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.relax.sampled_robot import SampledRobot, Workspace
 
 MARGIN = 0.04
 """How far a group may move before bodies are looked for anew [m]."""
@@ -25,7 +25,7 @@ MOST = 24
 
 
 class NearBodies(NamedTuple):
-    """What is remembered of s configurations of a path, by group; overwritten by every look at them.
+    """What is remembered of s configurations of a motion, by group; overwritten by every look at them.
 
     Attributes:
         centres: Where each group's ball was when bodies were looked for, shape (s, g, 3) [m].

@@ -1,1 +1,0 @@
-"""The objective of relaxing a path: a barrier on distances along it."""

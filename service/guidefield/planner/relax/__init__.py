@@ -1,1 +1,0 @@
-"""Paths taken to the middle of the free space."""
