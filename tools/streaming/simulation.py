@@ -146,6 +146,9 @@ class Bodies:
         """Put them at coordinates z (nv,); where their frames are, shape (n, 3) [m]."""
         q = self._group.expand_from_chart(z)
         pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.placed, q)
+        return self._places()
+
+    def _places(self) -> np.ndarray:
         return np.array([placement.translation for placement in self.placed.oMg])
 
     def name(self, body: int) -> str:
@@ -160,8 +163,9 @@ class Bodies:
         there = coal.Transform3s(here.rotation, here.translation)
         return bool(coal.collide(own, there, shape, place, coal.CollisionRequest(), result))
 
-    def touching_own(self, places: np.ndarray) -> tuple[str, str] | None:
-        """A pair of its own that touches, or None; places (n, 3) are where frames are [m]."""
+    def touching_own(self) -> tuple[str, str] | None:
+        """A pair of its own that touches, or None."""
+        places = self._places()
         far = np.linalg.norm(places[self._first] - places[self._second], axis=1)
         for index in np.flatnonzero(far < self.radii[self._first] + self.radii[self._second]).tolist():
             a, b = self.own[index]
@@ -295,6 +299,6 @@ def _look(outcome, bodies, places, movers, resting, now, moving, step) -> None: 
                 looked_at = bodies.joints[body] and (bodies.name(body), name) not in bodies.allowed
                 if looked_at and bodies.touches(body, shape, place):
                     found.append((now, bodies.name(body), name))
-        pair = bodies.touching_own(places)
+        pair = bodies.touching_own()
         if pair is not None:
             found.append((now, *pair))
