@@ -99,7 +99,7 @@ def serve(folder: Path, say: Callable[[str], None]) -> Served:
     journal.close()
     (file,) = files_of(kept)
     recording = folder / "demo-stream.rrd"
-    record(file, engine.stream, recording)
+    record([file], engine.stream, recording)
     return Served(places, pieces, reasons, replayed(file, engine.stream).same, recording)
 
 

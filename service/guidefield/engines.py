@@ -114,7 +114,7 @@ class Engines:
         return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by nobody else any more")
 
     def stream_recording(self, owner: str, name: str) -> bytes:
-        """The recording of a stream that is kept, made of the newest file of its journal.
+        """The recording of a stream that is kept, made of all files of its journal.
 
         Raises:
             UnknownObject: if none of that name is kept, or no update of it yet, or it is damaged or too large.
@@ -124,11 +124,9 @@ class Engines:
         from guidefield.stream import kept_streams
         from guidefield.stream.shown import recorded
 
-        file = kept_streams.newest_file(self.stores.streams_of(owner), name)
+        files = kept_streams.kept_files(self.stores.streams_of(owner), name)
         try:
-            recording = recorded(file, self.of(owner).stream)
-        except FileNotFoundError:  # it made room meanwhile
-            raise kept_streams.none_kept(name) from None
+            recording = recorded(files, self.of(owner).stream)
         except MalformedRequest as error:
             raise UnknownObject(f"stream {name!r} has no recording: {error.message}", stream=name) from None
         if len(recording) > LARGEST_RECORDING:

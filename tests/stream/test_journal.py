@@ -20,6 +20,7 @@ from guidefield.scene.scene import build
 from guidefield.stream import journal as journals
 from guidefield.stream.journal import Journal, Updated, files_of
 from guidefield.stream.replay import read, replayed
+from guidefield.stream.shown import recorded
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.takeover import TakeOver, WhenFound
 from tests.journeys.service import await_that
@@ -167,6 +168,27 @@ def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
     file.write_bytes(b"nothing of ours")
     with pytest.raises(MalformedRequest, match="no file of a stream"):
         read(file)
+
+
+def test_a_file_of_another_version_is_told_from_one_that_is_none(tmp_path: Path) -> None:
+    """Such as one from before it was kept when a way was planned last."""
+    journal = Journal(tmp_path, ASKED, "plain", {})
+    with CertifiedStream(ASKED, robot("ur5"), EMPTY, None, journal) as stream:
+        stream.update(StreamUpdate(0.0))
+    journal.close()
+    (file,) = files_of(tmp_path)
+    first, *others = journals.entries_of(file)
+    older = msgspec.to_builtins(first, builtin_types=(bytes,))
+    del older["snapshot"]["planned"]
+    with file.open("wb") as write:
+        for one in (older, *others):
+            payload = msgspec.msgpack.encode(one)
+            write.write(journals._LENGTH.pack(len(payload)) + payload)
+    for ask in (read, lambda path: replayed(path, opens), lambda path: recorded([path], opens)):
+        with pytest.raises(
+            MalformedRequest, match=r"000001\.stream hasn't the fields .* `planned` - at `\$\.snapshot`"
+        ):
+            ask(file)
 
 
 def test_a_disk_that_refuses_costs_the_journal_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

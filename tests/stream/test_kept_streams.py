@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.stream.journal import FILE_BYTES, MOST_FILES
-from guidefield.stream.kept_streams import MOST_KEPT, begin, file_bytes, newest_file
+from guidefield.stream.kept_streams import MOST_KEPT, begin, file_bytes, kept_files
 
 
 def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:
@@ -31,16 +31,16 @@ def test_all_streams_of_a_user_keep_its_quota() -> None:
     assert file_bytes(2**40) == FILE_BYTES
 
 
-def test_the_newest_file_is_asked_for_by_the_name_of_its_stream(tmp_path: Path) -> None:
+def test_files_are_asked_for_by_the_name_of_its_stream(tmp_path: Path) -> None:
     folder = begin(tmp_path / "streams", "s")
     with pytest.raises(UnknownObject, match="nothing is kept of a stream 's'"):
-        newest_file(tmp_path / "streams", "s")
+        kept_files(tmp_path / "streams", "s")
     for number in (1, 2):
         (folder / f"{number:06}.stream").write_bytes(b"x")
-    assert newest_file(tmp_path / "streams", "s").name == "000002.stream"
+    assert [file.stem for file in kept_files(tmp_path / "streams", "s")] == ["000001", "000002"]
     for name in ("..", "../streams/s", ".", "", "s/../s"):
         with pytest.raises(MalformedRequest, match="stream_id"):
-            newest_file(tmp_path / "streams", name)
+            kept_files(tmp_path / "streams", name)
     with pytest.raises(UnknownObject):
-        newest_file(tmp_path / "nowhere", "s")
+        kept_files(tmp_path / "nowhere", "s")
     assert not (tmp_path / "nowhere").exists(), "looking leaves no folder behind"

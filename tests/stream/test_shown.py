@@ -15,14 +15,17 @@ from typer.testing import CliRunner
 from guidefield import demo_stream
 from guidefield.cli import app
 from guidefield.errors import MalformedRequest
+from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.scene.scene import Scene as BuiltScene
 from guidefield.stream.journal import Journal, files_of
+from guidefield.stream.replay import read
 from guidefield.stream.shown import record, recorded
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.takeover import TakeOver
+from tests.journeys.service import await_that
 from tests.robots import robot
 from tests.stream.test_journal import EMPTY
 
@@ -57,7 +60,7 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     journal.close()
     (file,) = files_of(tmp_path / "s")
     recording = tmp_path / "s.rrd"
-    record(file, opens, recording)
+    record([file], opens, recording)
     written = [chunk for chunk in RrdReader(recording).stream().to_chunks() if not chunk.is_static]
     chunks = {chunk.entity_path: chunk for chunk in written if not _has(chunk, "vertex_positions")}
     drawn = [chunk for chunk in written if _has(chunk, "vertex_positions") and "crate" in chunk.entity_path]
@@ -71,11 +74,11 @@ def test_it_shows_what_moved_where_the_robot_would_stand_and_why_there_was_no_pi
     assert horizon[2:] == pytest.approx([piece.stops - piece.update for piece in pieces])
     assert all(row[0] > 0.0 for row in _column(chunks["/plots/latency"], "scalars"))
     with pytest.raises(MalformedRequest, match=r"the robot of 000001\.stream has other joints now"):
-        recorded(file, opens_another)
+        recorded([file], opens_another)
     kept = file.read_bytes()
     file.write_bytes(kept[: 4 + int.from_bytes(kept[:4], "little")])  # the beginning alone
     with pytest.raises(MalformedRequest, match="holds no update"):
-        record(file, opens, recording)
+        record([file], opens, recording)
 
 
 def test_what_is_gone_is_drawn_no_more_until_it_is_seen_again(tmp_path: Path) -> None:
@@ -89,7 +92,7 @@ def test_what_is_gone_is_drawn_no_more_until_it_is_seen_again(tmp_path: Path) ->
             stream.update(StreamUpdate(now, seen, gone=["crate"] if cycle in (3, 4, 9) else []))
     journal.close()
     (file,) = files_of(tmp_path / "s")
-    record(file, opens, tmp_path / "s.rrd")
+    record([file], opens, tmp_path / "s.rrd")
     crate = [
         chunk
         for chunk in RrdReader(tmp_path / "s.rrd").stream().to_chunks()
@@ -98,6 +101,46 @@ def test_what_is_gone_is_drawn_no_more_until_it_is_seen_again(tmp_path: Path) ->
     assert _times([chunk for chunk in crate if _has(chunk, "vertex_positions")]) == [0.0, 3.0]
     assert _times([chunk for chunk in crate if _has(chunk, "is_recursive")]) == [1.5]
     assert not any(chunk.is_static for chunk in crate)
+
+
+def test_all_files_of_a_stream_are_one_recording(tmp_path: Path) -> None:
+    """It shows what the recordings of the files show, one after the other."""
+    journal = Journal(tmp_path / "s", ASKED, "plain", {}, file_bytes=4_000, most_files=100)
+    goal = JointsGoal({"shoulder_pan_joint": 1.2, "elbow_joint": 0.9})
+    with CertifiedStream(msgspec.structs.replace(ASKED, goal=goal), robot("ur5"), EMPTY, None, journal) as stream:
+        for cycle in range(12):
+            now = 0.02 * cycle
+            seen = [] if cycle == 5 else [Observation("crate", now, Placement((1.2 - now, 0.1, 0.5)))]
+            stream.update(StreamUpdate(now, seen, gone=["crate"] if cycle == 5 else []))
+            await_that(journal._entries.empty)
+    journal.close()
+    files = files_of(tmp_path / "s")
+    assert len(files) > 1
+    chunks = _drawn(recorded(files, opens), tmp_path)
+    crate = chunks["/obstacles/single/crate"]
+    assert _times([one for one in crate if _has(one, "vertex_positions")]) == pytest.approx([0.0, 0.12])
+    assert _times([one for one in crate if _has(one, "is_recursive")]) == pytest.approx([0.1])
+    moved = [one for one in crate if _has(one, "translation")]
+    assert _times(moved) == pytest.approx([0.02 * cycle for cycle in range(12) if cycle != 5])
+    held = [path for path in files if len(read(path)[1])]
+    each = [_drawn(recorded([path], opens), tmp_path) for path in held]
+    for entity, column in (("/plots/horizon", "scalars"), ("/plots/latency", "scalars"), ("/path/stop", "positions")):
+        together = [row for chunk in chunks[entity] for row in _column(chunk, column)]
+        assert len(together) == 12
+        assert together == [row for one in each for chunk in one[entity] for row in _column(chunk, column)]
+    held[0].unlink()
+    left = _drawn(recorded(files, opens), tmp_path)
+    assert _times(left["/plots/horizon"]) == _times(chunks["/plots/horizon"])[len(_times(each[0]["/plots/horizon"])) :]
+
+
+def _drawn(recording: bytes, folder: Path) -> dict[str, list[Any]]:
+    """The chunks of a recording that change, by entity."""
+    (folder / "read.rrd").write_bytes(recording)
+    found: dict[str, list[Any]] = {}
+    for chunk in RrdReader(folder / "read.rrd").stream().to_chunks():
+        if not chunk.is_static:
+            found.setdefault(chunk.entity_path, []).append(chunk)
+    return found
 
 
 def _has(chunk: Any, name: str) -> bool:

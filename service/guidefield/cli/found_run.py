@@ -107,7 +107,7 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
         if files := stream_files(run, data_folder(data, name)):
             file = Path(folder) / f"{files[-1].stem}.rrd"
-            record_stream(files[-1], data_folder(data, name), (), file)
+            record_stream(files, data_folder(data, name), (), file)
         else:
             file = Path(folder) / f"{run}.rrd"
             file.write_bytes(whole_recording(run_store(data, name), run))

@@ -39,7 +39,7 @@ def replay(
     packages: Packages = None,
     record: Annotated[
         Path | None,
-        typer.Option(help="Write a recording of a stream's newest file here (.rrd), to be shown.", callback=writable),
+        typer.Option(help="Write a recording of a stream here (.rrd), to be shown.", callback=writable),
     ] = None,
 ) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
@@ -53,7 +53,7 @@ def replay(
     """
     if files := stream_files(run, data_folder(data, name)):
         if record is not None:
-            record_stream(files[-1], data_folder(data, name), packages or (), record)
+            record_stream(files, data_folder(data, name), packages or (), record)
         raise typer.Exit(replay_stream(files, data_folder(data, name), packages or (), _say, _made_by))
     if record is not None:
         raise MalformedRequest(f"{run!r} is no stream, and has a recording already", run=run)

@@ -86,23 +86,23 @@ def replay_stream(
     return code
 
 
-def record_stream(file: Path, folder: Path, packages: Sequence[Path], recording: Path) -> None:
-    """Write the recording of a file of a journal, for a viewer.
+def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path], recording: Path) -> None:
+    """Write the recording of a journal's files, for a viewer.
 
     Args:
-        file: The file.
+        files: The files of one stream, the oldest first.
         folder: The service's data folder.
         packages: Folders of packages with robots' meshes.
         recording: Where the recording goes.
 
     Raises:
-        MalformedRequest: if it isn't such a file, or holds no update.
+        MalformedRequest: if one isn't such a file, or none holds an update.
     """
     from guidefield.stream.replay import read
     from guidefield.stream.shown import record
 
-    begun, _ = read(file)
-    record(file, _engine(begun.user, folder, packages).stream, recording)
+    begun, _ = read(files[-1])
+    record(files, _engine(begun.user, folder, packages).stream, recording)
 
 
 def _engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:

@@ -158,7 +158,7 @@ class AsyncClient:
         return (await self._ask(questions.streams())).streams
 
     async def stream_recording(self, stream_id: str) -> bytes:
-        """The recording of the last that is kept of a stream, open or over, to be written to an `.rrd` file."""
+        """The recording of what is kept of a stream, open or over, to be written to an `.rrd` file."""
         return await self._ask(questions.stream_recording(stream_id))
 
     async def robots(self) -> RobotsReply:

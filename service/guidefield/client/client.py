@@ -258,7 +258,7 @@ class Client:
         return self._ask(questions.streams()).streams
 
     def stream_recording(self, stream_id: str) -> bytes:
-        """The recording of the last that is kept of a stream, open or over, to be written to an `.rrd` file.
+        """The recording of what is kept of a stream, open or over, to be written to an `.rrd` file.
 
         Args:
             stream_id: Its name.

@@ -126,7 +126,7 @@ KEYS = (
     KeyInfo("streams/<id>/stop", "has its robot stop", gives=["Done"]),
     KeyInfo(
         "streams/<id>/recording",
-        "the last that is kept of one stream, open or over, as an .rrd file that is made when it is asked for",
+        "what is kept of one stream, open or over, as an .rrd file that is made when it is asked for",
         worker="always",
     ),
     KeyInfo("streams/<id>/update", "what its client sees, put by it", how="put", takes=["StreamUpdate"]),

@@ -37,8 +37,8 @@ def begin(streams: Path, name: str) -> Path:
     return streams / name
 
 
-def newest_file(streams: Path, name: str) -> Path:
-    """The newest file of a stream's journal.
+def kept_files(streams: Path, name: str) -> list[Path]:
+    """The files of a stream's journal, the oldest first.
 
     Args:
         streams: The folder of a user's streams.
@@ -51,7 +51,7 @@ def newest_file(streams: Path, name: str) -> Path:
     files = files_of(streams / checked_name(name, "stream_id"))
     if not files:
         raise none_kept(name)
-    return files[-1]
+    return files
 
 
 def none_kept(name: str) -> UnknownObject:

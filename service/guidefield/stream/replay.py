@@ -46,10 +46,14 @@ def read(file: Path) -> tuple[Begun, list[Entry]]:
     """What a file of a journal begins with, and its other entries.
 
     Raises:
-        MalformedRequest: if it isn't one.
+        MalformedRequest: if it isn't one, or one of another version.
     """
     try:
         first, *entries = entries_of(file)
+    except msgspec.ValidationError as error:
+        raise MalformedRequest(
+            f"{file.name} hasn't the fields that files of streams have in this version: {error}", file=file.name
+        ) from None
     except (msgspec.DecodeError, ValueError) as error:
         raise MalformedRequest(f"{file.name} is no file of a stream: {error}", file=file.name) from None
     if not isinstance(first, Begun):

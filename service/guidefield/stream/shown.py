@@ -1,7 +1,8 @@
-"""The recording of a stream for a viewer, made of a file of its journal."""
+"""The recording of a stream for a viewer, made of the files of its journal."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,68 +20,110 @@ from guidefield.stream.commit import Commit
 from guidefield.stream.journal import Begun, Entry, Updated
 from guidefield.stream.obstacles import in_its_frame
 from guidefield.stream.replay import Opens, read
-from guidefield.stream.snapshot import KeptObstacle
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.takeover import Counted
 from guidefield.whole_file import write_whole
 
 
-def record(file: Path, opens: Opens, recording: Path) -> None:
-    """Write the recording of a file of a journal, for a viewer.
+def record(files: Sequence[Path], opens: Opens, recording: Path) -> None:
+    """Write the recording of a journal's files, for a viewer.
 
     Args:
-        file: The file.
+        files: The files of one stream, the oldest first.
         opens: Opens a stream in this process.
         recording: Where the recording goes.
 
     Raises:
         MalformedRequest: as `recorded`.
-        OSError: if the file can't be read, or the recording can't be written.
+        OSError: if a file can't be read, or the recording can't be written.
     """
-    write_whole(recording, recorded(file, opens), durable=False)
+    write_whole(recording, recorded(files, opens), durable=False)
 
 
-def recorded(file: Path, opens: Opens) -> bytes:
-    """The recording of a file of a journal: the content of an `.rrd` file, with all that a viewer needs.
+def recorded(files: Sequence[Path], opens: Opens) -> bytes:
+    """The recording of a journal's files: the content of an `.rrd` file, with all that a viewer needs.
+
+    Files are read one after the other, so that no more than one is held in memory.
 
     Args:
-        file: The file.
+        files: The files of one stream, the oldest first; what makes room meanwhile is left out.
         opens: Opens a stream in this process.
 
     Raises:
-        MalformedRequest: if it isn't such a file, or holds no update, or its robot has other joints now.
-        OSError: if the file can't be read.
+        MalformedRequest: if one isn't such a file, or none holds an update, or the robot has other joints now.
+        OSError: if one can't be read.
     """
-    begun, entries = read(file)
-    updated = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state) and _counts(one)]
-    if not updated:
-        raise MalformedRequest(f"{file.name} holds no update", file=file.name)
-    request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
-    with opens(request, Counted()) as stream:
-        _require_same_joints(file, begun, updated, stream)
-        motions = _Motions(stream, [kept.commit() for kept in begun.snapshot.commits])
-        rows, stops, horizon = [], [], []
-        for one in updated:
-            now = one.update.time
-            rows.append(motions.at(one, now))
-            motions.add(one.piece)
-            end = motions.end(one)
-            stops.append(motions.at_end(end))
-            horizon.append(max(0.0, motions.stops(end) - now))
+    parts: list[_Part] = []
+    moved = _Moved()
+    with contextlib.ExitStack() as stack:
+        stream: CertifiedStream | None = None
+        for file in files:
+            try:
+                begun, entries = read(file)
+            except FileNotFoundError:
+                continue
+            if stream is None:
+                request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
+                stream = stack.enter_context(opens(request, Counted()))
+            moved.take(begun, entries)
+            updated = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state) and _counts(one)]
+            if updated:
+                _require_same_joints(file, begun, updated, stream)
+                parts.append(_part(stream, begun, updated))
+        if stream is None or not parts:
+            raise MalformedRequest(f"{_named(files)} holds no update", file=files[-1].name)
         motion = StreamMotion(
-            times=np.array([one.update.time for one in updated]),
-            rows=np.array(rows),
-            stops=np.array(stops),
-            horizon=np.array(horizon),
-            latency=np.array([one.seconds for one in updated]),
-            reasons=[
-                (one.update.time, one.state.reason + (f": {' - '.join(one.state.pair)}" if one.state.pair else ""))
-                for one in updated
-                if one.state is not None
-            ],
-            moving=_moving(begun.snapshot.obstacles, entries),
+            times=np.concatenate([one.times for one in parts]),
+            rows=np.concatenate([one.rows for one in parts]),
+            stops=np.concatenate([one.stops for one in parts]),
+            horizon=np.concatenate([one.horizon for one in parts]),
+            latency=np.concatenate([one.latency for one in parts]),
+            reasons=[reason for one in parts for reason in one.reasons],
+            moving=moved.bodies(),
         )
-        return stream_recording(f"{file.parent.name}-{file.stem}", stream.group, stream.scene, motion)
+        return stream_recording(f"{files[-1].parent.name}-{_named(files)}", stream.group, stream.scene, motion)
+
+
+def _named(files: Sequence[Path]) -> str:
+    """The files in short, by the first and the last one."""
+    return files[0].stem if len(files) == 1 else f"{files[0].stem}-{files[-1].stem}"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one file has of the arrays of a `StreamMotion`."""
+
+    times: np.ndarray
+    rows: np.ndarray
+    stops: np.ndarray
+    horizon: np.ndarray
+    latency: np.ndarray
+    reasons: list[tuple[float, str]]
+
+
+def _part(stream: CertifiedStream, begun: Begun, updated: Sequence[Updated]) -> _Part:
+    """What a file shows of the robot."""
+    motions = _Motions(stream, [kept.commit() for kept in begun.snapshot.commits])
+    rows, stops, horizon = [], [], []
+    for one in updated:
+        now = one.update.time
+        rows.append(motions.at(one, now))
+        motions.add(one.piece)
+        end = motions.end(one)
+        stops.append(motions.at_end(end))
+        horizon.append(max(0.0, motions.stops(end) - now))
+    return _Part(
+        times=np.array([one.update.time for one in updated]),
+        rows=np.array(rows),
+        stops=np.array(stops),
+        horizon=np.array(horizon),
+        latency=np.array([one.seconds for one in updated]),
+        reasons=[
+            (one.update.time, one.state.reason + (f": {' - '.join(one.state.pair)}" if one.state.pair else ""))
+            for one in updated
+            if one.state is not None
+        ],
+    )
 
 
 def _require_same_joints(file: Path, begun: Begun, updated: Sequence[Updated], stream: CertifiedStream) -> None:
@@ -195,23 +238,45 @@ class _Seen:
             self.appears.append(now)
 
 
-def _moving(kept: Sequence[KeptObstacle], entries: Sequence[Entry]) -> list[MovingBody]:
-    """What was seen, each as it was declared last."""
-    known: dict[str, _Seen] = {}
-    for one in kept:
-        known[one.declared.obstacle.name] = _Seen(one.declared)
-        if one.seen is not None:
-            known[one.seen.name].see(one.seen, one.seen.time)
-    for entry in entries:
-        if isinstance(entry, Updated) and entry.refused is None:
-            update = entry.update
-            for shape in update.declare:
-                known.setdefault(shape.obstacle.name, _Seen(shape)).declared = shape
-            for name in update.gone:
-                known[name].lose(update.time)
-            for observation in update.obstacles:
-                known[observation.name].see(observation, update.time)
-    return [_body(one) for one in known.values() if one.observations]
+class _Moved:
+    """What was seen, each as it was declared last, from file to file."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, _Seen] = {}
+
+    def take(self, begun: Begun, entries: Sequence[Entry]) -> None:
+        """Take what a file goes on from, and what was seen since."""
+        self._go_on(begun)
+        for entry in entries:
+            if isinstance(entry, Updated) and entry.refused is None:
+                update = entry.update
+                for shape in update.declare:
+                    self._declare(shape)
+                for name in update.gone:
+                    self._known[name].lose(update.time)
+                for observation in update.obstacles:
+                    self._known[observation.name].see(observation, update.time)
+
+    def bodies(self) -> list[MovingBody]:
+        """They, as a recording shows them."""
+        return [_body(one) for one in self._known.values() if one.observations]
+
+    def _declare(self, shape: StreamObstacle) -> _Seen:
+        known = self._known.setdefault(shape.obstacle.name, _Seen(shape))
+        known.declared = shape
+        return known
+
+    def _go_on(self, begun: Begun) -> None:
+        """Take what a file goes on from: the one before may have ended sooner."""
+        there = set()
+        for one in begun.snapshot.obstacles:
+            known = self._declare(one.declared)
+            if one.seen is not None:
+                there.add(one.declared.obstacle.name)
+                if not known.there or one.seen.time > known.observations[-1].time:
+                    known.see(one.seen, one.seen.time)
+        for name in self._known.keys() - there:
+            self._known[name].lose(begun.snapshot.now or 0.0)
 
 
 def _body(one: _Seen) -> MovingBody:
