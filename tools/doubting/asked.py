@@ -275,9 +275,12 @@ def _flying(
     judge.distances_at(values[0])
     centres, found = judge.moving_centres(), []
     for index in range(int(rng.integers(1, 3)) if len(centres) else 0):
-        kind = str(rng.choice(["box", "sphere", "cylinder", "capsule", "mesh", "polygon"]))
+        kind = str(rng.choice(["box", "sphere", "cylinder", "capsule", "mesh", "polygon", "cloud", "half_space"]))
         one = scenery.obstacle(rng, kind, f"f{index}", np.zeros(3), float(rng.uniform(0.05, 0.25)))
-        one = scenery.flying(rng, one, centres[rng.integers(len(centres))], 0.5, 2.5)
+        if isinstance(one, messages.HalfSpace):
+            one = scenery.swaying(rng, one, centres, 2.5)
+        else:
+            one = scenery.flying(rng, one, centres[rng.integers(len(centres))], 0.5, 2.5)
         if scenery.closest(loaded.judge(names, obstacles=[one], **setting), values[0])[0] > 1e-3:
             found.append(one)
     return found

@@ -120,13 +120,33 @@ def flying(
     rng: np.random.Generator, one: messages.Obstacle, at: np.ndarray, by: float, seconds: float
 ) -> messages.Obstacle:
     """An obstacle that flies by a place, turning, within about a time."""
-    count = int(rng.integers(2, 5))
-    times = np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)
+    times = _times(rng, seconds)
     placements = [
         Placement(tuple((at + by * rng.normal(size=3)).tolist()), turned(rng))
         for _ in times  # type: ignore[arg-type]
     ]
-    return msgspec.structs.replace(one, trajectory=messages.ObstacleTrajectory(times.tolist(), placements))
+    return msgspec.structs.replace(one, trajectory=messages.ObstacleTrajectory(times, placements))
+
+
+def swaying(
+    rng: np.random.Generator, one: messages.HalfSpace, around: np.ndarray, seconds: float
+) -> messages.HalfSpace:
+    """A half-space through the origin that leans and comes and goes behind some places (n, 3), within about a time."""
+    normal = np.array(one.normal) / np.linalg.norm(one.normal)
+    behind = around.mean(axis=0) + normal * (float((around @ normal).min()) - float(around.mean(axis=0) @ normal))
+    times, placements = _times(rng, seconds), []
+    for _ in times:
+        leaning = pin.Quaternion(pin.exp3(0.15 * rng.normal(size=3))).coeffs()
+        at = behind - float(rng.uniform(0.05, 0.5)) * normal
+        placements.append(Placement(tuple(at.tolist()), tuple(leaning.tolist())))
+    return msgspec.structs.replace(one, trajectory=messages.ObstacleTrajectory(times, placements))
+
+
+def _times(rng: np.random.Generator, seconds: float) -> list[float]:
+    """When something is at its two to four places, within about a time [s]."""
+    count = int(rng.integers(2, 5))
+    times: list[float] = (np.sort(rng.uniform(0.0, seconds, count)) + 0.05 * np.arange(count)).tolist()
+    return times
 
 
 def closest(judge: Judge, values: Values, obstacles_only: bool = True) -> tuple[float, np.ndarray, int]:
