@@ -20,7 +20,7 @@ from guidefield.planner.motion.spline import interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
-from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer
+from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer, of_many
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
@@ -62,6 +62,14 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
     assert certify(made.world, finished.trajectory.bezier()).free
     assert smallest_clearance(made, finished.path, 0.3) > 0.03
     assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["contact", "free"]
+
+
+def test_a_motion_of_many_coordinates_is_optimised_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+    monkeypatch.setattr(module, "MANY", made.group.nv - 1)
+    asked = misled(monkeypatch, [through_the_wall(made, path)])
+    assert finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
+    assert asked == [of_many(BALANCED), closer(of_many(BALANCED))]
 
 
 def test_a_motion_whose_optimisation_had_no_time_says_so() -> None:

@@ -21,7 +21,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import BALANCED, OPTIMIZATION, PASSAGE, closer, constrained
+from guidefield.planner.optimize.settings import BALANCED, MANY, OPTIMIZATION, PASSAGE, closer, constrained, of_many
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
@@ -291,11 +291,11 @@ def test_a_long_chain_passes_its_plane_in_few_pieces() -> None:
     made = problem("chain_fixed_10x168_r22", scene_of(), planes=())
     rng, nv = np.random.default_rng(6), made.group.nv
     start = made.group.chart(made.q_start)
-    path = np.array([start, start + 0.05 * rng.normal(size=nv), start + 0.1 * rng.normal(size=nv)])
+    path = start + np.array([0.0, 0.1, 0.1])[:, None] * rng.normal(size=(3, nv))
     place = PlanePlace.through(made, square(made.kinematics.tip_positions(path[1:2])[0], 0.05), path[1])
     motion = along(made, path)
-    found = optimize(made, motion, BALANCED, passages=(Passage(place, path[1]),))
-    assert nv > BALANCED.many
+    found = optimize(made, motion, of_many(BALANCED), passages=(Passage(place, path[1]),))
+    assert nv > MANY
     assert found.outcome is Outcome.OPTIMISED
     assert found.trajectory.duration < motion.duration
     assert len(found.trajectory.times) - 1 <= 2 * BALANCED.least_pieces + 1

@@ -39,10 +39,6 @@ class OptimizationSettings:
         piece: Length of a piece before the last subdivision [rad or m]. Unrecorded.
         least_pieces, most_pieces: At least and at most so many. With 24 instead of 64, and no second try, four of 21
             motions of a Fetch were refused.
-        many: A motion of more coordinates than this has the least pieces. A step's work grows by the third power of the
-            coordinates, while a chain's length in the chart, which no obstacle sees, grows, too. Chains of 12 to 48
-            links in a passage that tapers, with 64 instead: their optimisation takes two to five times as long, for
-            motions up to 6 % longer that keep 10 mm less.
         coarse: Weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and
             3e-4 besides take more steps to the same motions.
         fine: The same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less.
@@ -101,7 +97,6 @@ class OptimizationSettings:
     piece: float = 0.18
     least_pieces: int = 16
     most_pieces: int = 64
-    many: int = 24
     coarse: tuple[float, ...] = (1e-2, 1e-3)
     fine: tuple[float, ...] = (1e-4, 1e-5)
     steps: int = 20
@@ -197,6 +192,23 @@ OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
 """By what a motion is optimised for. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with
 configurations as goals: with less weight at the ends motions come up to 6 mm nearer than their ends, with more on the
 whole way they take up to five times as long for 2 mm."""
+
+
+MANY = 24
+"""What is optimised with more coordinates than this is optimised `of_many`."""
+
+
+def of_many(settings: OptimizationSettings) -> OptimizationSettings:
+    """For a motion of many coordinates.
+
+    One of Newton's steps takes work with their third power, and a look at the clearance with their second; a chain's
+    length in the chart grows with them, too, though its shape needs no more pieces. By the thesis' tapered passage and
+    its tubes, for chains of 12 and 24 links: with 64 pieces the optimisation takes two to three times as long, for
+    motions that are 2 % shorter to 6 % longer and keep 3 mm more to 17 less; with 12 some are refused at first. With
+    longer steps up to twice as many looks are taken, as most prove too long; with more of them between two looks
+    Newton's method takes up to twice as long. Motions are the same with all of these to 2 mm.
+    """
+    return dataclasses.replace(settings, most_pieces=settings.least_pieces, newton_steps=1, longest=0.05)
 
 
 def closer(settings: OptimizationSettings) -> OptimizationSettings:

@@ -88,8 +88,6 @@ def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
 
 def _pieces(motion: Trajectory, settings: OptimizationSettings) -> int:
     """How many pieces a motion has."""
-    if motion.positions.shape[1] > settings.many:
-        return settings.least_pieces
     length = length_of(motion.positions)
     return int(np.clip(np.ceil(length / settings.piece), settings.least_pieces, settings.most_pieces))
 
