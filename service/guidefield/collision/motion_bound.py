@@ -33,6 +33,7 @@ class MotionBound(ReadOnly):
         centred: The same for turns about a centre, halved: the squared distances from three axes through a point add
             up to twice that from the point.
         turns: Whether a joint turns rather than slides, shape (nv of the model,).
+        doubled: 2 for the first column of a ball joint's rotation, 1 for joints that turn, 0 for those that slide.
         radii: Radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m].
         moved_by: Whether a joint moves a robot body, shape (r, nv of the model).
         own: The robot's own pairs, shape (n_self, 2).
@@ -45,6 +46,7 @@ class MotionBound(ReadOnly):
     together: np.ndarray
     centred: np.ndarray
     turns: np.ndarray
+    doubled: np.ndarray
     radii: np.ndarray
     moved_by: np.ndarray
     own: np.ndarray
@@ -65,7 +67,11 @@ class MotionBound(ReadOnly):
             Each of the robot's own pairs, shape (s, n_self) [m], and each of its bodies to what stands still, shape
             (s, r) [m].
         """
-        moved = self.reach(jacobians, centres) * self.sweep(half_widths)[:, None]
+        return self.moved(self.reach(jacobians, centres), half_widths)
+
+    def moved(self, reach: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same, where `reach` is known."""
+        moved = reach * self.sweep(half_widths)[:, None]
         beyond = np.zeros((*moved.shape[:2], moved.shape[2] + 1))  # what the joints from one on move a body
         beyond[..., :-1] = np.cumsum(moved[..., ::-1], axis=2)[..., ::-1]
         own = beyond[:, self.own[:, 0], self.apart_from] + beyond[:, self.own[:, 1], self.apart_from]
@@ -113,6 +119,7 @@ def motion_bound(group: PlanningGroup, bodies: Bodies, own: np.ndarray) -> Motio
         "together": together,
         "centred": centred,
         "turns": bodies.turns.copy(),
+        "doubled": _doubled(group, bodies.turns),
         "radii": bodies.radii[:, None] * bodies.turns,
         "moved_by": bodies.moved_by.copy(),
         "own": own.copy(),
@@ -140,3 +147,13 @@ def _moves(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
                     centred[columns, columns] = 0.0
                     centred[columns, columns[0]] = 0.5
     return together, centred
+
+
+def _doubled(group: PlanningGroup, turns: np.ndarray) -> np.ndarray:
+    factors = turns.astype(float)
+    for index in range(1, group.model.njoints):
+        joint = group.robot.joint(group.model.names[index])
+        assert joint is not None, "a group's joints are the robot's"
+        if joint.kind in ROTATION:
+            factors[group.model.joints[index].idx_v + ROTATION[joint.kind].start] = 2.0
+    return factors

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
+from guidefield.collision.closing import Closing
 from guidefield.collision.coal_transforms import CoalTransforms
 from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
@@ -145,6 +146,11 @@ class World:
     def motion_bound(self) -> MotionBound:
         """How much closer bodies can come when the robot moves."""
         return motion_bound(self.group, self.bodies, self.pairs.own)
+
+    @cached_property
+    def closing(self) -> Closing:
+        """How fast they come closer then."""
+        return Closing.of(self.motion_bound, self.bodies.radii)
 
     @cached_property
     def data(self) -> Any:

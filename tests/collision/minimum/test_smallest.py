@@ -12,7 +12,6 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
@@ -184,8 +183,7 @@ def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, s
     inside = Curve(trajectory.bezier(), trajectory.piece_times()).breaks
     assert not len(inside), "the motion has no jumps of speed"
     places = surveyor.places(np.array([since, until]))
-    closing: Closing = surveyor.closing
-    movers = np.unique(closing.movers)
+    closing, movers = surveyor.worlds.moving.closing, np.unique(surveyor.movers)
     rates = surveyor.curve.most(np.array([since]), np.array([until]))
     reach, speeds = places.reach.max(axis=0)[None], places.speeds.mean(axis=0)[None]
     fastest, changing = (of[0] for of in closing.over(movers, reach, speeds, *rates, np.array([until - since])))
@@ -200,7 +198,7 @@ def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, s
         if pair < place.pairs.n_self:
             y = rng.choice(corners(place.group.geometry.geometryObjects[second].geometry))
         r = [at[first].act(x) - (at[second].act(y) if pair < place.pairs.n_self else y) for at in steps]
-        squares, of = [v @ v for v in r], int(np.searchsorted(movers, closing.movers[pair]))
+        squares, of = [v @ v for v in r], int(np.searchsorted(movers, surveyor.movers[pair]))
         speed = abs(squares[2] - squares[0]) / (2 * h)
         bend = (squares[2] - 2 * squares[1] + squares[0]) / h**2
         apart = max(np.linalg.norm(v) for v in r)

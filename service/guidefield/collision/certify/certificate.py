@@ -1,9 +1,9 @@
 """The certificate: Coal's judgement of a whole motion, between its samples too.
 
-A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points. If Coal says
-that at the box's middle a pair keeps more than it can lose within the box (`MotionBound`), it is free all along the
-curve; else the curve is divided, for the pairs that are left, down to a floor. Balls and boxes about bodies tell most
-pairs apart before Coal is asked.
+A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points, and near the
+straight way from its first to its last. If Coal says that at the box's middle a pair keeps more than it can lose in the
+box (`MotionBound`), or near the way (`Closing.beside`), it is free all along the curve; else the curve is divided, for
+the pairs that are left, down to a floor. Balls and boxes about bodies tell most pairs apart before Coal is asked.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.certify.chords import chords_of
 from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
 from guidefield.collision.certify.position_limits import excesses
 from guidefield.collision.certify.settings import CERTIFICATE, LIMITS, with_coal_error
 from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.collision.closing import Ways
 from guidefield.collision.world import World
+from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
@@ -158,42 +161,53 @@ class _Judge:
         """At each segment's middle: where the robot's bodies stand, (s, r, 3, 4), and the pairs Coal has to judge."""
         world, group = self.world, self.world.group
         self.evaluations += len(level)
-        low, high = np.array([segment.low for segment in level]), np.array([segment.high for segment in level])
+        chords = chords_of([segment.controls for segment in level])
         jacobians = np.empty((len(level), 6, world.model.nv))
         joints, joints_now = np.empty((len(level), world.model.njoints, 3, 4)), world.joint_placements
         bodies, bodies_now = np.empty((len(level), *world.body_placements.shape)), world.body_placements
-        for row, middle in enumerate(0.5 * (low + high)):
+        for row, middle in enumerate(chords.middles):
             jacobian = pin.computeJointJacobians(world.model, world.data, group.expand_from_chart(middle))
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
             world.place_bodies()
             joints[row], bodies[row] = joints_now, bodies_now
         centres = world.bodies.centres_in_world(joints)
-        own, mixed = world.motion_bound.at(jacobians, centres, 0.5 * (high - low))
+        reach = world.motion_bound.reach(jacobians, centres)
+        own, mixed = world.motion_bound.moved(reach, chords.half_widths)
         fresh = np.flatnonzero([segment.pairs is None for segment in level])
         margins = with_coal_error(own[fresh]), with_coal_error(mixed[fresh] + self.min_clearance)
         near = world.near_pairs.within(joints[fresh], centres[fresh], *margins)
         pairs = [segment.pairs or [] for segment in level]
         for row, pair in zip(fresh[near[0]].tolist(), near[1].tolist(), strict=True):
             pairs[row].append(pair)
-        return bodies, self._with_margins(pairs, own, mixed)
+        moves = tangents(group, chords.middles, chords.chords) @ group.expand_velocity.T
+        ways = Ways(jacobians, centres, reach, chords.chords, moves, chords.off)
+        return bodies, self._with_margins(pairs, own, mixed, ways, joints)
 
-    def _with_margins(self, pairs: list[list[int]], own: np.ndarray, mixed: np.ndarray) -> list[list[_Asked]]:
-        """Pairs at each of s segments with what they may lose and have to keep.
+    def _with_margins(
+        self, pairs: list[list[int]], own: np.ndarray, mixed: np.ndarray, ways: Ways, joints: np.ndarray
+    ) -> list[list[_Asked]]:
+        """Pairs at each of s segments that balls can't tell apart, with what they may lose and have to keep.
 
         Args:
             pairs: Indices of pairs.
-            own: How much closer own pairs can come, shape (s, n_self) [m].
-            mixed: How much closer the robot's bodies can come to what stands still, shape (s, r) [m].
+            own: How much closer own pairs can come in the segment's box, shape (s, n_self) [m].
+            mixed: How much closer the robot's bodies can come there to what stands still, shape (s, r) [m].
+            ways: The straight ways that the segments are near.
+            joints: Placements of the joints at the middles, shape (s, njoints, 3, 4) [m].
         """
-        counts = [len(some) for some in pairs]
+        world, counts = self.world, [len(some) for some in pairs]
         row, pair = np.repeat(np.arange(len(pairs)), counts), np.fromiter(chain.from_iterable(pairs), int, sum(counts))
-        first, second = self.world.pairs.bodies(pair).T
-        is_own, bound = pair < self.world.pairs.n_self, mixed[row, first]
+        first, second = world.pairs.bodies(pair).T
+        is_own, bound = pair < world.pairs.n_self, mixed[row, first]
         bound[is_own] = own[row[is_own], pair[is_own]]
+        bound = np.minimum(bound, world.closing.beside(ways, row, np.where(is_own, world.pairs.links + pair, first)))
         kept = np.where(is_own, 0.0, self.min_clearance)
-        columns = pair, first, second, bound, kept, with_coal_error(bound + kept)
-        asked = zip(*(column.tolist() for column in columns), strict=True)
-        return [list(islice(asked, count)) for count in counts]
+        margins = with_coal_error(bound + kept)
+        near = np.flatnonzero(world.near_pairs.separations(ways.centres, row, pair) <= margins)
+        near = near[world.near_pairs.closer_separations(joints, row[near], pair[near]) <= margins[near]]
+        columns = (column[near].tolist() for column in (pair, first, second, bound, kept, margins))
+        asked = zip(*columns, strict=True)
+        return [list(islice(asked, count)) for count in np.bincount(row[near], minlength=len(pairs)).tolist()]
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
         """Those of some pairs that are within their margins, the robot's bodies where they are told, (r, 3, 4).

@@ -9,7 +9,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from guidefield.collision.certify.settings import CERTIFICATE
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint
+from guidefield.robot.model.spaces import ChartCurves
 
 MANY = 64.0
 """A curve that spans so many times `CERTIFICATE.widest` is divided bit by bit."""
@@ -21,44 +21,29 @@ class CurveSegment(NamedTuple):
     Attributes:
         piece: Index of the piece, or of the first of them.
         controls: Control points, shape (m, k, nv).
-        low, high: The box of all control points, each of shape (nv,).
         start, end: Parameters on a single piece; 0 and 1 for several.
         pairs: Pairs left; None: all.
     """
 
     piece: int
     controls: ChartCurves
-    low: ChartPoint
-    high: ChartPoint
     start: float
     end: float
     pairs: list[int] | None
-
-    @classmethod
-    def of(cls, piece: int, controls: ChartCurves, start: float, end: float, pairs: list[int] | None) -> CurveSegment:
-        """The segment of some control points, shape (m, k, nv)."""
-        points = controls.reshape(-1, controls.shape[-1])
-        return cls(piece, controls, points.min(axis=0), points.max(axis=0), start, end, pairs)
 
     def parts(self, count: int, pairs: list[int] | None) -> list[CurveSegment]:
         """About so many parts of it in order, two at least, for some pairs."""
         pieces = len(self.controls)
         if pieces > 1:
             cuts = [pieces * k // min(count, pieces) for k in range(min(count, pieces) + 1)]
-            low = np.minimum.reduceat(self.controls.min(axis=1), cuts[:-1])
-            high = np.maximum.reduceat(self.controls.max(axis=1), cuts[:-1])
-            return [
-                CurveSegment(self.piece + a, self.controls[a:b], low[k], high[k], 0.0, 1.0, pairs)
-                for k, (a, b) in enumerate(pairwise(cuts))
-            ]
+            return [CurveSegment(self.piece + a, self.controls[a:b], 0.0, 1.0, pairs) for a, b in pairwise(cuts)]
         curves = halved(self.controls)
         while len(curves) < count:
             curves = halved(curves)
         share = (self.end - self.start) / len(curves)
         starts = [self.start + k * share for k in range(len(curves))]
-        low, high = curves.min(axis=1), curves.max(axis=1)
         return [
-            CurveSegment(self.piece, curves[k : k + 1], low[k], high[k], start, end, pairs)
+            CurveSegment(self.piece, curves[k : k + 1], start, end, pairs)
             for k, (start, end) in enumerate(zip(starts, [*starts[1:], self.end], strict=True))
         ]
 
@@ -73,14 +58,12 @@ def curve_segments(pieces: ChartCurves) -> Iterator[CurveSegment]:
     """
     if not len(pieces):
         return
-    lows, highs = pieces.min(axis=1), pieces.max(axis=1)
-    spans = (highs - lows).max(axis=1)
+    spans = (pieces.max(axis=1) - pieces.min(axis=1)).max(axis=1)
     number, alone = (np.cumsum(spans) - 0.5 * spans) // CERTIFICATE.together, spans > CERTIFICATE.together
     starts = np.flatnonzero(np.r_[True, (number[1:] != number[:-1]) | alone[1:] | alone[:-1]])
-    low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
-    for k, (first, last) in enumerate(pairwise([*starts.tolist(), len(pieces)])):
+    for first, last in pairwise([*starts.tolist(), len(pieces)]):
         if spans[first] <= CERTIFICATE.widest:
-            yield CurveSegment(first, pieces[first:last], low[k], high[k], 0.0, 1.0, None)
+            yield CurveSegment(first, pieces[first:last], 0.0, 1.0, None)
         else:
             yield from _parts_of_wide(first, pieces[first:last], 0.0, 1.0)
 
@@ -98,7 +81,7 @@ def _parts_of_wide(piece: int, controls: ChartCurves, start: float, end: float) 
         parts = halved(parts)
     at = [start + (end - start) * (index / len(parts)) for index in range(len(parts))]
     for part, begin, until in zip(parts, at, [*at[1:], end], strict=True):
-        yield CurveSegment.of(piece, part[None], begin, until, None)
+        yield CurveSegment(piece, part[None], begin, until, None)
 
 
 def _span(controls: ChartCurves) -> float:

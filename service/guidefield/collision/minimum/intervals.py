@@ -72,9 +72,9 @@ class Intervals(ReadOnly):
         rates = surveyor.curve.most(since, until)
         reach = np.maximum(places.reach[first], places.reach[last])
         speeds = 0.5 * (places.speeds[first] + places.speeds[last])
-        closing, owner, pair = surveyor.closing, self.owner, self.pair
-        movers, mover = np.unique(closing.movers[pair], return_inverse=True)
-        found = closing.over(movers, reach, speeds, *rates, until - since)
+        owner, pair = self.owner, self.pair
+        movers, mover = np.unique(surveyor.movers[pair], return_inverse=True)
+        found = surveyor.worlds.moving.closing.over(movers, reach, speeds, *rates, until - since)
         speed, acceleration = found[0][owner, mover], found[1][owner, mover]
         if len(surveyor.worlds.pairs):
             more = surveyor.rates_of_obstacles(since, until)

@@ -16,7 +16,6 @@ import pinocchio as pin
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.clearance import HULL_ACCURACY
-from guidefield.collision.minimum.closing import Closing
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.near_pairs import TOGETHER
 from guidefield.collision.robot_ball import robot_ball
@@ -75,9 +74,12 @@ class Surveyor:
     curve: Curve
 
     @cached_property
-    def closing(self) -> Closing:
-        """How fast bodies close in on each other."""
-        return Closing.of(self.worlds.moving)
+    def movers(self) -> np.ndarray:
+        """Which mover of `Closing` each pair of the world has, shape (n,)."""
+        world = self.worlds.moving
+        n_self, bodies = world.pairs.n_self, len(world.bodies.radii)
+        before_obstacles = world.pairs.bodies(np.arange(n_self, len(world.pairs)))[:, 0]
+        return np.concatenate([bodies + np.arange(n_self), before_obstacles])
 
     def places(self, times: np.ndarray) -> Places:
         """The robot at times, shape (m,); every distance is known by balls and boxes."""
@@ -91,11 +93,11 @@ class Surveyor:
             jacobians[row] = pin.computeJointJacobians(world.model, world.data, q).reshape(6, -1)
             placements[row] = there
         centres = world.bodies.centres_in_world(placements)
-        speeds = self.closing.speeds(jacobians, centres, tangents(group, zs, rates) @ group.expand_velocity.T)
+        speeds = world.closing.speeds(jacobians, centres, tangents(group, zs, rates) @ group.expand_velocity.T)
         speeds[np.isin(times, self.curve.breaks)] = np.inf
         distances = self._by_balls(centres)
         self._among_what_moves(times, centres, distances)
-        reach = self.closing.bound.reach(jacobians, centres)
+        reach = world.motion_bound.reach(jacobians, centres)
         stages = np.full(distances.shape, BALLS, np.int8)
         return Places(times, qs, placements, reach, speeds, distances, stages)
 

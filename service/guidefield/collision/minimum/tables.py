@@ -7,7 +7,6 @@ import numpy as np
 
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.scene_tables import surface_parts
-from guidefield.collision.minimum.closing import doubled
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
@@ -71,7 +70,7 @@ def robot_bodies(world: World) -> RobotBodies:
         together=np.ascontiguousarray(bound.together, float),
         centred=np.ascontiguousarray(bound.centred, float),
         turns=bound.turns.astype(float),
-        doubled=doubled(world),
+        doubled=bound.doubled,
         carriers=bodies.joints.astype(np.int64),
         centres=np.ascontiguousarray(bodies.centres, float).reshape(-1, 3),
         radii=np.array(bodies.radii, float),

@@ -1,7 +1,7 @@
 """How fast a pair's bodies close in on each other between two places, and how fast that changes: rigorous bounds.
 
-The formulas and their reasons are those of `collision.minimum.closing`; its movers are the bodies, as the world sees
-them, and the two bodies of own pairs, each without the joints that move both.
+The formulas and their reasons are those of `collision.closing`; its movers are the bodies, as the world sees them, and
+the two bodies of own pairs, each without the joints that move both.
 """
 
 from __future__ import annotations

@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.collision.motion_bound import MotionBound, cross
-from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.chart import ROTATION
 from guidefield.robot.model.spaces import ChartRates, ModelTangents
+
+
+class Ways(NamedTuple):
+    """Straight ways in the chart, s of them, the robot at their middles, and how far off them it may be.
+
+    Attributes:
+        jacobians: Joint Jacobians at the middles in the world frame, shape (s, 6, nv of the model).
+        centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
+        reach: See `MotionBound.reach`, there, shape (s, r, nv of the model).
+        chords: c, half of each way, shape (s, group.nv) [rad or m].
+        moves: Velocities of all joints at the middles where c is that in the chart, shape (s, nv of the model).
+        off: The most that each coordinate is off the way, shape (s, group.nv) [rad or m].
+    """
+
+    jacobians: np.ndarray
+    centres: np.ndarray
+    reach: np.ndarray
+    chords: ChartRates
+    moves: ModelTangents
+    off: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,28 +52,19 @@ class Closing(ReadOnly):
         bodies: Body of each row, shape (p,): each of r bodies, then first and second body of each of the own pairs.
         masks: Joints that count in it, shape (p, nv of the model).
         radii: Radius of the ball about it, shape (p,) [m].
-        doubled: 2 for the first column of a ball joint's rotation, 1 for joints that turn, 0 for those that slide.
-        movers: Which mover each pair of the world has, shape (n,).
     """
 
     bound: MotionBound
     bodies: np.ndarray
     masks: np.ndarray
     radii: np.ndarray
-    doubled: np.ndarray
-    movers: np.ndarray
 
     @classmethod
-    def of(cls, world: World) -> Closing:
-        """For the pairs of a world."""
-        bound, known = world.motion_bound, world.bodies
-        count = len(known.radii)
-        bodies = np.concatenate([np.arange(count), bound.own[:, 0], bound.own[:, 1]])
+    def of(cls, bound: MotionBound, radii: np.ndarray) -> Closing:
+        """For bodies with balls of some radii about them, shape (r,) [m]."""
+        bodies = np.concatenate([np.arange(len(radii)), bound.own[:, 0], bound.own[:, 1]])
         masks = np.concatenate([bound.moved_by, bound.first_only, bound.second_only])
-        n_self = world.pairs.n_self
-        before_obstacles = world.pairs.bodies(np.arange(n_self, len(world.pairs)))[:, 0]
-        movers = np.concatenate([count + np.arange(n_self), before_obstacles])
-        return cls(bound, bodies, masks.astype(float), known.radii[bodies], doubled(world), movers.astype(int))
+        return cls(bound, bodies, masks.astype(float), radii[bodies])
 
     def speeds(self, jacobians: np.ndarray, centres: np.ndarray, tangents: ModelTangents) -> np.ndarray:
         """Bounds of the speeds at configurations, shape (s, movers) [m/s].
@@ -102,11 +112,48 @@ class Closing(ReadOnly):
         turning = v * turning_masks
         before = np.cumsum(turning, axis=2) - turning
         fastest = (rho @ v.swapaxes(1, 2))[..., 0]
-        changing = (rho * (w + v * (2.0 * before + self.doubled * v))).sum(axis=2)
+        changing = (rho * (w + v * (2.0 * before + bound.doubled * v))).sum(axis=2)
         for both in (fastest, changing):
             both[:, len(movers) - len(own) : len(movers)] += both[:, len(movers) :]
         fastest, changing = fastest[:, : len(movers)], changing[:, : len(movers)]
         return np.minimum(fastest, speeds[:, movers] + 0.5 * changing * spans[:, None]), changing
+
+    def beside(self, ways: Ways, at: np.ndarray, movers: np.ndarray) -> np.ndarray:
+        """How far points of movers get from where they are at the middles of ways, near these.
+
+        From the middle m of a way to m + t c, |t| <= 1, a point gets as far as it does in a time of 1 that begins with
+        the speed at m: |x'| + |x''| / 2. From there to m + t c + o it gets as far as in a box (`MotionBound`).
+
+        Args:
+            ways: The ways.
+            at: At which of them, shape (k,).
+            movers: Whose points, shape (k,).
+
+        Returns:
+            Shape (k,) [m].
+        """
+        own = np.flatnonzero(movers >= len(self.bound.moved_by))
+        rows = np.concatenate([movers, movers[own] + len(self.bound.own)])
+        found = self._beside(ways, np.concatenate([at, at[own]]), rows)
+        found[own] += found[len(movers) :]
+        return found[: len(movers)]
+
+    def _beside(self, ways: Ways, at: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """`beside` of the bodies of rows (k,)."""
+        bound, bodies, masks = self.bound, self.bodies[rows], self.masks[rows]
+        turning_masks = masks * bound.turns
+        twists = ((ways.jacobians * ways.moves[:, None])[at] @ masks[..., None])[..., 0]
+        linear, angular = twists[:, :3], twists[:, 3:]
+        moved = linear + cross(angular[..., None], ways.centres[at, bodies][..., None])[..., 0]
+        speeds = np.sqrt((moved * moved).sum(axis=1)) + np.sqrt((angular * angular).sum(axis=1)) * self.radii[rows]
+        rates = np.abs(ways.chords)
+        rho, v = ways.reach[at, bodies] * masks, bound.spread(rates)[at]
+        rho += (rho * bound.sweep(rates)[at]).sum(axis=1, keepdims=True) * turning_masks
+        turning = v * turning_masks
+        before = np.cumsum(turning, axis=1) - turning
+        changing = (rho * v * (2.0 * before + bound.doubled * v)).sum(axis=1)
+        found: np.ndarray = speeds + 0.5 * changing + (rho * bound.sweep(ways.off)[at]).sum(axis=1)
+        return found
 
     def _of_movers(self, rows: np.ndarray) -> np.ndarray:
         """Those of movers (s, movers), of those of the rows (s, p): own pairs add up those of both bodies."""
@@ -114,14 +161,3 @@ class Closing(ReadOnly):
         found = rows[:, :first].copy()
         found[:, count:] += rows[:, first:]
         return found
-
-
-def doubled(world: World) -> np.ndarray:
-    """See `Closing.doubled`, shape (nv of the model,)."""
-    group, factors = world.group, world.bodies.turns.astype(float)
-    for index in range(1, group.model.njoints):
-        joint = group.robot.joint(group.model.names[index])
-        assert joint is not None, "a group's joints are the robot's"
-        if joint.kind in ROTATION:
-            factors[group.model.joints[index].idx_v + ROTATION[joint.kind].start] = 2.0
-    return factors
