@@ -8,7 +8,7 @@ import pytest
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_constraint_penalty, constraint_penalty
 from guidefield.planner.optimize.bspline import BSpline, End
-from guidefield.planner.optimize.constraint_samples import constraint_samples
+from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.robot.group.path_constraints import ConstrainedFrames
@@ -19,14 +19,14 @@ PLACES = (np.arange(PIECES * SAMPLES) + 0.5) / SAMPLES
 
 
 def motion(name: str, spread: float) -> tuple[ConstrainedFrames, BSpline, KeptSamples]:
-    """A motion about a random configuration, and where its four constraints are looked at."""
+    """A motion about a random configuration, and where its six constraints are looked at."""
     rng = np.random.default_rng(3)
     frames = random_frames(name, rng)
     z = frames.group.chart(frames.group.random(rng))
     points = z + spread * rng.normal(size=(PIECES + 3, len(z)))
     ends = End.at_rest(points[0]), End.at_rest(points[-1])
-    kept = constraint_samples(kept_frames(frames), PIECES, 1, BALANCED)
-    return frames, BSpline.between(*ends, points[3:-3], 0.1), kept
+    spline = BSpline.between(*ends, points[3:-3], 0.1)
+    return frames, spline, constraint_samples(Sections.whole(frames), spline.pieces, (), 1, BALANCED)
 
 
 def of(kept: KeptSamples, points: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -88,13 +88,40 @@ def test_the_hessian_is_gauss_and_newtons_and_knows_of_tight_limits_that_are_kep
     np.testing.assert_allclose(of(kept, spline.points)[2], expected, atol=1e-9 * np.abs(expected).max())
 
 
+def alternatives(kept: KeptSamples) -> KeptSamples:
+    """The first of six constraints all along; then two, one and two as alternatives, one of them not everywhere."""
+    asked = kept.asked.copy()
+    asked[:5, 3] = 0
+    groups = np.array([-1, 0, 0, 2, 3, 3])
+    for row in (asked, groups):
+        row.setflags(write=False)
+    return kept._replace(groups=groups, asked=asked)
+
+
+def test_of_alternatives_the_cheapest_counts_at_each_sample() -> None:
+    frames, spline, plain = motion("panda", 0.2)
+    shares, kept = looked_at(frames, spline)[0], alternatives(plain)
+    beyond = np.maximum(shares - BALANCED.constraint_room, 0.0) ** 2
+    one = np.where(kept.asked[:, 3] == 1, beyond[:, 3], np.inf)
+    each = np.column_stack([beyond[:, 1] + beyond[:, 2], one, beyond[:, 4] + beyond[:, 5]])
+    assert len(set(each.argmin(axis=1))) > 1
+    expected = 0.5 * BALANCED.constraint_weight / len(PLACES) * (beyond[:, 0] + each.min(axis=1)).sum()
+    assert constraint_penalty(kept, spline.points) == pytest.approx(expected, rel=1e-9)
+    value, gradient, _ = of(kept, spline.points)
+    assert value == pytest.approx(expected, rel=1e-9)
+    along, h = np.random.default_rng(2).normal(size=spline.points.shape), 1e-6
+    ahead, behind = (constraint_penalty(kept, spline.points + by * along) for by in (h, -h))
+    scale = np.abs(gradient * along).sum()
+    assert (ahead - behind) / (2.0 * h) == pytest.approx((gradient * along).sum(), abs=1e-5 * scale)
+
+
 def test_what_is_kept_costs_nothing() -> None:
-    frames, spline, _ = motion("panda", 0.05)
-    wide = kept_frames(frames)._replace(limits=np.full(4, 10.0))
+    frames, spline, kept = motion("panda", 0.05)
+    wide = kept_frames(frames)._replace(limits=np.full(6, 10.0))
     wide.limits.setflags(write=False)
-    value, gradient, hessian = of(constraint_samples(wide, PIECES, 1, BALANCED), spline.points)
+    value, gradient, hessian = of(kept._replace(frames=wide), spline.points)
     assert value == 0.0
     assert not gradient.any()
     assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
-    none = constraint_samples(kept_frames(ConstrainedFrames(frames.group, ())), PIECES, 1, BALANCED)
+    none = constraint_samples(Sections.whole(ConstrainedFrames(frames.group, ())), spline.pieces, (), 1, BALANCED)
     assert of(none, spline.points)[0] == constraint_penalty(none, spline.points) == 0.0

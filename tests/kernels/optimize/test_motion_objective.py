@@ -16,9 +16,8 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.planner.optimize.bspline import BSpline, End
-from guidefield.planner.optimize.constraint_samples import constraint_samples
+from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
-from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from tests.kernels.barrier.test_robot_barrier import GROUPS, made, sampled
 
@@ -94,7 +93,8 @@ def look(name: str, points: np.ndarray) -> ClearanceModel:
 
 def unconstrained(name: str) -> KeptSamples:
     """Without path constraints."""
-    return constraint_samples(kept_frames(ConstrainedFrames(made(name)[0].group, ())), PIECES, 1, BALANCED)
+    none = ConstrainedFrames(made(name)[0].group, ())
+    return constraint_samples(Sections.whole(none), PIECES, (), 1, BALANCED)
 
 
 def of(

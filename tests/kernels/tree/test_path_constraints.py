@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from guidefield.kernels.tree.path_constraints import bring_back, largest_share
+from guidefield.robot.group import path_constraints
 from guidefield.robot.group.kept_frames import kept_frames
-from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, line, plane
+from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, EvenTurn, line, plane
 from tests.robots import ARMS, box_arm, group, grouped
 
 ROOM, CORRECTIONS = 0.6, 15
@@ -16,15 +18,16 @@ ROBOTS = (*ARMS, "continuous y oblique-continuous mimic", "slide oblique screw x
 
 
 def random_frames(name: str, rng: np.random.Generator) -> ConstrainedFrames:
-    """A cone, a plane and a line, in random directions, about the tip and about the first joint."""
+    """Two cones, a plane, a line, an even turn and a point, about the tip and about the first joint."""
     arm = group(name) if name in ARMS else grouped(box_arm(name, 4))
     axes = rng.normal(size=(5, 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     first, point = arm.model.names[1], rng.uniform(-0.5, 0.5, 3)
     cone, low = Cone(arm.tip, axes[0], axes[1], 0.4), Cone(first, axes[3], axes[4], 0.5)
-    return ConstrainedFrames(
-        arm, (cone, low, plane(arm.tip, point, axes[2], 0.02), line(arm.tip, point, axes[2], 0.05))
-    )
+    flat, straight = plane(arm.tip, point, axes[2], 0.02), line(arm.tip, point, axes[2], 0.05)
+    near = path_constraints.point(arm.tip, rng.uniform(-0.5, 0.5, 3), 0.1)
+    even = EvenTurn(arm.tip, pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3)), *rng.normal(size=(2, 3)), 0.3)
+    return ConstrainedFrames(arm, (cone, low, flat, straight, even, near))
 
 
 def brought_back(frames: ConstrainedFrames, z: np.ndarray) -> np.ndarray | None:
@@ -55,7 +58,7 @@ def test_the_first_step_back_is_that_of_pinocchio(name: str) -> None:
     rng = np.random.default_rng(1)
     for _ in range(20):
         whole = random_frames(name, rng)
-        frames = ConstrainedFrames(whole.group, (whole.constraints[rng.integers(4)],))
+        frames = ConstrainedFrames(whole.group, (whole.constraints[rng.integers(6)],))
         z = frames.group.chart(frames.group.random(rng))
         values, rows = frames.values_and_rows(z)
         excess = values - ROOM * frames.limits

@@ -1,11 +1,12 @@
 """The penalty of a motion that leaves path constraints, by the control points of its uniform cubic B-spline.
 
-A constraint's number is v, its limit L. Each of s samples along the motion adds
+A constraint's number is v, its limit L. Each of s samples along the motion at which it is asked for adds
 
     w / (2 s) · max(v / L - room, 0)²
 
-with the share `room` of a limit that costs nothing. Unlike the clearance it is cheap: it is looked at in each of
-Newton's steps, and a motion can follow a constraint that bends.
+with the share `room` of a limit that costs nothing. Constraints may be alternatives: of several groups of them a sample
+keeps the one that costs least there. Unlike the clearance it is cheap, eight samples at once: it is
+looked at in each of Newton's steps, and a motion can follow a constraint that bends.
 
 The Hessian is Gauss and Newton's, of what is beyond. Where nothing is, a step would not know of the constraint, and
 would cross a narrow tolerance at once: there a number counts as if it were beyond, times min(1, (tight / L)²).
@@ -13,14 +14,16 @@ would cross a narrow tolerance at once: there a number counts as if it were beyo
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.jit.fields import Indices, Rows, numba_type
+from guidefield.kernels.jit.fields import IndexRows, Indices, Rows, numba_type
 from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled, inlined
+from guidefield.kernels.kinematics.tip_chain import LANES
 from guidefield.kernels.optimize.clearance_model import add_sample
-from guidefield.kernels.tree.path_constraints import KeptFrames, measure, room_to_measure
+from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, number, place, room_to_measure, write_row
 
 
 class KeptSamples(NamedTuple):
@@ -30,6 +33,8 @@ class KeptSamples(NamedTuple):
         frames: The constraints; none: nothing is looked at.
         pieces: (s,) piece of each sample.
         basis: (s, 4) the basis there, of the piece's four control points.
+        groups: (k,) which group of alternatives each constraint is of, in ascending order; -1: it has none.
+        asked: (s, k) whether each constraint is looked at there: 1, or 0.
         room: Share of a limit up to which a number costs nothing.
         weight: w.
         tight: Limits up to this count in Newton's steps all through [rad or m].
@@ -38,6 +43,8 @@ class KeptSamples(NamedTuple):
     frames: KeptFrames
     pieces: Indices
     basis: Rows
+    groups: Indices
+    asked: IndexRows
     room: float
     weight: float
     tight: float
@@ -47,27 +54,57 @@ KEPT_SAMPLES = numba_type(KeptSamples)
 
 
 @inlined
-def _write_point(kept: KeptSamples, s: int, points: Floats, z_out: Floats) -> None:
-    """The chart point (nv,) at a sample."""
-    k, basis = kept.pieces[s], kept.basis[s]
-    for j in range(z_out.shape[0]):
-        z_out[j] = basis[0] * points[k, j] + basis[1] * points[k + 1, j]
-        z_out[j] += basis[2] * points[k + 2, j] + basis[3] * points[k + 3, j]
+def _placed_from(kept: KeptSamples, s: int, points: Floats, measured: Measured) -> int:
+    """Place the frames at the samples from one on, as many as there are lanes; how many samples that are."""
+    count: int = min(LANES, kept.pieces.shape[0] - s)
+    for lane in range(LANES):
+        at = s + min(lane, count - 1)
+        k, basis = kept.pieces[at], kept.basis[at]
+        for j in range(points.shape[1]):
+            value = basis[0] * points[k, j] + basis[1] * points[k + 1, j]
+            measured.zs[j * LANES + lane] = value + basis[2] * points[k + 2, j] + basis[3] * points[k + 3, j]
+    place(kept.frames, measured)
+    return count
+
+
+@inlined
+def _beyond(kept: KeptSamples, c: int, measured: Measured, lane: int) -> float:
+    """By how much a constraint's number is beyond what costs nothing, as a share of its limit."""
+    beyond: float = max(number(kept.frames, c, measured, lane) / kept.frames.limits[c] - kept.room, 0.0)
+    return beyond
+
+
+@inlined
+def _cheapest(kept: KeptSamples, at: int, measured: Measured, lane: int) -> tuple[float, int]:
+    """What is beyond at a sample, squared, and the group of alternatives that costs least, the first of several."""
+    always, least, chosen, cost, before = 0.0, math.inf, -1, 0.0, -1
+    for c in range(kept.groups.shape[0]):
+        if kept.asked[at, c] == 0:
+            continue
+        group, beyond = kept.groups[c], _beyond(kept, c, measured, lane)
+        if group < 0:
+            always += beyond * beyond
+            continue
+        if group != before:
+            if before >= 0 and cost < least:
+                least, chosen = cost, before
+            cost, before = 0.0, group
+        cost += beyond * beyond
+    if before >= 0 and cost < least:
+        least, chosen = cost, before
+    return always + (0.0 if chosen < 0 else least), chosen
 
 
 @compiled(SCALAR(KEPT_SAMPLES, MATRIX))
 def constraint_penalty(kept: KeptSamples, points: Floats) -> float:
     """The penalty of a motion with control points (n, nv) [rad or m]."""
-    count, total = kept.frames.kinds.shape[0], 0.0
-    if count == 0:
+    total = 0.0
+    if kept.groups.shape[0] == 0:
         return total
-    measured, z = room_to_measure(kept.frames), np.empty(points.shape[1])
-    for s in range(kept.pieces.shape[0]):
-        _write_point(kept, s, points, z)
-        measure(kept.frames, z, measured)
-        for c in range(count):
-            beyond = max(measured.values[c] / kept.frames.limits[c] - kept.room, 0.0)
-            total += beyond * beyond
+    measured = room_to_measure(kept.frames)
+    for s in range(0, kept.pieces.shape[0], LANES):
+        for lane in range(_placed_from(kept, s, points, measured)):
+            total += _cheapest(kept, s + lane, measured, lane)[0]
     weight: float = kept.weight / kept.pieces.shape[0]
     return 0.5 * weight * total
 
@@ -85,24 +122,27 @@ def add_constraint_penalty(kept: KeptSamples, points: Floats, gradient_out: Floa
     Returns:
         The penalty.
     """
-    count, nv, total = kept.frames.kinds.shape[0], points.shape[1], 0.0
-    if count == 0:
+    nv, total = points.shape[1], 0.0
+    if kept.groups.shape[0] == 0:
         return total
-    measured, z = room_to_measure(kept.frames), np.empty(nv)
-    slope, hessian, scratch = np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
+    measured = room_to_measure(kept.frames)
+    row, slope, hessian, scratch = np.empty(nv), np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
     weight: float = kept.weight / kept.pieces.shape[0]
-    for s in range(kept.pieces.shape[0]):
-        _write_point(kept, s, points, z)
-        measure(kept.frames, z, measured)
-        slope[:], hessian[:, :] = 0.0, 0.0
-        for c in range(count):
-            over = 1.0 / kept.frames.limits[c]
-            beyond, row = max(measured.values[c] * over - kept.room, 0.0), measured.rows[c]
-            total += beyond * beyond
-            stiffness = over * over * (1.0 if beyond > 0.0 else min((kept.tight * over) ** 2, 1.0))
-            for p in range(nv):
-                slope[p] += beyond * over * row[p]
-                for q in range(nv):
-                    hessian[p, q] += stiffness * row[p] * row[q]
-        add_sample(kept.pieces[s], kept.basis[s], weight, slope, hessian, scratch, gradient_out, blocks_out)
+    for s in range(0, kept.pieces.shape[0], LANES):
+        for lane in range(_placed_from(kept, s, points, measured)):
+            at = s + lane
+            cost, chosen = _cheapest(kept, at, measured, lane)
+            total += cost
+            slope[:], hessian[:, :] = 0.0, 0.0
+            for c in range(kept.groups.shape[0]):
+                if kept.asked[at, c] == 0 or (kept.groups[c] >= 0 and kept.groups[c] != chosen):
+                    continue
+                write_row(kept.frames, c, measured, lane, row)
+                over, beyond = 1.0 / kept.frames.limits[c], _beyond(kept, c, measured, lane)
+                stiffness = over * over * (1.0 if beyond > 0.0 else min((kept.tight * over) ** 2, 1.0))
+                for p in range(nv):
+                    slope[p] += beyond * over * row[p]
+                    for q in range(nv):
+                        hessian[p, q] += stiffness * row[p] * row[q]
+            add_sample(kept.pieces[at], kept.basis[at], weight, slope, hessian, scratch, gradient_out, blocks_out)
     return 0.5 * weight * total

@@ -19,12 +19,15 @@ from guidefield.kernels.linalg.small_systems import invert
 from guidefield.kernels.linalg.vectors import cross, dot
 from guidefield.kernels.simd.vector import store
 
-CONE, NEAR = range(2)
-"""Kinds of constraints: an axis of a frame within a cone; a frame's origin near a plane or a line."""
+CONE, NEAR, EVEN_TURN = range(3)
+"""Kinds of constraints: an axis of a frame within a cone; a frame's origin near a plane, line or point; a frame that
+turns evenly on its way."""
 
-AXIS, TARGET, POINT, ACROSS, SECOND_ACROSS, VECTORS = 0, 3, 0, 3, 6, 9
+AXIS, TARGET, POINT, ACROSS, SHARE, TURN, BEGIN, VECTORS = 0, 3, 0, 3, 3, 6, 9, 18
 """Columns of vectors: of a cone the axis in the frame and the target in the world; of what is near a point in the world
-and two directions across, the second 0 for a plane; then how many columns there are."""
+and three directions across, the last 0 for a line, the last two for a plane; of an even turn a point in the world, the
+share of the way by the origin's place, the whole turn, and the rotation at first, row by row; then how many columns
+there are."""
 
 _RIDGE = 1e-12
 """Added to the diagonal of the system of a step [1, for numbers in rad and m]: constraints may depend on each other."""
@@ -37,11 +40,12 @@ class KeptFrames(NamedTuple):
     """Path constraints, k of them, on a group of nv coordinates.
 
     Attributes:
-        kinds: CONE or NEAR, shape (k,).
+        kinds: CONE, NEAR or EVEN_TURN, shape (k,).
         vectors: Shape (k, VECTORS).
         limits: Shape (k,) [rad or m].
         begins: Where the parts of each one's chain begin in `chain`, shape (k + 1,).
         firsts: What is fixed before the first part of each, shape (k, 12) [m].
+        sames: The first constraint about the same frame as each, shape (k,).
         chain: The parts of all chains, one chain after the other; its own first placement says nothing.
     """
 
@@ -50,6 +54,7 @@ class KeptFrames(NamedTuple):
     limits: Row
     begins: Indices
     firsts: Rows
+    sames: Indices
     chain: TipChain
 
 
@@ -60,18 +65,14 @@ class Measured(NamedTuple):
     """Memory in which constraints are measured.
 
     Attributes:
-        zs: (nv * LANES,) a chart point in lanes.
-        columns: What `tip_pose` writes.
-        pose: (12 * LANES,) the frame's placement in lanes.
-        values: (k,) the numbers [rad or m].
-        rows: (k, nv) their derivatives by the chart.
+        zs: (nv * LANES,) chart points in lanes.
+        columns: What `tip_pose` writes, for the parts of all chains.
+        poses: (k, 12 * LANES) the frames' placements in lanes, in the row of the first constraint about each.
     """
 
     zs: Floats
     columns: Floats
-    pose: Floats
-    values: Floats
-    rows: Floats
+    poses: Floats
 
 
 @inlined
@@ -79,7 +80,7 @@ def room_to_measure(frames: KeptFrames) -> Measured:
     """Memory for these constraints."""
     nv, k = frames.chain.lower.shape[0], frames.kinds.shape[0]
     columns = np.empty(COLUMN * max(frames.chain.kinds.shape[0], 1))
-    return Measured(np.empty(nv * LANES), columns, np.empty(12 * LANES), np.empty(k), np.empty((k, nv)))
+    return Measured(np.empty(nv * LANES), columns, np.empty((k, 12 * LANES)))
 
 
 @inlined
@@ -98,36 +99,126 @@ def _triple(row: Floats, at: int) -> Vector3:
 
 
 @inlined
-def _number(kind: int, vectors: Floats, pose: Floats) -> tuple[float, Vector3, Vector3]:
+def _origin(pose: Floats, lane: int) -> Vector3:
+    return pose[3 * LANES + lane], pose[7 * LANES + lane], pose[11 * LANES + lane]
+
+
+@inlined
+def _even_turn(vectors: Floats, pose: Floats, lane: int) -> tuple[float, Vector3, Vector3]:
+    """By how much a frame is turned away from an even turn, and its derivatives, as in `_number`.
+
+    The rotation away is E = R B^T W^T, with B the rotation at first and W that of the turn so far; W^T is its
+    cosine's, sine's and axis' (Rodrigues).
+    """
+    point, along, whole = _triple(vectors, POINT), _triple(vectors, SHARE), _triple(vectors, TURN)
+    origin = _origin(pose, lane)
+    share = dot(along, (origin[0] - point[0], origin[1] - point[1], origin[2] - point[2]))
+    angle = math.sqrt(dot(whole, whole))
+    over = 1.0 / angle if angle > 0.0 else 0.0
+    axis = (over * whole[0], over * whole[1], over * whole[2])
+    cosine, sine = (math.cos(share * angle), math.sin(share * angle)) if angle > 0.0 else (1.0, 0.0)
+    rows = (
+        _away(_turned_row(vectors, pose, 0, lane), axis, cosine, sine),
+        _away(_turned_row(vectors, pose, 4, lane), axis, cosine, sine),
+        _away(_turned_row(vectors, pose, 8, lane), axis, cosine, sine),
+    )
+    twice = (rows[2][1] - rows[1][2], rows[0][2] - rows[2][0], rows[1][0] - rows[0][1])
+    size = math.sqrt(dot(twice, twice))
+    over = 1.0 / size if size > 0.0 else 0.0
+    normal = (over * twice[0], over * twice[1], over * twice[2])
+    by_share = -dot(normal, whole)
+    moves = (by_share * along[0], by_share * along[1], by_share * along[2])
+    return math.atan2(size, rows[0][0] + rows[1][1] + rows[2][2] - 1.0), moves, normal
+
+
+@inlined
+def _turned_row(vectors: Floats, pose: Floats, row: int, lane: int) -> Vector3:
+    """A row of R B^T."""
+    here = (pose[row * LANES + lane], pose[(row + 1) * LANES + lane], pose[(row + 2) * LANES + lane])
+    return (
+        dot(here, _triple(vectors, BEGIN)),
+        dot(here, _triple(vectors, BEGIN + 3)),
+        dot(here, _triple(vectors, BEGIN + 6)),
+    )
+
+
+@inlined
+def _away(row: Vector3, axis: Vector3, cosine: float, sine: float) -> Vector3:
+    """A row of a matrix times W^T: the row turned by W."""
+    across, along = cross(axis, row), (1.0 - cosine) * dot(axis, row)
+    return (
+        cosine * row[0] + sine * across[0] + along * axis[0],
+        cosine * row[1] + sine * across[1] + along * axis[1],
+        cosine * row[2] + sine * across[2] + along * axis[2],
+    )
+
+
+@inlined
+def _number(kind: int, vectors: Floats, pose: Floats, lane: int) -> tuple[float, Vector3, Vector3]:
     """A constraint's number, and its derivatives by how the frame's origin moves and by how the frame turns."""
     zero = (0.0, 0.0, 0.0)
     if kind == CONE:
         axis, target = _triple(vectors, AXIS), _triple(vectors, TARGET)
         pointing = (
-            pose[0] * axis[0] + pose[LANES] * axis[1] + pose[2 * LANES] * axis[2],
-            pose[4 * LANES] * axis[0] + pose[5 * LANES] * axis[1] + pose[6 * LANES] * axis[2],
-            pose[8 * LANES] * axis[0] + pose[9 * LANES] * axis[1] + pose[10 * LANES] * axis[2],
+            pose[lane] * axis[0] + pose[LANES + lane] * axis[1] + pose[2 * LANES + lane] * axis[2],
+            pose[4 * LANES + lane] * axis[0] + pose[5 * LANES + lane] * axis[1] + pose[6 * LANES + lane] * axis[2],
+            pose[8 * LANES + lane] * axis[0] + pose[9 * LANES + lane] * axis[1] + pose[10 * LANES + lane] * axis[2],
         )
         normal = cross(target, pointing)
         sine = math.sqrt(dot(normal, normal))
         over = 1.0 / sine if sine > 0.0 else 0.0
         return math.atan2(sine, dot(target, pointing)), zero, (over * normal[0], over * normal[1], over * normal[2])
-    point, one, other = _triple(vectors, POINT), _triple(vectors, ACROSS), _triple(vectors, SECOND_ACROSS)
-    away = (pose[3 * LANES] - point[0], pose[7 * LANES] - point[1], pose[11 * LANES] - point[2])
-    a, b = dot(one, away), dot(other, away)
-    distance = math.sqrt(a * a + b * b)
-    a, b = (a / distance, b / distance) if distance > 0.0 else (0.0, 0.0)
-    return distance, (a * one[0] + b * other[0], a * one[1] + b * other[1], a * one[2] + b * other[2]), zero
+    if kind == EVEN_TURN:
+        return _even_turn(vectors, pose, lane)
+    point, origin = _triple(vectors, POINT), _origin(pose, lane)
+    one, other, third = _triple(vectors, ACROSS), _triple(vectors, ACROSS + 3), _triple(vectors, ACROSS + 6)
+    away = (origin[0] - point[0], origin[1] - point[1], origin[2] - point[2])
+    a, b, c = dot(one, away), dot(other, away), dot(third, away)
+    distance = math.sqrt(a * a + b * b + c * c)
+    over = 1.0 / distance if distance > 0.0 else 0.0
+    a, b, c = over * a, over * b, over * c
+    moves = (
+        a * one[0] + b * other[0] + c * third[0],
+        a * one[1] + b * other[1] + c * third[1],
+        a * one[2] + b * other[2] + c * third[2],
+    )
+    return distance, moves, zero
 
 
 @inlined
-def _write_row(
-    chain: TipChain, columns: Floats, origin: Vector3, moves: Vector3, turns: Vector3, row_out: Floats
-) -> None:
-    """A number's derivative by the chart, from those by how its frame moves and turns."""
+def place(frames: KeptFrames, measured: Measured) -> None:
+    """Place all frames at the chart points in lanes."""
+    for c in range(frames.kinds.shape[0]):
+        if frames.sames[c] == c:
+            columns = measured.columns[frames.begins[c] * COLUMN :]
+            for entry, value in enumerate(tip_pose(_chain_of(frames, c), measured.zs, columns)):
+                store(measured.poses[c], entry * LANES, value)
+
+
+@inlined
+def place_one(frames: KeptFrames, z: Floats, measured: Measured) -> None:
+    """Place all frames at one chart point, shape (nv,)."""
+    for j in range(z.shape[0]):
+        measured.zs[j * LANES : (j + 1) * LANES] = z[j]
+    place(frames, measured)
+
+
+@inlined
+def number(frames: KeptFrames, c: int, measured: Measured, lane: int) -> float:
+    """A constraint's number at the chart point in a lane [rad or m]."""
+    return _number(frames.kinds[c], frames.vectors[c], measured.poses[frames.sames[c]], lane)[0]
+
+
+@inlined
+def write_row(frames: KeptFrames, c: int, measured: Measured, lane: int, row_out: Floats) -> None:
+    """The derivative of a constraint's number by the chart (nv,), from those by how its frame moves and turns."""
+    same = frames.sames[c]
+    chain, columns, pose = _chain_of(frames, same), measured.columns, measured.poses[same]
+    _, moves, turns = _number(frames.kinds[c], frames.vectors[c], pose, lane)
+    origin = _origin(pose, lane)
     row_out[:] = 0.0
     for k in range(chain.kinds.shape[0]):
-        at = k * COLUMN
+        at = (frames.begins[same] + k) * COLUMN + lane
         turn = (columns[at], columns[at + LANES], columns[at + 2 * LANES])
         carried = cross(turn, origin)
         slide = (
@@ -138,29 +229,13 @@ def _write_row(
         row_out[chain.drivers[k]] += chain.scales[k, 0] * (dot(moves, slide) + dot(turns, turn))
 
 
-@inlined
-def measure(frames: KeptFrames, z: Floats, measured: Measured) -> None:
-    """Write the numbers of constraints at a chart point, shape (nv,), and their derivatives."""
-    for j in range(z.shape[0]):
-        measured.zs[j * LANES : (j + 1) * LANES] = z[j]
-    for c in range(frames.kinds.shape[0]):
-        chain = _chain_of(frames, c)
-        for entry, value in enumerate(tip_pose(chain, measured.zs, measured.columns)):
-            store(measured.pose, entry * LANES, value)
-        pose = measured.pose
-        value, moves, turns = _number(frames.kinds[c], frames.vectors[c], pose)
-        measured.values[c] = value
-        origin = (pose[3 * LANES], pose[7 * LANES], pose[11 * LANES])
-        _write_row(chain, measured.columns, origin, moves, turns, measured.rows[c])
-
-
 @compiled(SCALAR(FRAMES, VECTOR))
 def largest_share(frames: KeptFrames, z: Floats) -> float:
     """The largest share of its limit that a constraint's number is, at a chart point, shape (nv,)."""
     measured, largest = room_to_measure(frames), 0.0
-    measure(frames, z, measured)
+    place_one(frames, z, measured)
     for c in range(frames.kinds.shape[0]):
-        largest = max(largest, measured.values[c] / frames.limits[c])
+        largest = max(largest, number(frames, c, measured, 0) / frames.limits[c])
     return largest
 
 
@@ -178,15 +253,17 @@ def bring_back(frames: KeptFrames, room: float, most: int, z: Floats) -> bool:
         Whether it got there.
     """
     measured, k, nv = room_to_measure(frames), frames.kinds.shape[0], z.shape[0]
-    gram, excess, chosen, weights = np.empty((k, k)), np.empty(k), np.empty(k, np.int64), np.empty(k)
+    gram, excess, weights = np.empty((k, k)), np.empty(k), np.empty(k)
+    rows = np.empty((k, nv))
     for _ in range(most):
-        measure(frames, z, measured)
+        place_one(frames, z, measured)
         count, there = 0, True
         for c in range(k):
-            over = measured.values[c] - room * frames.limits[c]
+            over = number(frames, c, measured, 0) - room * frames.limits[c]
             there &= over <= _REACHED * room * frames.limits[c]
             if over > 0.0:
-                chosen[count], excess[count] = c, over
+                excess[count] = over
+                write_row(frames, c, measured, 0, rows[count])
                 count += 1
         if there:
             return True
@@ -194,7 +271,7 @@ def bring_back(frames: KeptFrames, room: float, most: int, z: Floats) -> bool:
             for b in range(count):
                 total = _RIDGE if a == b else 0.0
                 for j in range(nv):
-                    total += measured.rows[chosen[a], j] * measured.rows[chosen[b], j]
+                    total += rows[a, j] * rows[b, j]
                 gram[a, b] = total
         invert(gram, count)
         for a in range(count):
@@ -204,6 +281,6 @@ def bring_back(frames: KeptFrames, room: float, most: int, z: Floats) -> bool:
         for j in range(nv):
             step = 0.0
             for a in range(count):
-                step += weights[a] * measured.rows[chosen[a], j]
+                step += weights[a] * rows[a, j]
             z[j] = min(max(z[j] - step, frames.chain.lower[j]), frames.chain.upper[j])
     return False

@@ -20,10 +20,9 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constrai
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
-from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
-from guidefield.planner.optimize.constraint_samples import constraint_samples
+from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
 from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
 from guidefield.read_only import ReadOnly, read_only
@@ -36,7 +35,7 @@ class Question(ReadOnly):
     Attributes:
         robot: Points and links.
         tables: Obstacles.
-        frames: Path constraints.
+        sections: Path constraints, and where they hold.
         limits: What is kept.
         kept: What start and end keep from obstacles [m].
         clearance: What is asked for [m].
@@ -48,7 +47,7 @@ class Question(ReadOnly):
 
     robot: SampledRobot
     tables: DistanceTables
-    frames: KeptFrames
+    sections: Sections
     limits: MotionLimits
     kept: tuple[float, float]
     clearance: float
@@ -65,11 +64,13 @@ class Look(ReadOnly):
     Attributes:
         spline: The motion.
         model: Its clearance there, and nearby, with what it misses of its passages.
+        constrained: Where path constraints are looked at.
         passed: Where it comes nearest to each passage, in pieces from the start.
     """
 
     spline: BSpline
     model: ClearanceModel
+    constrained: KeptSamples
     passed: tuple[float, ...] = ()
 
 
@@ -81,7 +82,7 @@ class Descent(ReadOnly):
         question: What is asked.
         samples: Where the clearance is looked at.
         near: Which obstacles were near there; kept up to date by looking at them.
-        constrained: Where path constraints are looked at.
+        count: Samples on a piece.
         ends: The ends of the motion.
         unit: Length of the first motion's pieces, if it had as many [s].
     """
@@ -89,7 +90,7 @@ class Descent(ReadOnly):
     question: Question
     samples: MotionSamples
     near: NearBodies
-    constrained: KeptSamples
+    count: int
     ends: MotionEnds
     unit: float
 
@@ -105,8 +106,7 @@ class Descent(ReadOnly):
             np.array([one.acceleration for one in both]),
         )
         read_only(*ends)
-        constrained = constraint_samples(question.frames, spline.pieces, samples, question.settings)
-        return cls(question, placed, near, constrained, ends, question.duration / spline.pieces)
+        return cls(question, placed, near, samples, ends, question.duration / spline.pieces)
 
     def look(self, spline: BSpline, passed: tuple[float, ...] = ()) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were."""
@@ -128,13 +128,14 @@ class Descent(ReadOnly):
             value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, gradient, blocks)
         model = ClearanceModel(value, spline.points, gradient, blocks)
         read_only(*model)
-        return Look(spline, model, tuple(here))
+        kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
+        return Look(spline, model, kept, tuple(here))
 
     def cost(self, look: Look, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
         spline = look.spline
         of_limits = limit_barrier(spline.points, spline.step, self.question.limits)
-        of_constraints = constraint_penalty(self.constrained, spline.points)
+        of_constraints = constraint_penalty(look.constrained, spline.points)
         return spline.step / self.unit + limit_weight * of_limits + of_constraints + look.model.value
 
     def lowered(self, look: Look, limit_weight: float, steps: int) -> BSpline | None:
@@ -161,7 +162,7 @@ class Descent(ReadOnly):
             look.model,
             self.ends,
             self.question.limits,
-            self.constrained,
+            look.constrained,
             rules,
             self.unit,
             self.question.longest_step,

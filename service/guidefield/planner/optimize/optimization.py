@@ -28,6 +28,7 @@ from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.optimize.constraint_samples import Sections
 from guidefield.planner.optimize.interior_point import Descent, Look, Question
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import few_points, sampled_robot
@@ -37,7 +38,6 @@ from guidefield.planner.optimize.within import brought_within
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly
-from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.scene.distance_tables import distance_tables
 
 
@@ -80,6 +80,7 @@ def optimize(
     settings: OptimizationSettings,
     others: Iterable[Trajectory] = (),
     passages: tuple[Passage, ...] = (),
+    sections: Sections | None = None,
 ) -> Optimized:
     """Optimise a motion that goes along a path that was found, within the problem's budget and its number of steps.
 
@@ -94,8 +95,10 @@ def optimize(
             other, while the best is far from the least time; the best goes on.
         passages: What the motion passes at times that are free, in this order; all motions given go through their
             waypoints. None where it begins or ends in motion.
+        sections: Path constraints, and where they hold; None: those of the problem, all along.
     """
-    descending = _Descending(problem, settings, passages)
+    kept = Sections.whole(problem.constrained_frames, len(passages)) if sections is None else sections
+    descending = _Descending(problem, settings, passages, kept)
     best = descending.coarse(motion)
     rest = iter(others)
     while descending.outcome is None and not (best and _is_soon(problem, best.look.spline, settings)):
@@ -141,10 +144,11 @@ class _Coarse(ReadOnly):
 class _Descending:
     """An optimisation under way: how many steps were taken, and what ended it, if anything did."""
 
-    def __init__(self, problem: Problem, settings: OptimizationSettings, passages: tuple[Passage, ...]) -> None:
-        self._problem, self._settings, self._passages = problem, settings, passages
+    def __init__(
+        self, problem: Problem, settings: OptimizationSettings, passages: tuple[Passage, ...], sections: Sections
+    ) -> None:
+        self._problem, self._settings, self._passages, self._sections = problem, settings, passages, sections
         self._limits, self._tables = motion_limits(problem), distance_tables(problem.scene)
-        self._frames = kept_frames(problem.constrained_frames)
         self.steps = 0
         self.outcome: Outcome | None = None
 
@@ -162,7 +166,7 @@ class _Descending:
         question = Question(
             robot,
             tables,
-            self._frames,
+            self._sections,
             self._limits,
             (kept[0], kept[1]),
             problem.min_clearance,

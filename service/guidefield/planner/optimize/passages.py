@@ -66,7 +66,8 @@ def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int) -
 def nearest(place: Place, spline: BSpline, about: float) -> float:
     """Where a spline comes nearest to a place, in pieces from the start, next to where it was.
 
-    Samples are taken about the least, closer each time; a parabola through the last three says where.
+    Samples are taken about the least, closer each time; a parabola through the last three says where. A motion that is
+    still there where it was is not looked at further.
 
     Args:
         place: To be passed.
@@ -77,6 +78,8 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
     for _ in range(PASSAGE.shifts):
         at = np.clip(about + spacing * np.arange(-2.0, 3.0), 0.0, float(spline.pieces))
         squares = np.einsum("nk,nk->n", *2 * (place.missed(spline.at(at)),))
+        if squares[2] == 0.0:
+            return float(at[2])
         least = int(np.argmin(squares))
         about = float(at[least])
         if least in (0, 4):

@@ -23,8 +23,9 @@ from guidefield.planner.sequence.ahead import Refused, with_future
 from guidefield.planner.sequence.composed import Composition, with_knots_at
 from guidefield.planner.sequence.course import Course, S, StepMotion
 from guidefield.planner.sequence.embedding import Embedding, whole_configuration
+from guidefield.planner.sequence.joined import Part
 from guidefield.planner.sequence.nearness import PassedGoal
-from guidefield.planner.sequence.passing import Joined, NotJoined, Part, join
+from guidefield.planner.sequence.passing import join
 from guidefield.planner.sequence.permissions import Allowed, allowed, holdings
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
@@ -42,10 +43,8 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
 SNAPPED = 1e-6
 """A time that is no further from a knot stands for the knot [s]."""
 
-SLOWER = (
-    "to pass goals without stopping takes longer here than the {:.3f} s with stops: `radius` is small for the limits"
-)
-"""Warning about steps that are passed."""
+STOPS = "to pass goals without stopping is no faster here, so the motion stops: `radius` is small for the limits"
+"""Warning about steps that are not passed without stopping."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,15 +187,15 @@ class _Planning(Generic[S]):
         now = self._composition.end
         self._legs.append(Leg(index, at, (now, now), conditions, path, way, (now, now), problem))
         self._at = course.after(index, at, q)
-        return self._composed(index) if course.passes(index) is None else None
+        if course.passes(index) is None:
+            self._composed(index)
+        return None
 
-    def _composed(self, index: int) -> SequencePlan[S] | None:
-        """Put the motions up to the end of a step together, and its pause; the end of it all where they don't join."""
+    def _composed(self, index: int) -> None:
+        """Put the motions up to the end of a step together, and its pause."""
         begin, moved = self._composition.end, self._moved
         if len(moved) > 1:
-            failed = self._joined(index + 1 - len(moved))
-            if failed is not None:
-                return failed
+            self._joined(index + 1 - len(moved))
         elif moved:
             self._composition.move(moved[0].trajectory, moved[0].embedding)
             self._legs[-1] = dataclasses.replace(self._legs[-1], straight=(begin, self._composition.end))
@@ -206,20 +205,14 @@ class _Planning(Generic[S]):
             last, span=(begin if len(moved) < 2 else last.span[0], self._composition.end)
         )
         self._moved = []
-        return None
 
-    def _joined(self, first: int) -> SequencePlan[S] | None:
-        """Join the motions of steps, all but the last of which are passed; the end of it all where they don't join."""
+    def _joined(self, first: int) -> None:
+        """Join the motions of steps, all but the last of which are passed."""
         moved, legs = self._moved, self._legs[first:]
         parts = [self._part(first + k, one) for k, one in enumerate(moved)]
         stages = Stages(dataclasses.replace(legs[0].conditions, observer=self._observer))
         joined = join(parts, stages)
-        stopping = sum(one.motion.duration for one in parts)
-        slow = isinstance(joined, Joined) and joined.motion.duration > stopping
-        self._add(tuple(stages.left), stages.seconds, (SLOWER.format(stopping),) if slow else (), first)
-        if isinstance(joined, NotJoined):
-            leg = legs[joined.part]
-            return self._failed(leg.index, joined.ending, leg.at, leg.path, joined.verdict)
+        self._add(tuple(stages.left), stages.seconds, (STOPS,) if joined.stops else (), first)
         times = self._composition.move(joined.motion, moved[0].embedding)
         marks = [0, *(one.nearest for one in joined.passages), -1]
         since = [0, *(one.left for one in joined.passages)]
@@ -228,7 +221,6 @@ class _Planning(Generic[S]):
         for k, leg in enumerate(legs):
             span, straight = (times[marks[k]], times[marks[k + 1]]), (times[since[k]], times[until[k]])
             self._legs[first + k] = dataclasses.replace(leg, span=span, straight=straight, passed=distances[k])
-        return None
 
     def _part(self, index: int, moved: _Moved) -> Part:
         """The motion of a step in the chart of the first that it is joined with."""

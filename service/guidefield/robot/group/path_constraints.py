@@ -1,4 +1,4 @@
-"""What a frame has to keep all along a motion: an axis within a cone, its origin near a plane or a line.
+"""What a frame has to keep along a motion: its axis in a cone, its origin near a plane, line or point, an even turn.
 
 Each is one number that must not exceed a limit, with its gradient, and a bound of how much it changes while the frame
 turns and moves by no more than so much.
@@ -88,12 +88,12 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """A frame's origin stays near a plane, or a line, through a point.
+    """A frame's origin stays near a point, or a plane or line through it.
 
     Attributes:
         frame: Name of the frame.
-        point: On the plane or line, shape (3,) [m, world].
-        across: Directions in which distance counts, orthonormal rows, shape (1, 3) for a plane, (2, 3) for a line.
+        point: The point, shape (3,) [m, world].
+        across: Directions in which distance counts, orthonormal rows: of a plane one, of a line two, of a point three.
         limit: The largest distance [m].
     """
 
@@ -103,7 +103,7 @@ class Near:
     limit: float
 
     def value(self, placement: Any) -> float:
-        """Distance of the origin from the plane or line [m]."""
+        """Distance of the origin from the plane, line or point [m]."""
         return float(np.linalg.norm(self.across @ (placement.translation - self.point)))
 
     def row(self, placement: Any) -> np.ndarray:
@@ -118,7 +118,7 @@ class Near:
 
     def told(self, value: float) -> str:
         """As in `PathConstraint`."""
-        what = "plane" if len(self.across) == 1 else "line"
+        what = ("plane", "line", "point")[len(self.across) - 1]
         return f"{self.frame!r} is {1e3 * value:.1f} mm from the {what}, {1e3 * self.limit:.1f} mm are allowed"
 
 
@@ -144,6 +144,67 @@ def line(frame: str, point: np.ndarray, direction: np.ndarray, tolerance: float)
         tolerance: Largest distance [m].
     """
     return Near(frame, point, np.linalg.svd(direction[None])[2][1:], tolerance)
+
+
+def point(frame: str, place: np.ndarray, tolerance: float) -> Near:
+    """The origin of a frame stays near a point.
+
+    Args:
+        frame: Name of the frame.
+        place: The point, shape (3,) [m, world].
+        tolerance: Largest distance [m].
+    """
+    return Near(frame, place, np.eye(3), tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class EvenTurn:
+    """A frame turns evenly while its origin goes from one point to another.
+
+    Attributes:
+        frame: Name of the frame.
+        begin: Where it is at first, a pinocchio.SE3 [m, world].
+        shift: From there to where its origin is in the end, shape (3,) [m, world]; zero: it is turned as at first.
+        turn: Rotation vector from how it is turned at first to how it is in the end, in the world's axes, shape (3,).
+        limit: The largest angle by which it may be turned away from the even turn [rad].
+    """
+
+    frame: str
+    begin: Any
+    shift: np.ndarray
+    turn: np.ndarray
+    limit: float
+
+    @property
+    def by_place(self) -> np.ndarray:
+        """The derivative of the share of the way by the origin's place, shape (3,) [1/m]."""
+        by_place: np.ndarray = self.shift / max(float(self.shift @ self.shift), 1e-300)
+        return by_place
+
+    def value(self, placement: Any) -> float:
+        """Angle from where the even turn is, by the origin's share of the way [rad]."""
+        return float(np.linalg.norm(self._away(placement)))
+
+    def row(self, placement: Any) -> np.ndarray:
+        """As in `PathConstraint`, shape (6,); nothing, where the frame is turned as the even turn is."""
+        away = self._away(placement)
+        length = float(np.linalg.norm(away))
+        axis = away / length if length > 0.0 else np.zeros(3)
+        return np.concatenate([-(axis @ self.turn) * self.by_place, axis])
+
+    def change(self, shift: float, turn: float) -> float:
+        """As much as the frame turns, and as the even turn does on so much of the way."""
+        return turn + shift * float(np.linalg.norm(self.turn) * np.linalg.norm(self.by_place))
+
+    def told(self, value: float) -> str:
+        """As in `PathConstraint`."""
+        return f"{self.frame!r} is turned by {value:.4g} rad from its even turn, {self.limit:.4g} rad are allowed"
+
+    def _away(self, placement: Any) -> np.ndarray:
+        """Rotation vector from the even turn to the frame, shape (3,) [rad]."""
+        share = float(self.by_place @ (placement.translation - self.begin.translation))
+        away: np.ndarray = pin.log3(placement.rotation @ (pin.exp3(share * self.turn) @ self.begin.rotation).T)
+        return away
 
 
 class ConstrainedFrames:
