@@ -13,8 +13,9 @@ from numba import njit
 
 from guidefield.kernels.stream.arrival import FADING, arrival
 from guidefield.kernels.stream.room import blocked, nearest
+from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import HalfSpace, Scene
-from guidefield.messages.streams import StreamOpen
+from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.obstacles import Drifting
@@ -61,6 +62,30 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
             way = room.way(NOTHING, Kept(0.1, 0.0), z0, z1, samples, np.empty((0, 4)))
         assert way is not None
         assert np.array_equal(way[[0, -1]], [z0, z1])
+
+
+def test_who_stands_close_to_what_rests_and_has_no_piece_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    with CertifiedStream(StreamOpen("ur5", "empty", start=UP), robot("ur5"), build(Scene("empty"))) as stream:
+        height = top(stream, stream.executing.ends)
+    goal = JointsGoal({"shoulder_lift_joint": -2.5})
+    for gap, leaves in ((0.003, True), (0.1, False)):
+        scene = build(
+            Scene("room", obstacles=[HalfSpace(name="ceiling", normal=(0.0, 0.0, -1.0), offset=-height - gap)])
+        )
+        asked = StreamOpen("ur5", "room", start=UP, goal=goal, tracking_tolerance=0.0005)
+        with CertifiedStream(asked, robot("ur5"), scene) as stream:
+            monkeypatch.setattr(stream, "_followed", lambda *_: None)
+            answer = stream.update(StreamUpdate(0.0))
+            if not leaves:
+                assert isinstance(answer, StreamState)
+                assert answer.reason == "too_close"
+                continue
+            assert isinstance(answer, Piece)
+            assert answer.leads_to == "away"
+            times = np.linspace(answer.begins, answer.stops, 40)
+            tops = [top(stream, stream.executing.state(time)[:, 0]) for time in times]
+        assert max(tops) < height + gap
+        assert tops[-1] <= height + gap - 0.004
 
 
 def ball(where: tuple[float, float, float], drift: tuple[float, float, float], radius: float = 0.1) -> Drifting:

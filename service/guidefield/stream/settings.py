@@ -62,6 +62,9 @@ class StreamSettings:
         resting_looked_at: What a way is looked at with then [m]: less, or each way would be left soon for another one.
         closer: Shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had
             no way out of there any more.
+        leaving: Who stands and has no piece leaves what rests if the next of these is kept then [m]. What joints may be
+            off by takes millimetres of a long arm: one of 18 joints stood 3 mm above the ground for good, where the
+            judge wanted so much and ways kept less.
         spacing: Of samples along ways [rad or m].
         longest: An edge of the trees, for each root of the number of coordinates [rad or m].
         samples: So many points are drawn for a tree at most.
@@ -98,6 +101,7 @@ class StreamSettings:
     resting: float = 0.004
     resting_looked_at: float = 0.002
     closer: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
+    leaving: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008, 0.016)
     spacing: float = 0.1
     longest: float = 0.5
     samples: int = 1000

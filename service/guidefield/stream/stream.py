@@ -391,6 +391,8 @@ class CertifiedStream:
         arriving = cycle.reason == "at_goal" and cycle.begins < cycle.base.stops
         if (found is None and not arriving) or cycle.threatened:
             found = self._fled(cycle, state, still) or found
+        if found is None and cycle.reason in ("too_close", "no_way") and not state[:, 1:].any():
+            found = self._left(cycle, state, still)
         if found is not None:
             self._refused = 0
             return self._sent(cycle, *found)
@@ -453,6 +455,25 @@ class CertifiedStream:
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
             if self._proven(cycle, commit, reserved=False):
                 self._place = 0.0  # the way may be nearest elsewhere then
+                return commit, "away"
+        return None
+
+    def _left(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+        """A proven piece from where the robot stands to where it keeps more from what rests, or None."""
+        before = self._room.kept_from_resting(still.ends)
+        if before == len(STREAM.leaving):
+            return None
+        speeds = self._opened.bounds.rates[:, 0]
+        tried: list[tuple[int, int, Commit]] = []
+        for velocities in flights(np.zeros(self.group.nv), speeds, self._rng):
+            for towards_it in (velocities, -velocities):
+                commit = self._towards(cycle, state, towards_it, None)
+                after = self._room.kept_from_resting(commit.ends)
+                if after > before:
+                    tried.append((-after, len(tried), commit))
+        for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
+            if self._proven(cycle, commit, reserved=True):
+                self._place = 0.0
                 return commit, "away"
         return None
 

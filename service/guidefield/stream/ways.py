@@ -75,6 +75,11 @@ class Room:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
         return ~self._lanes.touching(zs, self._least + STREAM.resting)
 
+    def kept_from_resting(self, z: ChartPoint) -> int:
+        """How many of `STREAM.leaving` are kept from what rests at coordinates z (nv,), and from the robot itself."""
+        kept = [self._least + one for one in STREAM.leaving]
+        return next((k for k, one in enumerate(kept) if self._lanes.touching(z[None], one).any()), len(kept))
+
     def straight(self, drifting: Drifting, kept: Kept, clearance: float, points: ChartPoints) -> bool:
         """Whether a way is free.
 
