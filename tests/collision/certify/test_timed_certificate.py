@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.certify.timed_certificate import TimedWorld, certify_timed
+from guidefield.collision.certify.timed_certificate import TimedWorld, certify_moving, certify_timed
 from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
@@ -83,3 +83,12 @@ def test_what_rests_is_judged_as_well_and_the_first_refusal_is_told() -> None:
     assert not verdict.free
     assert verdict.pair is not None
     assert verdict.pair[1] == "rock"
+
+
+def test_who_does_not_go_on_meets_nothing_that_is_endless() -> None:
+    """As a guided path that begins at its goal."""
+    times, placements = [0.0, 2.0], [Placement(position=(0.0, 0.0, height)) for height in (-2.0, -1.0)]
+    flight = messages.ObstacleTrajectory(times=times, placements=placements)
+    floor = messages.HalfSpace(name="floor", normal=(0.0, 0.0, 1.0), offset=0.0, trajectory=flight)
+    scene = build(messages.Scene(name="s", obstacles=[floor]))
+    assert certify_moving(worlds(scene), np.empty((0, 4, PANDA.nv)), np.array([0.5])).free

@@ -98,13 +98,15 @@ def certify_moving(
 
     Args:
         worlds: As there.
-        pieces: Control points of Bezier curves in the group's chart, shape (n, k, nv).
+        pieces: Control points of Bezier curves in the group's chart, shape (n, k, nv); none: it is free.
         times: When each piece begins, and the last ends, shape (n + 1,) [s].
         min_clearance: What to keep from the obstacles [m].
         floor: As there.
         stopped: As there.
     """
     pieces = np.asarray(pieces, float)
+    if not len(pieces):  # nothing goes on from where it is known to be free
+        return Verdict(Reason.FREE, 0)
     judge = _Judge(worlds, pieces, min_clearance, floor, stopped)
     for index, piece in enumerate(pieces):
         every = list(range(len(worlds.pairs)))
