@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from guidefield import later
@@ -48,6 +49,17 @@ def test_what_fails_is_logged_and_the_next_is_done(caplog) -> None:
     debts.add(lambda _: finished.set(), told.append)
     assert finished.wait(PATIENCE)
     assert "what was owed after an answer failed" in caplog.text
+
+
+def test_what_comes_once_nothing_is_owed_any_more_is_done() -> None:
+    debts, told = Later(), list[int]()
+    for _ in range(3):
+        finished = threading.Event()
+        debts.add(lambda _, done=finished: done.set(), told.append)  # type: ignore[misc]
+        assert finished.wait(PATIENCE)
+        while told[-1]:  # told when it is done, just before the thread waits for more
+            time.sleep(0.001)
+        time.sleep(later.REST)
 
 
 def test_where_very_much_is_owed_an_answer_waits() -> None:

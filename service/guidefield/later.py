@@ -47,6 +47,7 @@ class Later:
             told(len(self._owed))
             if self._thread.ident is None:
                 self._thread.start()
+            self._changed.notify_all()
 
     @contextlib.contextmanager
     def answering(self) -> Iterator[None]:

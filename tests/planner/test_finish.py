@@ -20,7 +20,7 @@ from guidefield.planner.motion.spline import interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
-from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer, of_many
+from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer, free, of_many
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
@@ -56,7 +56,7 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
     asked = misled(monkeypatch, [through_the_wall(made, path)])
     stages = Stages(made)
     finished = finish(made, PathSoFar(path, proven=False), stages)
-    assert asked == [BALANCED, closer(BALANCED)]
+    assert asked == [free(BALANCED), closer(free(BALANCED))]
     assert finished.verdict.free
     assert finished.warnings == ()
     assert certify(made.world, finished.trajectory.bezier()).free

@@ -28,7 +28,7 @@ from guidefield.planner.motion.waypoints import length_of, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import MANY, OPTIMIZATION, closer, constrained, of_many
+from guidefield.planner.optimize.settings import MANY, OPTIMIZATION, closer, constrained, free, of_many
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
@@ -172,6 +172,8 @@ def optimized_motion(
     settings, crossed = OPTIMIZATION[problem.objective], _Crossed.of(problem, found)
     if problem.group.nv > MANY:
         settings = of_many(settings)
+    elif not (problem.path_constraints or crossed.passages):
+        settings = free(settings)
     if problem.path_constraints:
         settings = constrained(settings)
     with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:

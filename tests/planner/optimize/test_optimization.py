@@ -18,10 +18,21 @@ from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.spline import interpolate
 from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.optimize.interior_point import Descent, Look
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import BALANCED, MANY, OPTIMIZATION, PASSAGE, closer, constrained, of_many
+from guidefield.planner.optimize.settings import (
+    BALANCED,
+    MANY,
+    OPTIMIZATION,
+    PASSAGE,
+    closer,
+    constrained,
+    free,
+    of_many,
+)
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
@@ -72,6 +83,27 @@ def test_it_is_faster_keeps_away_and_is_certified() -> None:
     assert smallest_clearance(made, after.trajectory.positions, 0.3) > 0.03
     assert certify(made.world, after.trajectory.bezier()).free
     check_limits(made, after.trajectory)
+
+
+def test_a_free_motion_takes_fewer_looks_to_as_good_a_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks, look = list[float](), Descent.look
+
+    def counted(self: Descent, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0) -> Look:
+        looks.append(stiffness)
+        return look(self, spline, passed, stiffness)
+
+    monkeypatch.setattr(Descent, "look", counted)
+    made, path = over_the_wall()
+    patient, most = optimized(made, path).trajectory, len(looks)
+    assert set(looks) == {1.0}
+    looks.clear()
+    soon = optimize(made, along(made, path), free(BALANCED)).trajectory
+    assert len(looks) < most
+    assert min(looks) < 1.0
+    assert soon.duration < 1.01 * patient.duration
+    kept = [smallest_clearance(made, one.positions, 0.3) for one in (patient, soon)]
+    assert kept[1] > kept[0] - 2e-3
+    check_limits(made, soon)
 
 
 def test_it_reaches_a_limit_exactly() -> None:

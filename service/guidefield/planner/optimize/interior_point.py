@@ -66,12 +66,14 @@ class Look(ReadOnly):
         model: Its clearance there, and nearby, with what it misses of its passages.
         constrained: Where path constraints are looked at.
         passed: Where it comes nearest to each passage, in pieces from the start.
+        stiffness: Share of Gauss and Newton's Hessian of the clearance that the model has.
     """
 
     spline: BSpline
     model: ClearanceModel
     constrained: KeptSamples
-    passed: tuple[float, ...] = ()
+    passed: tuple[float, ...]
+    stiffness: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +110,14 @@ class Descent(ReadOnly):
         read_only(*ends)
         return cls(question, placed, near, samples, ends, question.duration / spline.pieces)
 
-    def look(self, spline: BSpline, passed: tuple[float, ...] = ()) -> Look:
-        """A look at the clearance of a motion, which costs most, and at its passages, near where they were."""
+    def look(self, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0) -> Look:
+        """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
+
+        Args:
+            spline: The motion.
+            passed: Where it came nearest to each passage, in pieces from the start.
+            stiffness: As `Look.stiffness`.
+        """
         question, (n, nv) = self.question, spline.points.shape
         gradient, blocks = np.empty((n, nv)), np.empty((n, nv, (COUPLED + 1) * nv))
         value = clearance_along(
@@ -122,6 +130,7 @@ class Descent(ReadOnly):
             gradient,
             blocks,
         )
+        blocks *= stiffness
         here = []
         for passage, about in zip(question.passages, passed, strict=True):
             here.append(nearest(passage.place, spline, about))
@@ -129,7 +138,7 @@ class Descent(ReadOnly):
         model = ClearanceModel(value, spline.points, gradient, blocks)
         read_only(*model)
         kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
-        return Look(spline, model, kept, tuple(here))
+        return Look(spline, model, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
@@ -175,16 +184,19 @@ class Descent(ReadOnly):
     def stepped(self, look: Look, limit_weight: float) -> Look | None:
         """A look at a motion of a lower objective; None where none is found that is worth it.
 
-        Where the clearance proves to be another than the last look had told, a motion closer to that one is tried.
+        Where the clearance proves to be another than the last look had told, a motion closer to that one is tried. The
+        next look's model is stiffer then, and softer where the first motion is better.
         """
         settings, before = self.question.settings, self.cost(look, limit_weight)
         spline = self.lowered(look, limit_weight, settings.newton_steps)
+        stiffness = max(settings.least_stiffness, settings.softer * look.stiffness)
         for _ in range(settings.looks):
             if spline is None:
                 return None
-            found = self.look(spline, look.passed)
+            found = self.look(spline, look.passed, stiffness)
             if self.cost(found, limit_weight) < before:
                 return found
+            stiffness = min(1.0, settings.stiffer * max(stiffness, look.stiffness))
             spline = self._closer(look.spline, spline)
         return None
 

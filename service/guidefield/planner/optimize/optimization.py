@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -197,19 +198,23 @@ class _Descending:
         self, question: Question, spline: BSpline, passed: tuple[float, ...], weights: Sequence[float], samples: int
     ) -> tuple[Look, float]:
         """The motion after some weights of the limits' barrier, with so many samples on a piece; its objective."""
-        descent = Descent.of(question, spline, samples)
-        look = descent.look(spline, passed)
+        settings, descent = self._settings, Descent.of(question, spline, samples)
+        look, cost = descent.look(spline, passed, settings.stiffness), np.inf
         for limit_weight in weights:
-            for _ in range(self._settings.steps):
+            cost, worth = descent.cost(look, limit_weight), settings.worth * math.sqrt(limit_weight)
+            for _ in range(settings.steps):
                 self.outcome = self._ended()
                 if self.outcome is not None:
-                    return look, descent.cost(look, limit_weight)
+                    return look, cost
                 stepped = descent.stepped(look, limit_weight)
                 if stepped is None:
                     break
+                before, cost = cost, descent.cost(stepped, limit_weight)
                 look, self.steps = stepped, self.steps + 1
-                self._problem.tell(PathRelaxed(look.spline.knots()[1], descent.cost(look, limit_weight)))
-        return look, descent.cost(look, weights[-1])
+                self._problem.tell(PathRelaxed(look.spline.knots()[1], cost))
+                if before - cost < worth * abs(before):
+                    break
+        return look, cost
 
     def _ended(self) -> Outcome | None:
         """Why no further step is taken; None where one may be."""
