@@ -85,6 +85,7 @@ class Descent(ReadOnly):
         samples: Where the clearance is looked at.
         near: Which obstacles were near there; kept up to date by looking at them.
         count: Samples on a piece.
+        constrained: Where path constraints are looked at, were nothing passed.
         ends: The ends of the motion.
         unit: Length of the first motion's pieces, if it had as many [s].
     """
@@ -93,6 +94,7 @@ class Descent(ReadOnly):
     samples: MotionSamples
     near: NearBodies
     count: int
+    constrained: KeptSamples
     ends: MotionEnds
     unit: float
 
@@ -108,7 +110,8 @@ class Descent(ReadOnly):
             np.array([one.acceleration for one in both]),
         )
         read_only(*ends)
-        return cls(question, placed, near, samples, ends, question.duration / spline.pieces)
+        constrained = constraint_samples(question.sections, spline.pieces, (), samples, question.settings)
+        return cls(question, placed, near, samples, constrained, ends, question.duration / spline.pieces)
 
     def look(self, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
@@ -137,7 +140,9 @@ class Descent(ReadOnly):
             value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, gradient, blocks)
         model = ClearanceModel(value, spline.points, gradient, blocks)
         read_only(*model)
-        kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
+        kept = self.constrained
+        if here:  # which hold where depends on what was passed by then
+            kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
         return Look(spline, model, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:

@@ -43,11 +43,11 @@ class OptimizationSettings:
             3e-4 besides take more steps to the same motions.
         fine: The same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less.
         worth: What a look at the clearance has to bring at a weight for another one, as a share of the objective,
-            against the root of the weight.
-        stiffness: Share of Gauss and Newton's Hessian of the clearance that the first model has.
+            against the root of the weight; see `free`.
+        stiffness: Share of Gauss and Newton's Hessian of the clearance that the first model has; see `free`.
         least_stiffness: At least so much of it is left.
-        softer: Of it where a motion that the model gave was better.
-        stiffer: The same where it was not; to 1 at most.
+        softer: Factor of it after a look at which the motion that the model gave was better. Unrecorded.
+        stiffer: The same where it was not, to 1 at most. Unrecorded.
         steps: Looks at the clearance that bring something, at each weight, at most: easy motions settle after three or
             four; a Fetch's, or one that keeps 80 mm, takes twenty at the first weight. With 3 at most a Fetch's are
             10 % slower.
