@@ -188,3 +188,12 @@ def test_a_straight_way_that_turns_is_passed() -> None:
     assert duration(reply) < duration(stopped)
     assert speed(reply, reply.steps[0].end) > 0.0
     within_limits(reply, np.inf, 50.0)
+
+
+def test_goals_within_large_radii_are_passed_in_their_order() -> None:
+    request = json.loads(example("rounded"))
+    steps = [step | {"radius": 50.0} if step.get("stop") is False else step for step in request["steps"]]
+    reply = ask(steps, "ur5", request["scene"], start=request["start"])
+    assert reply.status.name in ("SUCCESS", "INVALID_MOTION_PLAN"), "it says how it ended"
+    spans = [time for step in reply.steps for time in (step.begin, step.end)]
+    assert spans == sorted(spans)

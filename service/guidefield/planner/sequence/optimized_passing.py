@@ -27,7 +27,7 @@ from guidefield.planner.optimize.settings import (
     closer,
     constrained,
 )
-from guidefield.planner.sequence.joined import Joined, Part, passed_about, refused, slowest
+from guidefield.planner.sequence.joined import Joined, Part, PassedAt, passed_about, refused, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.conditions import Budget
@@ -171,5 +171,8 @@ def _joined(optimized: Optimized, parts: Sequence[Part]) -> Joined:
     motion = optimized.trajectory
     bounds = [0, *optimized.passed, len(motion.times) - 1]
     goals = [one.goal for one in parts if one.goal is not None]
-    spans = zip(bounds, bounds[1:], bounds[2:], strict=False)
-    return Joined(motion, tuple(passed_about(goal, motion, span) for goal, span in zip(goals, spans, strict=True)))
+    passages = list[PassedAt]()
+    for goal, first, about, last in zip(goals, bounds, bounds[1:], bounds[2:], strict=False):
+        since = max(first, passages[-1].nearest) if passages else first  # within large radii they stay in order, too
+        passages.append(passed_about(goal, motion, (since, about, last)))
+    return Joined(motion, tuple(passages))
