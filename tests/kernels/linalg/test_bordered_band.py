@@ -15,8 +15,8 @@ from guidefield.kernels.linalg.bordered_band import (
 )
 
 
-def system(blocks: int, size: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Blocks of a random positive definite system, its right side, and the whole matrix, the border last."""
+def system(blocks: int, size: int, more: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Blocks of a random positive definite system, its right side, and the whole matrix, the border's rows last."""
     rng = np.random.default_rng(seed)
     n = blocks * size
     root = np.tril(rng.normal(size=(n, n)))
@@ -29,23 +29,24 @@ def system(blocks: int, size: int, seed: int) -> tuple[np.ndarray, np.ndarray, n
             if (k := f - COUPLED + c) >= 0:
                 rows, columns = slice(f * size, (f + 1) * size), slice(k * size, (k + 1) * size)
                 of_blocks[f, :, c * size : (c + 1) * size] = band[rows, columns]
-    border = rng.normal(size=n)
-    corner = border @ np.linalg.solve(band, border) + 1.0
-    return of_blocks, rng.normal(size=n + 1), np.block([[band, border[:, None]], [border[None], np.array([[corner]])]])
+    border, root = rng.normal(size=(more, n)), rng.normal(size=(more, more))
+    corner = border @ np.linalg.solve(band, border.T) + 0.1 * root @ root.T + np.eye(more)
+    return of_blocks, rng.normal(size=n + more), np.block([[band, border.T], [border, corner]])
 
 
-def factorized(of_blocks: np.ndarray, border: np.ndarray, corner: float, damping: float) -> BorderedFactor | None:
-    """The factors; None where the system isn't positive definite."""
+def factorized(of_blocks: np.ndarray, matrix: np.ndarray, damping: float) -> BorderedFactor | None:
+    """The factors, with the border of the whole matrix; None where the system isn't positive definite."""
     n, size, width = of_blocks.shape
-    band, (one, other) = np.empty((n * size, width + AT_ONCE - 1)), np.empty((2, n * size))
-    factor = BorderedFactor(band, one, other, np.empty(1))
+    rows, more = n * size, len(matrix) - n * size
+    factor = BorderedFactor(np.empty((rows, width + AT_ONCE - 1)), *np.empty((2, more, rows)), np.empty(3))
+    border, corner = (np.ascontiguousarray(part) for part in (matrix[rows:, :rows], matrix[rows:, rows:]))
     return factor if factorize_bordered(of_blocks, border, corner, damping, factor) else None
 
 
-@given(st.integers(1, 12), st.integers(1, 5), st.integers(0, 1000), st.sampled_from([0.0, 0.3]))
-def test_agrees_with_a_dense_solution(blocks: int, size: int, seed: int, damping: float) -> None:
-    of_blocks, right, matrix = system(blocks, size, seed)
-    factor, solution = factorized(of_blocks, matrix[-1, :-1].copy(), matrix[-1, -1], damping), np.empty(len(right))
+@given(st.integers(1, 12), st.integers(1, 5), st.integers(1, 2), st.integers(0, 1000), st.sampled_from([0.0, 0.3]))
+def test_agrees_with_a_dense_solution(blocks: int, size: int, more: int, seed: int, damping: float) -> None:
+    of_blocks, right, matrix = system(blocks, size, more, seed)
+    factor, solution = factorized(of_blocks, matrix, damping), np.empty(len(right))
     assert factor is not None
     for one in (right, right[::-1].copy()):
         solve_factorized(factor, one, solution)
@@ -53,22 +54,22 @@ def test_agrees_with_a_dense_solution(blocks: int, size: int, seed: int, damping
         np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("more", [1, 2])
 @pytest.mark.parametrize("place", [(2, 1), None])
-def test_what_is_not_positive_definite_is_refused(place: tuple[int, int] | None) -> None:
-    of_blocks, _, matrix = system(5, 3, 0)
-    corner = matrix[-1, -1]
+def test_what_is_not_positive_definite_is_refused(place: tuple[int, int] | None, more: int) -> None:
+    of_blocks, _, matrix = system(5, 3, more, 0)
+    assert factorized(of_blocks, matrix, 0.0) is not None
     if place is None:
-        corner -= 2.0  # less than what the border takes
+        matrix[-1, -1] -= 10.0  # less than what the border takes
     else:
         of_blocks[place[0], place[1], COUPLED * 3 + place[1]] = -1.0
-    assert factorized(of_blocks, matrix[-1, :-1].copy(), corner, 0.0) is None
+    assert factorized(of_blocks, matrix, 0.0) is None
 
 
 def test_inputs_are_left_alone() -> None:
-    of_blocks, right, matrix = system(6, 2, 3)
-    arrays = of_blocks, matrix[-1, :-1].copy(), right
-    for array in arrays:
+    of_blocks, right, matrix = system(6, 2, 2, 3)
+    for array in (of_blocks, right, matrix):
         array.setflags(write=False)
-    factor = factorized(arrays[0], arrays[1], matrix[-1, -1], 0.0)
+    factor = factorized(of_blocks, matrix, 0.0)
     assert factor is not None
-    solve_factorized(factor, arrays[2], np.empty(len(right)))
+    solve_factorized(factor, right, np.empty(len(right)))

@@ -1,7 +1,7 @@
-"""Solution of a symmetric, positive definite, banded system with one more row and column, by a banded Cholesky factor.
+"""Solution of a symmetric, positive definite, banded system with one or two more rows, by a banded Cholesky factor.
 
-The band consists of blocks: block row f has blocks f - 3 to f. With A = U^T U the border (b, c) adds the scalar Schur
-complement c - b^T A^{-1} b. The work is linear in the number of blocks (Golub and Van Loan, Matrix Computations, 2013,
+The band consists of blocks: block row f has blocks f - 3 to f. With A = U^T U the border (B, C) adds the Schur
+complement C - B^T A^{-1} B. The work is linear in the number of blocks (Golub and Van Loan, Matrix Computations, 2013,
 section 4.3).
 """
 
@@ -15,7 +15,7 @@ from numba import types
 
 from guidefield.kernels.jit.fields import RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS, SCALAR, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, compiled, inlined
 
 COUPLED = 3
 """A block is coupled with as many before it."""
@@ -105,43 +105,44 @@ def _substitute(band: Floats, right_out: Floats) -> None:
 
 
 class BorderedFactor(NamedTuple):
-    """A system [[A, b], [b^T, c]] in factors; of memory until it is made.
+    """A system [[A, B], [B^T, C]] in factors, with k = 1 or 2 columns in B; of memory until it is made.
 
     Attributes:
         band: U of A = U^T U, as `_factorize` leaves it, shape (n m, 4 m + AT_ONCE - 1).
-        border: b, shape (n m,).
-        across: A^-1 b, shape (n m,).
-        pivot: c - b^T A^-1 b, shape (1,).
+        border: B by its columns, shape (k, n m).
+        across: A^-1 B by its columns, shape (k, n m).
+        pivots: Of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the
+            first row that is in the second; shape (3,).
     """
 
     band: RowsOut
-    border: RowOut
-    across: RowOut
-    pivot: RowOut
+    border: RowsOut
+    across: RowsOut
+    pivots: RowOut
 
 
 FACTOR = numba_type(BorderedFactor)
 
 
 @inlined
-def room_for_factor(n: int, size: int) -> BorderedFactor:
-    """Memory for n blocks of a size."""
+def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
+    """Memory for n blocks of a size, and one or two more rows."""
     rows = n * size
     band = np.empty((rows, (COUPLED + 1) * size + AT_ONCE - 1))
-    return BorderedFactor(band, np.empty(rows), np.empty(rows), np.empty(1))
+    return BorderedFactor(band, np.empty((more, rows)), np.empty((more, rows)), np.zeros(3))
 
 
-@compiled(types.boolean(BLOCKS, VECTOR, SCALAR, SCALAR, FACTOR))
+@compiled(types.boolean(BLOCKS, MATRIX, MATRIX, SCALAR, FACTOR))
 def factorize_bordered(
-    blocks: Floats, border: Floats, corner: float, damping: float, factor_out: BorderedFactor
+    blocks: Floats, border: Floats, corner: Floats, damping: float, factor_out: BorderedFactor
 ) -> bool:
-    """Factorize [[A, b], [b^T, c]] with its diagonal multiplied by 1 + damping.
+    """Factorize [[A, B], [B^T, C]] with its diagonal multiplied by 1 + damping.
 
     Args:
         blocks: A; block row f = blocks[f], its blocks beside one another, shape (n, m, 4 m): the last is on the
             diagonal, the first couples it with f - 3.
-        border: b, shape (n m,).
-        corner: c.
+        border: B by its columns, shape (k, n m).
+        corner: C, shape (k, k).
         damping: Not negative.
         factor_out: The factors.
 
@@ -151,26 +152,47 @@ def factorize_bordered(
     _upper(blocks, damping, factor_out.band)
     if not _factorize(factor_out.band):
         return False
-    factor_out.border[:] = border
-    factor_out.across[:] = border
-    _substitute(factor_out.band, factor_out.across)
-    pivot = corner * (1.0 + damping)
-    for i in range(border.shape[0]):
-        pivot -= border[i] * factor_out.across[i]
-    factor_out.pivot[0] = pivot
-    return pivot > 0.0
+    more = border.shape[0]
+    for e in range(more):
+        factor_out.border[e] = border[e]
+        factor_out.across[e] = border[e]
+        _substitute(factor_out.band, factor_out.across[e])
+    pivots = factor_out.pivots
+    first: float = corner[0, 0] * (1.0 + damping) - _product(border[0], factor_out.across[0])
+    pivots[0] = first
+    if more == 1 or not first > 0.0:
+        return first > 0.0
+    between: float = corner[0, 1] - _product(border[0], factor_out.across[1])
+    second = corner[1, 1] * (1.0 + damping) - _product(border[1], factor_out.across[1]) - between / first * between
+    pivots[1], pivots[2] = second, between / first
+    return bool(second > 0.0)
+
+
+@uncounted
+def _product(first: Floats, second: Floats) -> float:
+    """The inner product of two rows."""
+    total = 0.0
+    for k in range(first.shape[0]):
+        total += first[k] * second[k]
+    return total
 
 
 @compiled(types.void(FACTOR, VECTOR, types.Array(types.float64, 1, "C")))
 def solve_factorized(factor: BorderedFactor, right: Floats, solution_out: Floats) -> None:
-    """Solve a system in factors for a right side; both have what belongs to the border last, shape (n m + 1,)."""
-    rows = factor.border.shape[0]
-    x, rest = solution_out[:rows], right[rows]
+    """Solve a system in factors for a right side; both have what belongs to the border last, shape (n m + k,)."""
+    more, rows = factor.border.shape
+    x = solution_out[:rows]
     x[:] = right[:rows]
     _substitute(factor.band, x)
+    first = right[rows] - _product(factor.border[0], x)
+    if more > 1:
+        second = right[rows + 1] - _product(factor.border[1], x) - factor.pivots[2] * first
+        second /= factor.pivots[1]
+        solution_out[rows + 1] = second
+        first -= factor.pivots[2] * factor.pivots[0] * second
+        for i in range(rows):
+            x[i] -= second * factor.across[1, i]
+    first /= factor.pivots[0]
+    solution_out[rows] = first
     for i in range(rows):
-        rest -= factor.border[i] * x[i]
-    y = rest / factor.pivot[0]
-    for i in range(rows):
-        x[i] -= y * factor.across[i]
-    solution_out[rows] = y
+        x[i] -= first * factor.across[0, i]
