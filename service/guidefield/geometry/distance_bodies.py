@@ -42,7 +42,7 @@ class Body:
         bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
         placement: Rotation and translation of that frame, shape (3, 4) [m].
         surface: Vertices (v, 3) and triangles (t, 3) of a solid or sheet, in its own frame.
-        cloud: Where the words of its `LaneCloud` are, if it is a cloud; its frame is the world's.
+        cloud: Where the words of its `LaneCloud` are, if it is a cloud.
     """
 
     kind: int
@@ -95,7 +95,7 @@ def balls_about(points: Floats, radius: float, cloud: int) -> Body:
     """The body of balls about points.
 
     Args:
-        points: Shape (n, 3) [m, world].
+        points: Shape (n, 3) [m], in the frame of the body.
         radius: Of the balls [m].
         cloud: Where the words of their `LaneCloud` are; they have to stay there.
     """

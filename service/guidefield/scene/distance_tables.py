@@ -1,4 +1,4 @@
-"""The obstacles of a scene as the distance kernels read them."""
+"""The obstacles of a scene that rest as the distance kernels read them."""
 
 from __future__ import annotations
 
@@ -34,17 +34,19 @@ from guidefield.scene.scene import Scene
 
 @kept_with
 def distance_tables(scene: Scene) -> DistanceTables:
-    """Tables of all obstacles of a scene; computed once for each scene.
+    """Tables of the obstacles of a scene that rest; computed once for each scene.
 
     A closed mesh is a solid for each of its connected pieces, together with the hollows within it, so that pieces that
     overlap are told apart from hollows.
     """
-    placed = b"".join([one.placed for one in scene.obstacles])
+    resting = np.flatnonzero([one.motion is None for one in scene.obstacles])
+    at_rest = [scene.obstacles[index] for index in resting.tolist()]
+    placed = b"".join([one.placed for one in at_rest])
     rows = np.frombuffer(placed).reshape(-1, PLACED.size // 8)
-    declared = np.flatnonzero([bool(one.placed) for one in scene.obstacles])
+    declared = resting[[bool(one.placed) for one in at_rest]]
     bounded = rows[:, 0] != HALF_SPACE_PLACED
-    others = np.delete(np.arange(len(scene.obstacles)), declared[bounded])
-    made = [(index, body) for index in others.tolist() for body in _bodies(scene.obstacles[index])]
+    others = np.setdiff1d(resting, declared[bounded], assume_unique=True)
+    made = [(index, body) for index in others.tolist() for body in bodies_of(scene.obstacles[index])]
     bodies = joined_rows(_primitives(rows[bounded]), body_rows([body for _, body in made]))
     owners = np.concatenate([declared[bounded], np.array([index for index, _ in made], np.int64)])
     order, nodes = np.argsort(owners, kind="stable"), np.empty((0, 6))
@@ -84,7 +86,8 @@ def _primitives(placed: np.ndarray) -> BodyRows:
     )
 
 
-def _bodies(obstacle: Obstacle) -> list[Body]:
+def bodies_of(obstacle: Obstacle) -> list[Body]:
+    """The bodies of an obstacle in the world; of one that moves, where it is at first."""
     rotation, translation = obstacle.placement.rotation, obstacle.placement.translation
     body = primitive(obstacle.shape) if obstacle.facets is None else None
     if body is not None:

@@ -23,6 +23,7 @@ from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.moving_tables import moving_tables
 from tests.collision.scenery import scattered
 from tests.planner.problems import problem, scene_of
 from tests.robots import box_arm, group, grouped
@@ -112,8 +113,9 @@ class Barrier:
     """The barrier at one configuration, which is that of a motion with a single sample on its last control point."""
 
     def __init__(self, made_for: Problem, ends: np.ndarray | None = None):
-        self.robot, self.tables = sampled(made_for, ends)
-        rows = np.zeros(1, np.int64), np.eye(4)[3:], np.ones(1), np.full(1, REACH), np.full(1, FLOOR), np.ones(1)
+        self.made_for, (self.robot, self.tables) = made_for, sampled(made_for, ends)
+        walls = np.full(1, REACH), np.full(1, FLOOR)
+        rows = np.zeros(1, np.int64), np.zeros(1), np.eye(4)[3:], np.ones(1), *walls, np.ones(1)
         for row in rows:
             row.setflags(write=False)
         self.samples, self.near = MotionSamples(*rows), nothing_remembered(1, len(self.robot.groups))
@@ -123,7 +125,10 @@ class Barrier:
         nv = len(z)
         points, gradient = np.vstack([np.zeros((COUPLED, nv)), z]), np.empty((COUPLED + 1, nv))
         blocks = np.empty((COUPLED + 1, nv, (COUPLED + 1) * nv))
-        value = clearance_along(self.robot, self.tables, self.samples, points, CLEARANCE, self.near, gradient, blocks)
+        value = clearance_along(
+            self.robot, self.tables, moving_tables(self.made_for.scene), self.samples, points, 1.0, 0.0, CLEARANCE,
+            self.near, gradient, blocks, np.empty((2, COUPLED + 1, nv)), np.empty(2), np.empty((2, 2)),
+        )  # fmt: skip
         return value, gradient[COUPLED], blocks[COUPLED, :, COUPLED * nv :]
 
 

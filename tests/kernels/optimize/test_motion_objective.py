@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -15,13 +16,21 @@ from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSa
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
+from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.optimize.bspline import BSpline, End
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
+from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
+from guidefield.scene.moving_tables import moving_tables
 from tests.kernels.barrier.test_robot_barrier import GROUPS, made, sampled
+from tests.planner.problems import problem, scene_of
+from tests.planner.test_moving_kinds import KINDS, moving
 
 PIECES = 9
+
+GIVEN = TimeLimits(departs=0, latest=math.inf, earliest=-math.inf, unit=1.0)
+"""The departure is given, and any arrival is good."""
 
 
 def frozen(layout: type, *rows: np.ndarray) -> Any:
@@ -69,7 +78,13 @@ def ends_of(spline: BSpline) -> MotionEnds:
 
 def look(name: str, points: np.ndarray) -> ClearanceModel:
     """The clearance of a motion."""
-    made_for, _ = made(name)
+    return look_at(made(name)[0], points, 0.4, 0.0)
+
+
+def look_at(
+    made_for: Problem, points: np.ndarray, step: float, begin: float, only: int | None = None
+) -> ClearanceModel:
+    """The same among any obstacles, of pieces of a length and a departure [s]; perhaps of a single sample."""
     robot, tables = sampled(made_for)
     n, nv = points.shape
     s = 1.0 - (t := np.full(PIECES, 0.3))
@@ -77,18 +92,22 @@ def look(name: str, points: np.ndarray) -> ClearanceModel:
     samples = frozen(
         MotionSamples,
         np.arange(PIECES),
+        np.arange(PIECES) + 0.3,
         basis,
-        np.linspace(0.5, 1.0, PIECES),
+        np.linspace(0.5, 1.0, PIECES) * (1.0 if only is None else np.eye(PIECES)[only]),
         np.full(PIECES, 0.08),
         np.full(PIECES, 0.05),
         np.tile([1.0, 0.0, 2.0], PIECES)[:PIECES],
     )
     gradient, blocks = np.full((n, nv), np.nan), np.full((n, nv, (COUPLED + 1) * nv), np.nan)
-    near = nothing_remembered(PIECES, len(robot.groups))
-    value = clearance_along(robot, tables, samples, points, 0.01, near, gradient, blocks)
-    for row in (gradient, blocks):
+    border, by_times, corner = np.full((2, n, nv), np.nan), np.full(2, np.nan), np.full((2, 2), np.nan)
+    near, moving = nothing_remembered(PIECES, len(robot.groups)), moving_tables(made_for.scene)
+    value = clearance_along(
+        robot, tables, moving, samples, points, step, begin, 0.01, near, gradient, blocks, border, by_times, corner
+    )
+    for row in (gradient, blocks, border, by_times, corner):
         row.setflags(write=False)
-    return ClearanceModel(value, points, gradient, blocks)
+    return ClearanceModel(value, points, step, begin, gradient, blocks, border, by_times, corner)
 
 
 def unconstrained(name: str) -> KeptSamples:
@@ -98,31 +117,38 @@ def unconstrained(name: str) -> KeptSamples:
 
 
 def of(
-    name: str, spline: BSpline, limits: MotionLimits, model: ClearanceModel | None = None
+    name: str,
+    spline: BSpline,
+    limits: MotionLimits,
+    model: ClearanceModel | None = None,
+    times: TimeLimits = GIVEN,
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The objective, its gradient, and the whole Hessian, by a model or a look."""
     n, nv = spline.points.shape
-    inner = n - 6
+    inner, more = n - 6, 1 + times.departs
+    free = inner * nv
     blocks = np.full((inner, nv, (COUPLED + 1) * nv), np.nan)
-    border, gradient = np.full((2, inner * nv + 1), np.nan)
+    border, corner, gradient = (np.full(shape, np.nan) for shape in ((more, free), (more, more), free + more))
     value = motion_objective(
-        model or look(name, spline.points), ends_of(spline), limits, unconstrained(name), spline.points, spline.step,
-        0.3, 0.02, blocks, border, gradient,
+        model or look(name, spline.points), ends_of(spline), limits, times, unconstrained(name), spline.points,
+        spline.step, spline.begin, 0.3, 0.02, blocks, border, corner, gradient,
     )  # fmt: skip
-    hessian = np.zeros((inner * nv + 1, inner * nv + 1))
+    hessian = np.zeros((free + more, free + more))
     for f in range(inner):
         for c in range(COUPLED + 1):
             if (k := f - COUPLED + c) >= 0:
                 block = blocks[f, :, c * nv : (c + 1) * nv]
                 hessian[f * nv : (f + 1) * nv, k * nv : (k + 1) * nv] = block
                 hessian[k * nv : (k + 1) * nv, f * nv : (f + 1) * nv] = block.T
-    hessian[-1], hessian[:, -1] = border, border
+    hessian[free:, :free], hessian[:free, free:], hessian[free:, free:] = border, border.T, corner
     return value, gradient, hessian
 
 
 def moved(spline: BSpline, along: np.ndarray, by: float) -> BSpline:
-    inner = spline.inner + by * along[:-1].reshape(spline.inner.shape)
-    return BSpline.between(spline.start, spline.end, inner, spline.step * math.exp(by * along[-1]))
+    """The motion moved along inner control points, u and perhaps the departure."""
+    inner, (longer, *later) = np.split(by * along, [spline.inner.size])[0], by * along[spline.inner.size :]
+    points, step = spline.inner + inner.reshape(spline.inner.shape), spline.step * math.exp(longer)
+    return BSpline.between(spline.start, spline.end, points, step, spline.begin + sum(later))
 
 
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])
@@ -151,6 +177,82 @@ def test_with_a_model_from_elsewhere_the_gradient_is_that_of_the_value(name: str
         assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ along, abs=error)
 
 
+# ---- among obstacles that move
+
+
+WINDOW = TimeLimits(departs=1, latest=2.0, earliest=0.5, unit=3.0)
+
+
+@functools.cache
+def in_time(kind: str) -> tuple[Problem, BSpline, MotionLimits]:
+    """A motion of a Panda about which two obstacles of a kind fly meanwhile, and something rests."""
+    spline, limits = motion("panda", moving=False)
+    spline = dataclasses.replace(spline, begin=0.3)
+    made_for = made("panda")[0]
+    for seed in range(200):
+        rng = np.random.default_rng([seed, KINDS.index(kind)])
+        flying = [moving(kind, f"flying{k}", rng, 0.0, 3.0) for k in range(2)]
+        found = problem(made_for.group, scene_of(*made_for.scene.message.obstacles[:3], *flying), planes=())
+        model = look_at(found, spline.points, spline.step, spline.begin)
+        if abs(model.by_times[1]) > 1e-2 and 1e-2 < model.value < 1e10:
+            return found, spline, limits
+    raise AssertionError("nothing comes near")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_in_time_the_gradient_is_that_of_finite_differences(kind: str) -> None:
+    """By control points, by the length of pieces and by the departure: obstacles move on, or are met later."""
+    made_for, spline, limits = in_time(kind)
+
+    def at(one: BSpline) -> tuple[float, np.ndarray]:
+        model = look_at(made_for, one.points, one.step, one.begin)
+        value, gradient, _ = of("panda", one, limits, model, WINDOW)
+        return value, gradient
+
+    _, gradient = at(spline)
+    rng, h = np.random.default_rng(0), 1e-6
+    last = np.eye(len(gradient))[-2:]
+    for along in [*rng.normal(size=(2, len(gradient))), *last]:
+        ahead, behind = (at(moved(spline, along, by))[0] for by in (h, -h))
+        scale = np.abs(gradient) @ np.abs(along)
+        assert (ahead - behind) / (2.0 * h) == pytest.approx(gradient @ along, abs=2e-4 * scale)
+
+
+@pytest.mark.parametrize("kind", ["box", "cloud"])
+def test_in_time_the_clearance_is_that_of_each_sample_among_what_stands_then(kind: str) -> None:
+    made_for, spline, _ = in_time(kind)
+    alone = [one for one in made_for.scene.message.obstacles if one.trajectory is not None]
+    flying = problem(made_for.group, scene_of(*alone), planes=())
+    value = look_at(flying, spline.points, spline.step, spline.begin).value
+    expected = 0.0
+    for piece in range(PIECES):
+        then = flying.at(spline.begin + (piece + 0.3) * spline.step)
+        expected += look_at(then, spline.points, 1.0, 0.0, only=piece).value
+    assert value == pytest.approx(expected, rel=1e-5)
+
+
+def test_in_time_a_model_from_elsewhere_is_consistent_and_its_hessian_positive_definite() -> None:
+    made_for, seen, limits = in_time("box")
+    model, rng, h = look_at(made_for, seen.points, seen.step, seen.begin), np.random.default_rng(1), 1e-6
+    size = seen.inner.size + 2
+    spline = moved(seen, rng.normal(size=size), 1e-3)
+    value, gradient, hessian = of("panda", spline, limits, model, WINDOW)
+    assert np.linalg.eigvalsh(hessian).min() > 0.0
+    for along in [*rng.normal(size=(3, size)), *np.eye(size)[-2:]]:
+        ahead, behind = (of("panda", moved(spline, along, by), limits, model, WINDOW) for by in (h, -h))
+        error = 1e-6 * np.abs(gradient) @ np.abs(along) + 1e-15 * abs(value) / h
+        assert (ahead[0] - behind[0]) / (2.0 * h) == pytest.approx(gradient @ along, abs=error)
+
+
+def test_departures_and_arrivals_out_of_their_window_have_no_finite_objective() -> None:
+    made_for, spline, limits = in_time("box")
+    model = look_at(made_for, spline.points, spline.step, spline.begin)
+    for begin, finite in ((0.0, False), (1e-6, True), (1.999, True), (2.0, False)):
+        assert math.isfinite(of("panda", dataclasses.replace(spline, begin=begin), limits, model, WINDOW)[0]) == finite
+    late = WINDOW._replace(earliest=spline.begin + spline.duration)
+    assert math.isinf(of("panda", spline, limits, model, late)[0])
+
+
 @pytest.mark.parametrize("name", ["panda", "planar"])
 def test_a_model_is_the_quadratic_form_of_its_look(name: str) -> None:
     spline, limits = motion(name, moving=False)
@@ -166,7 +268,7 @@ def test_a_model_is_the_quadratic_form_of_its_look(name: str) -> None:
     way = far.points - spline.points
     change = np.einsum("ip,ip->", model.gradient, way) + 0.5 * np.einsum("ip,ipkq,kq->", way, dense, way)
     empty = model._replace(value=0.0, gradient=np.zeros_like(model.gradient), blocks=np.zeros_like(model.blocks))
-    for row in empty[2:]:
+    for row in (empty.gradient, empty.blocks):
         row.setflags(write=False)
     rest = of(name, far, limits, empty)[0]
     assert of(name, far, limits, model)[0] - rest == pytest.approx(model.value + change, rel=1e-10)

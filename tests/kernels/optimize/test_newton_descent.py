@@ -11,13 +11,14 @@ from guidefield.kernels.optimize.clearance_model import ClearanceModel
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
+from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane
 from tests.kernels.barrier.test_robot_barrier import made
-from tests.kernels.optimize.test_motion_objective import ends_of, look, motion, of, unconstrained
+from tests.kernels.optimize.test_motion_objective import GIVEN, ends_of, look, motion, of, unconstrained
 
 RULES = DescentRules(
     steps=1000, tries=40, shorter=0.7, settled=1e-13, little=0.0, longest=0.5, trusted=math.inf, damping=1e-9
@@ -31,6 +32,7 @@ def descended(
     unit: float = 0.3,
     longest_step: float = math.inf,
     kept: KeptSamples | None = None,
+    times: TimeLimits = GIVEN,
     **rules: float,
 ) -> tuple[BSpline, int]:
     """With the weight of limits, and unless told otherwise with the unit of time, that `of` has."""
@@ -38,8 +40,10 @@ def descended(
     asked = RULES._replace(**rules)
     ends = ends_of(spline)
     kept = unconstrained("panda") if kept is None else kept
-    step, taken = newton_descent(model, ends, limits, kept, asked, unit, longest_step, 0.02, spline.step, points)
-    return BSpline(points, step, spline.start, spline.end), taken
+    step, begin, taken = newton_descent(
+        model, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points
+    )
+    return BSpline(points, step, spline.start, spline.end, begin), taken
 
 
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "in motion"])

@@ -74,13 +74,13 @@ def obstacle_barrier(
             more, more_slope, more_curvature = deficit(d, floor)
             w = robot.weights[i]
             total += w * (value + more)
-            _gather(joint, (x, y, z), (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work)
+            gather(joint, (x, y, z), (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work)
     return total
 
 
 @uncounted
-def _gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, work: Workspace) -> None:
-    """Add a point's force and inertia to a joint's."""
+def gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, work: Workspace) -> None:
+    """Add a point's force and inertia to a joint's: it is at p, and pushed along n [m]."""
     f = (n[0], n[1], n[2], p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0])
     for r in range(6):
         work.forces[joint, r] += slope * f[r]

@@ -1,7 +1,9 @@
-"""The barrier of a robot against obstacles and against itself at one configuration, with gradient and Hessian."""
+"""The barrier of a robot against obstacles and against itself at one configuration and time, with its derivatives."""
 
 from __future__ import annotations
 
+from guidefield.kernels.barrier.moving_barrier import moving_barrier
+from guidefield.kernels.barrier.moving_bodies import MovedBodies, MovingBodies
 from guidefield.kernels.barrier.obstacle_barrier import obstacle_barrier
 from guidefield.kernels.barrier.sampled_robot import SampledRobot, Workspace, place
 from guidefield.kernels.barrier.self_barrier import self_barrier
@@ -16,28 +18,36 @@ from guidefield.kernels.kinematics.forward_kinematics import JointTable
 def robot_barrier(
     robot: SampledRobot,
     tables: DistanceTables,
+    moving: MovingBodies,
     s: int,
     z: Floats,
+    time: float,
     walls: Vector3,
     share: float,
     near: NearBodies,
     work: Workspace,
+    moved: MovedBodies,
     gradient_out: Floats,
     hessian_out: Floats,
+    across_out: Floats,
 ) -> float:
-    """The barrier of a robot at one configuration.
+    """The barrier of a robot at one configuration and time; its derivatives by time alone are left in `moved`.
 
     Args:
         robot: The robot.
-        tables: Obstacles.
+        tables: Obstacles that rest.
+        moving: Obstacles that move.
         s: Under which number bodies near the configuration are remembered.
         z: Chart coordinates, shape (nv,) [rad or m].
+        time: When those that move are met [s].
         walls: Range, wall and floor of the barrier against obstacles, see `obstacle_barrier` [m].
         share: Factor of the barrier between links; where it is 0 that isn't looked at.
         near: What is remembered.
         work: Scratch.
+        moved: Scratch.
         gradient_out: Its gradient by z, shape (nv,); nothing is written where the barrier is 0.
         hessian_out: Gauss and Newton's approximation of its Hessian, shape (nv, nv); the same.
+        across_out: That by z and time, shape (nv,) [1/s]; the same.
 
     Returns:
         Sum of the weighted barriers of all points.
@@ -46,6 +56,8 @@ def robot_barrier(
     work.forces[:, :] = 0.0
     work.inertias[:, :, :] = 0.0
     total = obstacle_barrier(robot, tables, s, walls, near, work)
+    if moving.motions.shape[0] > 0:
+        total += moving_barrier(robot, moving, time, walls, work, moved)
     if total > 0.0:
         _carry(robot.joints, work)
     else:
@@ -62,6 +74,11 @@ def robot_barrier(
         gradient_out[row] += m * work.gradient[i]
         for j in range(robot.drivers.shape[0]):
             hessian_out[row, robot.drivers[j]] += m * robot.multipliers[j] * work.hessian[i, j]
+    across_out[:] = 0.0
+    if moving.motions.shape[0] > 0:
+        _carry_by_time(robot.joints, work, moved)
+        for i in range(robot.drivers.shape[0]):
+            across_out[robot.drivers[i]] += robot.multipliers[i] * moved.row[i]
     return total
 
 
@@ -98,3 +115,16 @@ def _carry(joints: JointTable, work: Workspace) -> None:
             work.forces[parent, r] += work.forces[i, r]
             for c in range(r, 6):
                 work.inertias[parent, r, c] += A[r, c]
+
+
+@uncounted
+def _carry_by_time(joints: JointTable, work: Workspace, moved: MovedBodies) -> None:
+    """Carry the forces' derivatives by time to the root; their row by the model's chart coordinates."""
+    for i in range(joints.parents.shape[0] - 1, 0, -1):
+        for row in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
+            value = 0.0
+            for c in range(6):
+                value += work.subspaces[row, c] * moved.forces[i, c]
+            moved.row[row] = value
+        for c in range(6):
+            moved.forces[joints.parents[i], c] += moved.forces[i, c]

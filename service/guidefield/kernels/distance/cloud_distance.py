@@ -46,7 +46,7 @@ def cloud_beyond(address: int, x: float, y: float, z: float, reach: float) -> bo
 
     Args:
         address: Where the words of the cloud are.
-        x: Point in the world [m], with y and z.
+        x: Point in the cloud's frame [m], with y and z.
         y: See x.
         z: See x.
         reach: Distance [m].
@@ -63,7 +63,7 @@ def cloud_distance(address: int, x: float, y: float, z: float, cutoff: float) ->
 
     Args:
         address: Where the words of the cloud are.
-        x: Point in the world [m], with y and z.
+        x: Point in the cloud's frame [m], with y and z.
         y: See x.
         z: See x.
         cutoff: Distance from which on the answer doesn't matter [m]; may be infinite or negative.

@@ -129,9 +129,6 @@ def body_distance(
     if gap > 0.0 and (cutoff <= 0.0 or gap >= cutoff * cutoff):
         return math.inf, 0.0, 0.0, 0.0
     kind = tables.kinds[body]
-    if kind == CLOUD:
-        found: Signed = cloud_distance(tables.clouds[body], x, y, z, cutoff)
-        return found
     a, b, c = tables.sizes[body, 0], tables.sizes[body, 1], tables.sizes[body, 2]
     if kind == BOX:
         d, nx, ny, nz = box_distance(p, (a, b, c))
@@ -141,6 +138,8 @@ def body_distance(
         d, nx, ny, nz = capsule_distance(p, a, b)
     elif kind == HALF_SPACE:
         d, nx, ny, nz = p[2], 0.0, 0.0, 1.0
+    elif kind == CLOUD:
+        d, nx, ny, nz = cloud_distance(tables.clouds[body], p[0], p[1], p[2], cutoff)
     else:
         solid = kind == SOLID
         spans = tables.spans
@@ -172,9 +171,12 @@ def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, 
     """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
         return False
-    if tables.kinds[body] == CLOUD:
-        return not cloud_beyond(tables.clouds[body], x, y, z, reach)
-    return bounds_near(x, y, z, body, tables, reach)
+    if not bounds_near(x, y, z, body, tables, reach):
+        return False
+    if tables.kinds[body] != CLOUD:
+        return True
+    p = moved_back_by(tables.placements[body], x, y, z)
+    return not cloud_beyond(tables.clouds[body], p[0], p[1], p[2], reach)
 
 
 @counted

@@ -3,23 +3,29 @@
 A sample at the fraction t of piece i of a uniform cubic B-spline is at z = sum over a of B_a(t) P_{i+a}, B the basis;
 its Hessian couples four control points. A barrier of the distance is `robot_barrier`.
 
+Obstacles that move are where they are at the sample's time, t0 + (i + t) h: its derivatives by u = log h, h the length
+of a piece, and by the departure t0 are (i + t) h and 1. With them the barrier's derivatives by time become those by
+both; of the second ones there is what Gauss and Newton's Hessian keeps.
+
 It costs far more than all else that an optimisation looks at. So it is looked at seldom: between two looks
 `ClearanceModel` stands for it, its quadratic expansion.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
 from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.barrier.verlet_list import NEAR_BODIES, NearBodies
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
 
 
 class MotionSamples(NamedTuple):
@@ -27,6 +33,7 @@ class MotionSamples(NamedTuple):
 
     Attributes:
         pieces: (s,) piece of each.
+        places: (s,) the same with the fraction of it.
         basis: (s, 4) the basis there, of the piece's four control points.
         weights: (s,) how much each counts.
         ranges: (s,) range of the barrier against obstacles there [m].
@@ -35,6 +42,7 @@ class MotionSamples(NamedTuple):
     """
 
     pieces: Indices
+    places: Row
     basis: Rows
     weights: Row
     ranges: Row
@@ -51,15 +59,25 @@ class ClearanceModel(NamedTuple):
     Attributes:
         value: There.
         points: These control points, shape (n, nv) [rad or m].
-        gradient: By them, shape (n, nv).
+        step: Length of pieces there [s].
+        begin: Departure there [s].
+        gradient: By the control points, shape (n, nv).
         blocks: Gauss and Newton's Hessian: [i, p, q] couples coordinate p of point i with q % nv of point
             i - 3 + q // nv; shape (n, nv, 4 nv). The blocks on the diagonal are whole.
+        border: The same by control points and (u, t0), shape (2, n, nv).
+        by_times: Gradient by (u, t0), shape (2,).
+        corner: Hessian by these, shape (2, 2).
     """
 
     value: float
     points: Rows
+    step: float
+    begin: float
     gradient: Rows
     blocks: Blocks
+    border: Blocks
+    by_times: Row
+    corner: Rows
 
 
 CLEARANCE = numba_type(ClearanceModel)
@@ -91,37 +109,71 @@ def add_sample(
                 into[q] += share * row[q]
 
 
-@compiled(SCALAR(ROBOT, TABLES, SAMPLES, MATRIX, SCALAR, NEAR_BODIES, MATRIX_OUT, BLOCKS_OUT))
+@compiled(
+    SCALAR(
+        ROBOT,
+        TABLES,
+        MOVING,
+        SAMPLES,
+        MATRIX,
+        SCALAR,
+        SCALAR,
+        SCALAR,
+        NEAR_BODIES,
+        MATRIX_OUT,
+        BLOCKS_OUT,
+        BLOCKS_OUT,
+        VECTOR_OUT,
+        MATRIX_OUT,
+    )
+)
 def clearance_along(
     robot: SampledRobot,
     tables: DistanceTables,
+    moving: MovingBodies,
     samples: MotionSamples,
     points: Floats,
+    step: float,
+    begin: float,
     clearance: float,
     near: NearBodies,
     gradient_out: Floats,
     blocks_out: Floats,
+    border_out: Floats,
+    by_times_out: Floats,
+    corner_out: Floats,
 ) -> float:
     """The weighted barrier of a motion's samples, its gradient and Hessian, see `ClearanceModel`.
 
     Args:
         robot: The robot.
-        tables: Obstacles.
+        tables: Obstacles that rest.
+        moving: Obstacles that move.
         samples: Where the clearance is looked at.
         points: Control points, shape (n, nv) [rad or m].
+        step: h [s].
+        begin: t0 [s].
         clearance: Distance from obstacles at which the barrier's wall stands [m].
         near: What is remembered of the samples; of the same motion, moved, and the same ranges.
         gradient_out: Shape (n, nv).
         blocks_out: Shape (n, nv, 4 nv).
+        border_out: Shape (2, n, nv).
+        by_times_out: Shape (2,).
+        corner_out: Shape (2, 2).
 
     Returns:
         The barrier.
     """
     gradient_out[:, :] = 0.0
     blocks_out[:, :, :] = 0.0
+    border_out[:, :, :] = 0.0
+    by_times_out[:] = 0.0
+    corner_out[:, :] = 0.0
     nv = points.shape[1]
     z, slope, hessian, row = np.empty(nv), np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
+    across = np.empty(nv)
     work = workspace(robot, tables)
+    moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
     total = 0.0
     for s in range(samples.pieces.shape[0]):
         k, basis = samples.pieces[s], samples.basis[s]
@@ -129,16 +181,56 @@ def clearance_along(
             z[j] = basis[0] * points[k, j] + basis[1] * points[k + 1, j]
             z[j] += basis[2] * points[k + 2, j] + basis[3] * points[k + 3, j]
         walls = (samples.ranges[s], clearance, samples.floors[s])
-        value = robot_barrier(robot, tables, s, z, walls, samples.shares[s], near, work, slope, hessian)
+        weight, since, share = samples.weights[s], samples.places[s] * step, samples.shares[s]
+        value = robot_barrier(
+            robot, tables, moving, s, z, begin + since, walls, share, near, work, moved, slope, hessian, across
+        )
         if value > 0.0:
-            total += samples.weights[s] * value
-            add_sample(k, basis, samples.weights[s], slope, hessian, row, gradient_out, blocks_out)
+            total += weight * value
+            add_sample(k, basis, weight, slope, hessian, row, gradient_out, blocks_out)
+            if moving.motions.shape[0] > 0:
+                _add_sample_by_times(
+                    k, basis, weight, since, across, moved.by_time, border_out, by_times_out, corner_out
+                )
     return total
 
 
 @uncounted
-def expanded(model: ClearanceModel, points: Floats, gradient_out: Floats) -> float:
-    """A model's value, and its gradient (n, nv), at other control points (n, nv)."""
+def _add_sample_by_times(
+    k: int,
+    basis: Floats,
+    weight: float,
+    since: float,
+    across: Floats,
+    by_time: Floats,
+    border_out: Floats,
+    by_times_out: Floats,
+    corner_out: Floats,
+) -> None:
+    """Add a sample's weighted derivatives by its time, `since` after the departure [s], to those by u and t0."""
+    for e in range(2):
+        of_e = since if e == 0 else 1.0
+        by_times_out[e] += weight * of_e * by_time[0]
+        corner_out[e, 0] += weight * of_e * since * by_time[1]
+        corner_out[e, 1] += weight * of_e * by_time[1]
+        for a in range(4):
+            for p in range(across.shape[0]):
+                border_out[e, k + a, p] += weight * of_e * basis[a] * across[p]
+
+
+@uncounted
+def expanded(
+    model: ClearanceModel, points: Floats, step: float, begin: float, gradient_out: Floats
+) -> tuple[float, float, float]:
+    """A model elsewhere: its value, and its derivatives by u and t0.
+
+    Args:
+        model: The model.
+        points: Control points, shape (n, nv) [rad or m].
+        step: Length of pieces [s].
+        begin: Departure [s].
+        gradient_out: Its gradient by the control points, shape (n, nv).
+    """
     n, nv = points.shape
     gradient_out[:, :] = 0.0
     for i in range(n):
@@ -159,4 +251,15 @@ def expanded(model: ClearanceModel, points: Floats, gradient_out: Floats) -> flo
         for p in range(nv):
             total += (points[i, p] - model.points[i, p]) * (model.gradient[i, p] + 0.5 * gradient_out[i, p])
             gradient_out[i, p] += model.gradient[i, p]
-    return total
+    longer, later = math.log(step / model.step), begin - model.begin
+    by_u, by_begin = model.by_times[0], model.by_times[1]
+    for i in range(n):
+        for p in range(nv):
+            move = points[i, p] - model.points[i, p]
+            by_u += model.border[0, i, p] * move
+            by_begin += model.border[1, i, p] * move
+            gradient_out[i, p] += longer * model.border[0, i, p] + later * model.border[1, i, p]
+    more_by_u = longer * model.corner[0, 0] + later * model.corner[0, 1]
+    more_by_begin = longer * model.corner[1, 0] + later * model.corner[1, 1]
+    total += longer * (by_u + 0.5 * more_by_u) + later * (by_begin + 0.5 * more_by_begin)
+    return total, by_u + more_by_u, by_begin + more_by_begin

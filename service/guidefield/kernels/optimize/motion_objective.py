@@ -1,9 +1,10 @@
-"""The objective of a motion as a uniform cubic B-spline in time, with gradient and Hessian by control points and u.
+"""The objective of a motion as a uniform cubic B-spline in time, with gradient and Hessian by control points and times.
 
-    exp(u - u0) + clearance + μ · limit barrier + path constraints' penalty,      u = log h, h the length of a piece
+    exp(u - u0) + t0 / (m h0) + clearance + μ · barrier of limits and times + path constraints' penalty
 
-The clearance is its model's, and holds λ. The first three and the last three control points are the ends': they are
-moved by u alone.
+with u = log h, h the length of each of m pieces, h0 = exp(u0), and t0 the departure: all in all the arrival, in units
+of m h0. The departure may be given. The clearance is its model's, and holds λ. The first three and the last three
+control points are the ends': they are moved by u alone.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from guidefield.kernels.jit.fields import Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, SCALAR, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel, expanded
 from guidefield.kernels.optimize.constraint_penalty import (
     KEPT_SAMPLES,
@@ -24,6 +25,7 @@ from guidefield.kernels.optimize.constraint_penalty import (
     constraint_penalty,
 )
 from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits, add_limit_barrier, limit_barrier
+from guidefield.kernels.optimize.time_barrier import TIMES, TimeLimits, add_time_barrier, time_barrier
 
 ENDS = 3
 """Control points at each end that are the end's."""
@@ -102,77 +104,109 @@ def _ends_to_border(blocks: Floats, slopes: Floats, border_out: Floats) -> float
 def objective_value(
     model: ClearanceModel,
     limits: MotionLimits,
+    times: TimeLimits,
     kept: KeptSamples,
     points: Floats,
     step: float,
+    begin: float,
     first_step: float,
     limit_weight: float,
     scratch: Floats,
 ) -> float:
     """The objective alone; infinite where a limit is reached. See `motion_objective`; the scratch has shape (n, nv)."""
-    of_limits = limit_barrier(points, step, limits)
+    pieces = points.shape[0] - 3
+    of_limits = limit_barrier(points, step, limits) + time_barrier(times, begin, pieces * step)
     if of_limits == math.inf:
         return of_limits
     of_constraints = constraint_penalty(kept, points)
-    return step / first_step + limit_weight * of_limits + of_constraints + expanded(model, points, scratch)
+    of_clearance = expanded(model, points, step, begin, scratch)[0]
+    arrival: float = step / first_step + begin / (pieces * first_step)
+    return arrival + limit_weight * of_limits + of_constraints + of_clearance
 
 
 @uncounted
 def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) -> None:
     """Cut a coordinate out of the system."""
     inner, nv, _ = blocks_out.shape
+    border_out[:, j : inner * nv : nv] = 0.0
     for i in range(inner):
         blocks_out[i, j, :] = 0.0
         for p in range(nv):
             for c in range(4):
                 blocks_out[i, p, c * nv + j] = 0.0
         blocks_out[i, j, 3 * nv + j] = 1.0
-        border_out[i * nv + j] = gradient_out[i * nv + j] = 0.0
+        gradient_out[i * nv + j] = 0.0
 
 
 @compiled(
-    SCALAR(CLEARANCE, STATES, LIMITS, KEPT_SAMPLES, MATRIX, SCALAR, SCALAR, SCALAR, BLOCKS_OUT, VECTOR_OUT, VECTOR_OUT)
+    SCALAR(
+        CLEARANCE,
+        STATES,
+        LIMITS,
+        TIMES,
+        KEPT_SAMPLES,
+        MATRIX,
+        SCALAR,
+        SCALAR,
+        SCALAR,
+        SCALAR,
+        BLOCKS_OUT,
+        MATRIX_OUT,
+        MATRIX_OUT,
+        VECTOR_OUT,
+    )
 )
 def motion_objective(
     model: ClearanceModel,
     ends: MotionEnds,
     limits: MotionLimits,
+    times: TimeLimits,
     kept: KeptSamples,
     points: Floats,
     step: float,
+    begin: float,
     first_step: float,
     limit_weight: float,
     blocks_out: Floats,
     border_out: Floats,
+    corner_out: Floats,
     gradient_out: Floats,
 ) -> float:
-    """The objective of a motion, its gradient and Hessian by the free control points and u.
+    """The objective of a motion, its gradient and Hessian by the free control points and k times: u, and t0 if free.
 
     Args:
         model: The clearance; holds λ.
         ends: The ends of the motion.
         limits: What is kept. A coordinate whose range is a single value is cut out of the system.
+        times: When it may depart and arrive.
         kept: Where path constraints are looked at.
         points: Control points, shape (n, nv), n > 6, strictly within limits [rad or m].
         step: h [s].
-        first_step: exp(u0) [s].
+        begin: t0 [s].
+        first_step: h0 [s].
         limit_weight: μ.
         blocks_out: Hessian of the n - 6 free points, as in `bordered_band`, shape (n - 6, nv, 4 nv).
-        border_out: By these and u, and by u alone, shape ((n - 6) nv + 1,).
-        gradient_out: By these and u, shape ((n - 6) nv + 1,).
+        border_out: By the times and these, shape (k, (n - 6) nv).
+        corner_out: By the times, shape (k, k).
+        gradient_out: By the points, then the times, shape ((n - 6) nv + k,).
 
     Returns:
         The objective.
     """
     n, nv = points.shape
-    gradient, border, slopes = np.empty((n, nv)), np.zeros((n, nv)), np.empty((2 * ENDS, nv))
-    blocks = model.blocks.copy()
-    total = expanded(model, points, gradient)
-    of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks, border)
-    duration = step / first_step
-    total += of_limits + duration + add_constraint_penalty(kept, points, gradient, blocks)
-    by_u += duration
-    by_uu += duration
+    gradient, slopes = np.empty((n, nv)), np.empty((2 * ENDS, nv))
+    blocks, border, corner, by_times = model.blocks.copy(), model.border.copy(), model.corner.copy(), np.empty(2)
+    of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, gradient)
+    of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks, border[0])
+    by_times[0] += by_u
+    corner[0, 0] += by_uu
+    of_limits += add_time_barrier(times, begin, (n - 3) * step, limit_weight, by_times, corner)
+    duration, of_begin = step / first_step, 1.0 / ((n - 3) * first_step)
+    of_constraints = add_constraint_penalty(kept, points, gradient, blocks)
+    total: float = of_clearance + of_limits + duration + of_begin * begin + of_constraints
+    by_times[0] += duration
+    by_times[1] += of_begin
+    corner[0, 0] += duration
     _slopes(ends, step, slopes)
     last = n - ENDS
     for i in range(n):  # the ends' points move with u
@@ -180,16 +214,22 @@ def motion_objective(
             continue
         row = i if i < ENDS else i - last + ENDS
         for p in range(nv):
-            by_u += slopes[row, p] * gradient[i, p]
-            by_uu += 2.0 * slopes[row, p] * border[i, p]
-    by_uu += _ends_to_border(blocks, slopes, border)
-    free = nv * (n - 2 * ENDS)
+            by_times[0] += slopes[row, p] * gradient[i, p]
+            corner[0, 0] += 2.0 * slopes[row, p] * border[0, i, p]
+            corner[0, 1] += slopes[row, p] * border[1, i, p]
+    corner[0, 0] += _ends_to_border(blocks, slopes, border[0])
+    corner[1, 0] = corner[0, 1]
+    free, more = nv * (n - 2 * ENDS), corner_out.shape[0]
     blocks_out[:, :, :] = blocks[ENDS:last]
     for i in range(ENDS, last):
         for p in range(nv):
-            border_out[(i - ENDS) * nv + p] = border[i, p]
             gradient_out[(i - ENDS) * nv + p] = gradient[i, p]
-    border_out[free], gradient_out[free] = by_uu, by_u
+            for e in range(more):
+                border_out[e, (i - ENDS) * nv + p] = border[e, i, p]
+    for e in range(more):
+        gradient_out[free + e] = by_times[e]
+        for f in range(more):
+            corner_out[e, f] = corner[e, f]
     for j in range(nv):
         if limits.lower[j] >= limits.upper[j]:
             _hold(j, blocks_out, border_out, gradient_out)

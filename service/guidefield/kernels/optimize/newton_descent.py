@@ -28,6 +28,7 @@ from guidefield.kernels.optimize.motion_objective import (
     objective_value,
     place_ends,
 )
+from guidefield.kernels.optimize.time_barrier import TIMES, TimeLimits
 
 
 class DescentRules(NamedTuple):
@@ -39,7 +40,7 @@ class DescentRules(NamedTuple):
         shorter: By this factor.
         settled: A step that promises less than this share of the objective is not taken.
         little: After a step that brought less than this share of the objective no further one is taken.
-        longest: Most that a coordinate of a control point [rad or m], and u, move in one step.
+        longest: Most that a coordinate of a control point [rad or m], u, and the departure [s] move in one step.
         trusted: Where a coordinate is further from where the clearance was looked at, no further step is taken.
         damping: Added to the Hessian's diagonal, as a share of it.
     """
@@ -96,22 +97,35 @@ def _distance(first: Floats, second: Floats) -> float:
 
 
 @compiled(
-    types.Tuple((types.float64, types.int64))(
-        CLEARANCE, STATES, LIMITS, KEPT_SAMPLES, RULES, SCALAR, SCALAR, SCALAR, SCALAR, MATRIX_OUT
+    types.Tuple((types.float64, types.float64, types.int64))(
+        CLEARANCE,
+        STATES,
+        LIMITS,
+        TIMES,
+        KEPT_SAMPLES,
+        RULES,
+        SCALAR,
+        SCALAR,
+        SCALAR,
+        SCALAR,
+        SCALAR,
+        MATRIX_OUT,
     )
 )
 def newton_descent(
     model: ClearanceModel,
     ends: MotionEnds,
     limits: MotionLimits,
+    times: TimeLimits,
     kept: KeptSamples,
     rules: DescentRules,
     first_step: float,
     longest_step: float,
     limit_weight: float,
     step: float,
+    begin: float,
     points_out: Floats,
-) -> tuple[float, int]:
+) -> tuple[float, float, int]:
     """Lower the objective of `motion_objective` by Newton's method; every motion on the way is within limits.
 
     Under path constraints each step is followed by a second-order correction (Nocedal and Wright, Numerical
@@ -121,30 +135,34 @@ def newton_descent(
         model: The clearance.
         ends: The ends of the motion.
         limits: What is kept.
+        times: When it may depart and arrive.
         kept: Where path constraints are looked at.
         rules: When steps are taken.
         first_step: exp(u0) [s].
         longest_step: Pieces are no longer than this [s].
         limit_weight: μ.
         step: Length of pieces [s].
+        begin: Departure [s].
         points_out: Control points, shape (n, nv), strictly within limits; moved [rad or m].
 
     Returns:
-        Length of pieces [s]; how many steps were taken.
+        Length of pieces [s]; departure [s]; how many steps were taken.
     """
     n, nv = points_out.shape
-    free = nv * (n - 2 * ENDS)
-    blocks, border = np.empty((n - 2 * ENDS, nv, (COUPLED + 1) * nv)), np.empty(free + 1)
-    gradient, move, back = np.empty(free + 1), np.empty(free + 1), np.empty(free + 1)
+    free, more = nv * (n - 2 * ENDS), 1 + times.departs
+    blocks, border = np.empty((n - 2 * ENDS, nv, (COUPLED + 1) * nv)), np.empty((more, free))
+    corner, gradient = np.empty((more, more)), np.empty(free + more)
+    move, back = np.empty(free + more), np.empty(free + more)
     trial, scratch, corrected = np.empty((n, nv)), np.empty((n, nv)), np.empty((n, nv))
-    factor = room_for_factor(n - 2 * ENDS, nv)
+    factor = room_for_factor(n - 2 * ENDS, nv, more)
     constrained = kept.frames.kinds.shape[0] > 0
     taken = 0
     for _ in range(rules.steps):
         value = motion_objective(
-            model, ends, limits, kept, points_out, step, first_step, limit_weight, blocks, border, gradient
-        )
-        if not factorize_bordered(blocks, border[:free], border[free], rules.damping, factor):
+            model, ends, limits, times, kept, points_out, step, begin, first_step, limit_weight, blocks, border, corner,
+            gradient,
+        )  # fmt: skip
+        if not factorize_bordered(blocks, border, corner, rules.damping, factor):
             break
         solve_factorized(factor, -gradient, move)
         promised = -_product(gradient, move)
@@ -152,21 +170,26 @@ def newton_descent(
             break
         stride = min(1.0, rules.longest / _largest(move))
         lower = math.inf
-        length = step
+        length, departure = step, begin
         for _ in range(rules.tries):
-            length = min(step * math.exp(stride * move[free]), longest_step)
+            length, departure = _times(step, begin, move, stride, free, longest_step)
             _moved(points_out, ends, move, stride, length, trial)
-            lower = objective_value(model, limits, kept, trial, length, first_step, limit_weight, scratch)
+            lower = objective_value(
+                model, limits, times, kept, trial, length, departure, first_step, limit_weight, scratch
+            )
             if constrained and lower < math.inf:  # back towards constraints that bend, by the same factors
                 motion_objective(
-                    model, ends, limits, kept, trial, length, first_step, limit_weight, blocks, border, gradient
-                )
+                    model, ends, limits, times, kept, trial, length, departure, first_step, limit_weight, blocks,
+                    border, corner, gradient,
+                )  # fmt: skip
                 solve_factorized(factor, -gradient, back)
-                further = min(length * math.exp(back[free]), longest_step)
+                further, since = _times(length, departure, back, 1.0, free, longest_step)
                 _moved(trial, ends, back, 1.0, further, corrected)
-                then = objective_value(model, limits, kept, corrected, further, first_step, limit_weight, scratch)
+                then = objective_value(
+                    model, limits, times, kept, corrected, further, since, first_step, limit_weight, scratch
+                )
                 if then < lower:
-                    lower, length = then, further
+                    lower, length, departure = then, further, since
                     trial[:, :] = corrected
             if lower < value:
                 break
@@ -174,8 +197,17 @@ def newton_descent(
         if not lower < value:
             break
         taken += 1
-        step = length
+        step, begin = length, departure
         points_out[:, :] = trial
         if value - lower < rules.little * abs(value) or _distance(trial, model.points) > rules.trusted:
             break
-    return step, taken
+    return step, begin, taken
+
+
+@uncounted
+def _times(
+    step: float, begin: float, move: Floats, stride: float, free: int, longest_step: float
+) -> tuple[float, float]:
+    """Length of pieces and departure after a share of a step, in which they are behind what is free [s]."""
+    departure = begin + stride * move[free + 1] if move.shape[0] > free + 1 else begin
+    return min(step * math.exp(stride * move[free]), longest_step), departure

@@ -64,17 +64,19 @@ class BSpline(ReadOnly):
         points: Control points, shape (m + 3, nv), m pieces [rad or m].
         step: Length of a piece [s].
         start, end: Its ends, which the first three and the last three control points are about.
+        begin: When it begins [s].
     """
 
     points: ChartPoints
     step: float
     start: End
     end: End
+    begin: float = 0.0
 
     @classmethod
-    def between(cls, start: End, end: End, inner: ChartPoints, step: float) -> BSpline:
-        """With inner control points, shape (m - 3, nv), and pieces of a length [s]."""
-        return cls(np.concatenate([start.points(step), inner, end.points(step)]), step, start, end)
+    def between(cls, start: End, end: End, inner: ChartPoints, step: float, begin: float = 0.0) -> BSpline:
+        """With inner control points, shape (m - 3, nv), and pieces of a length, from a time on [s]."""
+        return cls(np.concatenate([start.points(step), inner, end.points(step)]), step, start, end, begin)
 
     @property
     def pieces(self) -> int:
@@ -113,7 +115,8 @@ class BSpline(ReadOnly):
     def towards(self, other: BSpline, share: float) -> BSpline:
         """At a share of the way to another one of the same ends and as many pieces; the step goes by its logarithm."""
         points = cast(ChartPoints, self.inner + share * (other.inner - self.inner))
-        return BSpline.between(self.start, self.end, points, self.step * (other.step / self.step) ** share)
+        step, begin = self.step * (other.step / self.step) ** share, self.begin + share * (other.begin - self.begin)
+        return BSpline.between(self.start, self.end, points, step, begin)
 
     def subdivided(self) -> BSpline:
         """The same curve with twice the pieces (Lane and Riesenfeld's rule for cubics)."""
@@ -121,10 +124,10 @@ class BSpline(ReadOnly):
         finer = np.empty((2 * len(P) - 3, P.shape[1]))
         finer[::2] = 0.5 * (P[:-1] + P[1:])
         finer[1::2] = 0.125 * (P[:-2] + 6.0 * P[1:-1] + P[2:])
-        return BSpline.between(self.start, self.end, cast(ChartPoints, finer[ENDS:-ENDS]), 0.5 * self.step)
+        return BSpline.between(self.start, self.end, cast(ChartPoints, finer[ENDS:-ENDS]), 0.5 * self.step, self.begin)
 
     def knots(self) -> tuple[np.ndarray, ChartPoints, ChartRates]:
-        """Times (m + 1,), positions and velocities (m + 1, nv) where pieces meet: the same curve as Hermite's."""
+        """Times since it begins (m + 1,), positions, velocities (m + 1, nv) where pieces meet: Hermite's curve."""
         P = self.points
         positions = (P[:-2] + 4.0 * P[1:-1] + P[2:]) / 6.0
         velocities = cast(ChartRates, (P[2:] - P[:-2]) / (2.0 * self.step))

@@ -52,7 +52,7 @@ def constraint_samples(
         samples: At which the clearance is looked at, on a piece.
         settings: Of the optimisation.
     """
-    bounds, of_samples, shares, _ = places(pieces, settings.constraint_samples * samples)
+    bounds, _, of_samples, shares, _ = places(pieces, settings.constraint_samples * samples)
     asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
     asked.setflags(write=False)
     return KeptSamples(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.barrier.verlet_list import NearBodies, nothing_remembered
 from guidefield.kernels.distance.distance import DistanceTables
@@ -20,6 +21,7 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constrai
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
+from guidefield.kernels.optimize.time_barrier import TimeLimits, time_barrier
 from guidefield.planner.optimize.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
@@ -34,25 +36,29 @@ class Question(ReadOnly):
 
     Attributes:
         robot: Points and links.
-        tables: Obstacles.
+        tables: Obstacles that rest.
+        moving: Obstacles that move.
         sections: Path constraints, and where they hold.
         limits: What is kept.
         kept: What start and end keep from obstacles [m].
         clearance: What is asked for [m].
         duration: Of the first motion [s]: the unit of time.
         settings: Weights and bounds.
+        times: When it departs and arrives.
         longest_step: Pieces are no longer than this [s].
         passages: What the motion passes, in this order.
     """
 
     robot: SampledRobot
     tables: DistanceTables
+    moving: MovingBodies
     sections: Sections
     limits: MotionLimits
     kept: tuple[float, float]
     clearance: float
     duration: float
     settings: OptimizationSettings
+    times: TimeLimits
     longest_step: float = math.inf
     passages: tuple[Passage, ...] = ()
 
@@ -101,7 +107,10 @@ class Descent(ReadOnly):
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
         """For a motion, with so many samples on a piece."""
-        placed = clearance_samples(spline, question.kept, question.clearance, samples, question.settings)
+        in_time = len(question.moving.motions) > 0
+        placed = clearance_samples(
+            spline, question.kept, question.clearance, samples, question.settings, in_time=in_time
+        )
         near = nothing_remembered(len(placed.pieces), len(question.robot.groups))
         both = spline.start, spline.end
         ends = MotionEnds(
@@ -123,22 +132,33 @@ class Descent(ReadOnly):
         """
         question, (n, nv) = self.question, spline.points.shape
         gradient, blocks = np.empty((n, nv)), np.empty((n, nv, (COUPLED + 1) * nv))
+        border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
         value = clearance_along(
             question.robot,
             question.tables,
+            question.moving,
             self.samples,
             spline.points,
+            spline.step,
+            spline.begin,
             question.clearance,
             self.near,
             gradient,
             blocks,
+            border,
+            by_times,
+            corner,
         )
         blocks *= stiffness
+        border *= stiffness
+        corner *= stiffness
         here = []
         for passage, about in zip(question.passages, passed, strict=True):
             here.append(nearest(passage.place, spline, about))
             value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, gradient, blocks)
-        model = ClearanceModel(value, spline.points, gradient, blocks)
+        model = ClearanceModel(
+            value, spline.points, spline.step, spline.begin, gradient, blocks, border, by_times, corner
+        )
         read_only(*model)
         kept = self.constrained
         if here:  # which hold where depends on what was passed by then
@@ -148,9 +168,14 @@ class Descent(ReadOnly):
     def cost(self, look: Look, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
         spline = look.spline
-        of_limits = limit_barrier(spline.points, spline.step, self.question.limits)
         of_constraints = constraint_penalty(look.constrained, spline.points)
-        return spline.step / self.unit + limit_weight * of_limits + of_constraints + look.model.value
+        arrival = (spline.step + spline.begin / spline.pieces) / self.unit
+        return arrival + limit_weight * self._barrier(spline) + of_constraints + look.model.value
+
+    def _barrier(self, spline: BSpline) -> float:
+        """The barrier of limits and times; infinite where the motion isn't strictly within."""
+        of_times = time_barrier(self.question.times, spline.begin, spline.duration)
+        return limit_barrier(spline.points, spline.step, self.question.limits) + of_times
 
     def lowered(self, look: Look, limit_weight: float, steps: int) -> BSpline | None:
         """A better motion as far as a look tells, after so many of Newton's steps at most; None where none is worth it.
@@ -172,19 +197,21 @@ class Descent(ReadOnly):
             damping=settings.damping,
         )
         points = spline.points.copy()
-        step, taken = newton_descent(
+        step, begin, taken = newton_descent(
             look.model,
             self.ends,
             self.question.limits,
+            self.question.times,
             look.constrained,
             rules,
             self.unit,
             self.question.longest_step,
             limit_weight,
             spline.step,
+            spline.begin,
             points,
         )
-        return BSpline(points, step, spline.start, spline.end) if taken > 0 else None
+        return BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else None
 
     def stepped(self, look: Look, limit_weight: float) -> Look | None:
         """A look at a motion of a lower objective; None where none is found that is worth it.
@@ -209,6 +236,6 @@ class Descent(ReadOnly):
         """A motion strictly within limits between two that are, closer to the first; None where none is found."""
         for _ in range(self.question.settings.tries):
             far = near.towards(far, self.question.settings.closer)
-            if math.isfinite(limit_barrier(far.points, far.step, self.question.limits)):
+            if math.isfinite(self._barrier(far)):
                 return far
         return None

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
+from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.bspline import BSpline
@@ -33,13 +33,22 @@ from guidefield.planner.optimize.constraint_samples import Sections
 from guidefield.planner.optimize.interior_point import Descent, Look, Question
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import few_points, sampled_robot
-from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSettings
-from guidefield.planner.optimize.start import ends_of, first_motion, longest_step, motion_limits, moving_motion
+from guidefield.planner.optimize.settings import OptimizationSettings
+from guidefield.planner.optimize.start import (
+    ends_of,
+    first_motion,
+    longest_step,
+    motion_limits,
+    moving_motion,
+    scheduled_motion,
+)
 from guidefield.planner.optimize.within import brought_within
+from guidefield.planner.optimize.worth import kept_at
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.read_only import ReadOnly
 from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.moving_tables import moving_tables
 
 
 class Outcome(enum.Enum):
@@ -82,8 +91,13 @@ def optimize(
     others: Iterable[Trajectory] = (),
     passages: tuple[Passage, ...] = (),
     sections: Sections | None = None,
+    leave_by: float = 0.0,
+    arrive_from: float = -math.inf,
 ) -> Optimized:
     """Optimise a motion that goes along a path that was found, within the problem's budget and its number of steps.
+
+    Among obstacles that move each is where it is at the time. A motion that begins later than at time 0 may then begin
+    at another time, but one that begins at 0 begins there.
 
     Its ends stay bit for bit. One that begins or ends in motion may prove to have no spline within limits: it stays as
     it is, and the outcome says so. So does one that can't be brought exactly to where it has to pass.
@@ -97,9 +111,11 @@ def optimize(
         passages: What the motion passes at times that are free, in this order; all motions given go through their
             waypoints. None where it begins or ends in motion.
         sections: Path constraints, and where they hold; None: those of the problem, all along.
+        leave_by: It begins before this [s], if it begins later than at 0.
+        arrive_from: It ends after this [s].
     """
     kept = Sections.whole(problem.constrained_frames, len(passages)) if sections is None else sections
-    descending = _Descending(problem, settings, passages, kept)
+    descending = _Descending(problem, settings, passages, kept, (leave_by, arrive_from))
     best = descending.coarse(motion)
     rest = iter(others)
     while descending.outcome is None and not (best and _is_soon(problem, best.look.spline, settings)):
@@ -118,8 +134,9 @@ def optimize(
     spline, places = exact
     knots, passed = with_knots(spline, places)
     limits = best.question.limits
-    if problem.in_motion:  # its time can't be scaled, and need not be: every step was within limits
-        trajectory = Trajectory(*knots)
+    if problem.in_motion or problem.scene.moves:  # its time can't be scaled, and need not be: it is within limits
+        times, positions, velocities = knots
+        trajectory = Trajectory(spline.begin + times, positions, velocities)
     else:
         trajectory = at_limits(*knots, limits.velocity, limits.acceleration, limits.jerk)
     steps, outcome = descending.steps, descending.outcome or Outcome.OPTIMISED
@@ -146,10 +163,17 @@ class _Descending:
     """An optimisation under way: how many steps were taken, and what ended it, if anything did."""
 
     def __init__(
-        self, problem: Problem, settings: OptimizationSettings, passages: tuple[Passage, ...], sections: Sections
+        self,
+        problem: Problem,
+        settings: OptimizationSettings,
+        passages: tuple[Passage, ...],
+        sections: Sections,
+        between: tuple[float, float],
     ) -> None:
         self._problem, self._settings, self._passages, self._sections = problem, settings, passages, sections
+        self._leave_by, self._arrive_from = between
         self._limits, self._tables = motion_limits(problem), distance_tables(problem.scene)
+        self._moving = moving_tables(problem.scene)
         self.steps = 0
         self.outcome: Outcome | None = None
 
@@ -157,22 +181,26 @@ class _Descending:
         """A motion after all coarse weights of the limits' barrier; None where it can't be brought within limits."""
         problem, tables, ends = self._problem, self._tables, motion.positions[[0, -1]]
         robot = sampled_robot(problem, tables, ends)
-        kept = [obstacle_distance(robot, tables, z.copy(), SAMPLED_ROBOT.farthest) for z in ends]
+        kept = [kept_at(problem, robot, z, at) for z, at in zip(ends, motion.times[[0, -1]].tolist(), strict=True)]
         moving, longest = ends_of(problem, motion), np.inf
         if problem.in_motion:
             first = moving_motion(motion, moving, self._limits, self._settings)
             longest = longest_step(moving, self._limits)
+        elif problem.scene.moves:
+            first = scheduled_motion(motion, self._limits, self._settings, self._arrive_from)
         else:
             first = first_motion(motion, self._limits, self._settings)
         question = Question(
             robot,
             tables,
+            self._moving,
             self._sections,
             self._limits,
             (kept[0], kept[1]),
             problem.min_clearance,
             first.duration,
             self._settings,
+            TimeLimits(int(first.begin > 0.0), self._leave_by, self._arrive_from, first.duration),
             longest,
             self._passages,
         )

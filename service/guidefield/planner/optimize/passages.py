@@ -15,6 +15,7 @@ and one that only reaches the plane is held on it. What is missed in the end is 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -172,7 +173,7 @@ def _moved_onto(place: Place, spline: BSpline, at: float) -> tuple[BSpline, floa
     move = -np.linalg.pinv(place.rows(z)[missed != 0.0], rcond=1e-6) @ missed[missed != 0.0]
     points = spline.points.copy()
     points[piece : piece + 4] += np.outer(shares / (shares @ shares), move)
-    return BSpline(points, spline.step, spline.start, spline.end), float(np.abs(missed).max())
+    return dataclasses.replace(spline, points=points), float(np.abs(missed).max())
 
 
 def with_knots(

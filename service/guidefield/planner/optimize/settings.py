@@ -84,6 +84,7 @@ class OptimizationSettings:
         constraint_weight: Of half the mean square of what is beyond, as a share of the limit. Constrained: with 300
             some are refused at first.
         constraint_samples: On a piece, for each at which the clearance is looked at. Unrecorded.
+        compared: At so many samples two motions among obstacles that move are compared. A choice.
         tight: Limits of path constraints up to this count in Newton's steps all through [rad or m]. Constrained: with
             0 one in six motions hardly gets shorter, with 0.02 and 0.05 they are the same.
     """
@@ -134,6 +135,7 @@ class OptimizationSettings:
     constraint_room: float = 0.7
     constraint_weight: float = 3e3
     constraint_samples: int = 2
+    compared: int = 64
     tight: float = 0.03
 
 

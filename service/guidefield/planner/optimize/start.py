@@ -21,7 +21,7 @@ def motion_limits(problem: Problem) -> MotionLimits:
     """What a problem's motions keep."""
     group = problem.group
     jerk = np.full(group.nv, np.inf) if problem.jerk_limits is None else problem.jerk_limits
-    if problem.in_motion:  # its time can't be scaled in the end
+    if problem.in_motion or problem.scene.moves:  # its time can't be scaled in the end
         jerk = (1.0 - ROUNDING) * jerk
     rows = (group.velocity_limits, group.acceleration_limits, jerk, group.lower, group.upper)
     limits = MotionLimits(*(np.array(row, float) for row in rows))
@@ -47,12 +47,29 @@ def first_motion(motion: Trajectory, limits: MotionLimits, settings: Optimizatio
         limits: What is kept.
         settings: How many pieces there are.
     """
-    inner = _pieces(motion, settings) - ENDS  # the ends take the places before and after them
-    times = motion.times[0] + motion.duration * np.arange(1, inner + 1) / (inner + 1)
-    points = _with_room(motion.evaluate(times)[0], limits, settings)
-    start, end = End.at_rest(motion.positions[0].copy()), End.at_rest(motion.positions[-1].copy())
-    step = settings.room * shortest_step(BSpline.between(start, end, points, 1.0).points, limits)
-    return BSpline.between(start, end, points, step)
+    return _stretched(motion, _pieces(motion, settings), limits, settings)
+
+
+def scheduled_motion(
+    motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings, arrive_from: float
+) -> BSpline:
+    """A spline near a motion from rest to rest that keeps a schedule, strictly within limits.
+
+    It takes as long, or longer where that is too fast, or too soon. Where it is fastest its pieces are as short as
+    those of a motion that speeds up and brakes all the way.
+
+    Args:
+        motion: Not a single point; within position limits.
+        limits: What is kept.
+        settings: How many pieces there are.
+        arrive_from: It ends after this [s].
+    """
+    begin = float(motion.times[0])
+    fastest = float(np.linalg.norm(motion.velocities, axis=1).max())
+    pieces = int(np.ceil(0.5 * fastest * motion.duration / settings.piece))
+    spline = _stretched(motion, int(np.clip(pieces, settings.least_pieces, settings.most_pieces)), limits, settings)
+    step = max(spline.step, max(motion.duration, settings.room * (arrive_from - begin)) / spline.pieces)
+    return BSpline.between(spline.start, spline.end, spline.inner, step, begin)
 
 
 def moving_motion(
@@ -84,6 +101,16 @@ def longest_step(ends: tuple[End, End], limits: MotionLimits) -> float:
         room = (limits.velocity - np.abs(end.velocity))[rises]
         longest = min(longest, float((2.0 * room / np.abs(end.acceleration[rises])).min(initial=np.inf)))
     return longest
+
+
+def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits, settings: OptimizationSettings) -> BSpline:
+    """A spline of so many pieces through samples of a motion evenly in time, as fast as it may be with some room."""
+    inner = pieces - ENDS  # the ends take the places before and after them
+    times = motion.times[0] + motion.duration * np.arange(1, inner + 1) / (inner + 1)
+    points = _with_room(motion.evaluate(times)[0], limits, settings)
+    start, end = End.at_rest(motion.positions[0].copy()), End.at_rest(motion.positions[-1].copy())
+    step = settings.room * shortest_step(BSpline.between(start, end, points, 1.0).points, limits)
+    return BSpline.between(start, end, points, step)
 
 
 def _pieces(motion: Trajectory, settings: OptimizationSettings) -> int:

@@ -1,0 +1,38 @@
+"""The obstacles of a scene that move as the barrier's kernels read them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guidefield.geometry.distance_bodies import body_rows, body_tables
+from guidefield.kept import kept_with
+from guidefield.kernels.barrier.moving_bodies import MovingBodies
+from guidefield.read_only import read_only
+from guidefield.scene.distance_tables import bodies_of
+from guidefield.scene.scene import Scene
+
+
+@kept_with
+def moving_tables(scene: Scene) -> MovingBodies:
+    """Tables of the obstacles of a scene that move; computed once for each scene."""
+    bodies, owners, of = [], [], []
+    motions = [(index, one.motion) for index, one in enumerate(scene.obstacles) if one.motion is not None]
+    for k, (index, motion) in enumerate(motions):
+        back = motion.placements[0].inverse()
+        made = [body.placed(back.rotation, back.translation) for body in bodies_of(scene.obstacles[index])]
+        bodies += made
+        owners += [index] * len(made)
+        of += [k] * len(made)
+    lasts = np.cumsum([len(motion.times) for _, motion in motions], dtype=np.int64)
+    counts = np.array([len(motion.times) for _, motion in motions], np.int64)
+    rest = np.zeros((1, 6))
+    tables = MovingBodies(
+        bodies=body_tables(body_rows(bodies), owners, np.empty((0, 6))),
+        motions=np.array(of, np.int64),
+        spans=np.column_stack([lasts - counts, lasts]),
+        times=np.concatenate([np.empty(0), *(motion.times for _, motion in motions)]),
+        placements=np.array([p.homogeneous[:3] for _, motion in motions for p in motion.placements]).reshape(-1, 3, 4),
+        twists=np.concatenate([np.empty((0, 6)), *(np.vstack([motion.twists, rest]) for _, motion in motions)]),
+    )
+    read_only(*tables[1:])
+    return tables
