@@ -6,9 +6,10 @@ Random scenes from fixed seeds: two to five bodies of several kinds move and com
 the robot where it starts, or do with --met; one to three rest. Goals are random configurations that are free once all
 rest. *still* is how many of them the planner among obstacles at rest solves then. *of them* is how many of these are
 solved in time, and *others* how many more. *arrival* is the median of when the robot arrives over when it would, had it
-waited until all rest; *waited* is how many departed later than 0.3 s; *CPU* is the processor time of a plan, median and
-95th percentile; *still CPU* that of the still planner. Every motion is judged by an outside judge: dense samples of
-Pinocchio and Coal.
+waited until all rest; *waited* is how many departed later than 0.3 s; *lasts* is the median of how long motions take,
+waiting included, and *inner* that of their smallest clearance without the ends; *CPU* is the processor time of a plan,
+median and 95th percentile; *still CPU* that of the still planner. Every motion is judged by an outside judge: dense
+samples of Pinocchio and Coal.
 """
 
 from __future__ import annotations
@@ -67,11 +68,12 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--each", action="store_true")
     asked = parser.parse_args(arguments)
     print(
-        f"{'':10s}{'runs':>6s}{'still':>7s}{'of them':>9s}{'others':>8s}{'arrival':>9s}{'waited':>8s}{'CPU ms':>8s}"
-        f"{'95 %':>8s}{'still CPU':>11s}{'contacts':>10s}"
+        f"{'':10s}{'runs':>6s}{'still':>7s}{'of them':>9s}{'others':>8s}{'arrival':>9s}{'waited':>8s}{'lasts':>8s}"
+        f"{'inner mm':>10s}{'CPU ms':>8s}{'95 %':>8s}{'still CPU':>11s}{'contacts':>10s}"
     )
     for robot in asked.robots.split(","):
         solved, others, ratios, waited, spent, still_spent, contacts, still = 0, 0, [], 0, [], [], 0, 0
+        lasts, inner = [], []
         for seed in range(asked.first, asked.first + asked.runs):
             drawn = problem_of(robot, seed, asked.time, jerk=asked.jerk, met=asked.met)
             guidefield.answer(drawn.resting)  # what is loaded once is not measured
@@ -83,14 +85,18 @@ def run(arguments: list[str]) -> None:
             still_spent.append(1e3 * still_seconds)
             if good:
                 contacts += touches(drawn, reply)
+                lasts.append(reply.metrics.duration)
+                inner.append(np.nan if reply.clearance.inner is None else 1e3 * reply.clearance.inner)
                 waited += bool(reply.trajectory.times[1] > 0.3)
             if good and possible:
                 ratios.append(reply.metrics.duration / (drawn.scene.end + at_rest.metrics.duration))
             if asked.each or good < possible:
-                told = f"{reply.metrics.duration:.2f} s" if good else f"{reply.status.name}: {reply.status.message}"
+                why = f"{reply.status.name}: {reply.status.message}"
+                told = f"{lasts[-1]:.3f} s, {inner[-1]:.1f} mm" if good else why
                 print(f"   {robot} {seed}: end {drawn.scene.end:.2f} s, {1e3 * seconds:.0f} ms, {told}", flush=True)
         print(
             f"{robot:10s}{asked.runs:6d}{still:7d}{solved:9d}{others:8d}{np.median(ratios or [np.nan]):9.2f}{waited:8d}"
+            f"{np.median(lasts or [np.nan]):8.2f}{np.nanmedian(inner or [np.nan]):10.1f}"
             f"{np.median(spent):8.0f}{np.percentile(spent, 95):8.0f}{np.median(still_spent):11.0f}{contacts:10d}",
             flush=True,
         )

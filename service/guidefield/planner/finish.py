@@ -28,7 +28,15 @@ from guidefield.planner.motion.waypoints import length_of, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import MANY, OPTIMIZATION, closer, constrained, free, of_many
+from guidefield.planner.optimize.settings import (
+    MANY,
+    OPTIMIZATION,
+    OptimizationSettings,
+    closer,
+    constrained,
+    free,
+    of_many,
+)
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
@@ -169,13 +177,8 @@ def optimized_motion(
         stages: Where time is counted.
         found: The path with the guide planes that the motion crosses; None: it crosses none.
     """
-    settings, crossed = OPTIMIZATION[problem.objective], _Crossed.of(problem, found)
-    if problem.group.nv > MANY:
-        settings = of_many(settings)
-    elif not (problem.path_constraints or crossed.passages):
-        settings = free(settings)
-    if problem.path_constraints:
-        settings = constrained(settings)
+    crossed = _Crossed.of(problem, found)
+    settings = settings_of(problem, passes=bool(crossed.passages))
     with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
         optimized = optimize(problem, motion, settings, others, crossed.passages)
         stage.outcome = optimized.outcome.value
@@ -196,6 +199,16 @@ def optimized_motion(
         return finished
     again = _of_optimized(problem, optimized, crossed, stages)
     return again if finished is None or again.verdict.free else finished
+
+
+def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettings:
+    """Of the optimisation of a problem's motion, which may have to pass something on its way."""
+    settings = OPTIMIZATION[problem.objective]
+    if problem.group.nv > MANY:
+        settings = of_many(settings)
+    elif not (problem.path_constraints or passes):
+        settings = free(settings)
+    return constrained(settings) if problem.path_constraints else settings
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from guidefield.errors import Status
 from guidefield.planner.finish import Finished, finish, found_motion, soonest_along
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed
@@ -36,6 +37,7 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note
+from guidefield.planner.timed_shape import shaped_in_time
 from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
@@ -204,12 +206,29 @@ class _Search:
 
     def _along(self, way: Way) -> Finished | None:
         """The certified motion along a way, optimised or else as it was found; None where there is none."""
-        made = None
+        made, soonest = None, -np.inf
         if not way.detour:
-            made = self.scheduled(finish(way.problem, way.found, self._stages), at_rest=way.at_rest)
-        if made is not None or self._problem.budget.spent():
-            return made
-        return self.scheduled(found_motion(way.problem, way.found, self._stages), at_rest=way.at_rest)
+            optimised = finish(way.problem, way.found, self._stages)
+            made = self.scheduled(optimised, at_rest=way.at_rest)
+            soonest = soonest if optimised.trajectory is None else optimised.trajectory.duration
+        if made is None and not self._problem.budget.spent():
+            made = self.scheduled(found_motion(way.problem, way.found, self._stages), at_rest=way.at_rest)
+            soonest = -np.inf
+        if made is None or made.trajectory is None:
+            return None
+        motion, aside = made.trajectory, SCHEDULE.aside + self._problem.min_clearance
+        if motion.times[-1] <= soonest and keeps_aside(self._problem, motion, aside):
+            return made  # what moves neither delays it nor comes near
+        between = self.leave_by[0], self._from(motion.positions[-1])
+        return shaped_in_time(self._problem, made, between, self._judged, self._stages)
+
+    def _judged(self, motion: Trajectory) -> Verdict:
+        """Whether a motion is free in time, and what else judges it says so."""
+        verdict = _judged(self._problem, motion)
+        if not verdict.free or self._also is None:
+            return verdict
+        kept = self._also(motion)
+        return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
     def scheduled(self, finished: Finished, *, at_rest: bool) -> Finished | None:
         """The certified motion that is at the places of another when nothing is there; None where there is none.
@@ -283,9 +302,7 @@ class _Search:
         """A motion among the obstacles, judged in time."""
         problem = self._problem
         with self._stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
-            verdict = _judged(problem, motion)
-            if verdict.free and self._also is not None:
-                verdict = replace(kept := self._also(motion), evaluations=verdict.evaluations + kept.evaluations)
+            verdict = self._judged(motion)
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         return replace(finished, verdict=verdict, trajectory=motion)

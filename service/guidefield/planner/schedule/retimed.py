@@ -36,9 +36,8 @@ def retimed(problem: Problem, schedule: Schedule) -> Trajectory | None:
     motion = schedule.motion
     if schedule.constant:
         rate = float(schedule.rates[0])
-        return _later(
-            schedule.departure, (motion.times - motion.times[0]) / rate, motion.positions, motion.velocities * rate
-        )
+        times = (motion.times - motion.times[0]) / rate
+        return later(Trajectory(schedule.departure + times, motion.positions, motion.velocities * rate))
     knots = (
         _through_samples(problem, schedule) if problem.jerk_limits is not None else _through_knots(problem, schedule)
     )
@@ -46,7 +45,8 @@ def retimed(problem: Problem, schedule: Schedule) -> Trajectory | None:
     jerks = cast(ChartRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
     if limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerks) > 1.0 + TOLERANCE:
         return None
-    return _later(schedule.departure, *knots)
+    times, positions, velocities = knots
+    return later(Trajectory(schedule.departure + times, positions, velocities))
 
 
 def _sampled(schedule: Schedule, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
@@ -96,13 +96,13 @@ def _through_samples(problem: Problem, schedule: Schedule) -> Knots:
     return times, positions, velocities
 
 
-def _later(departure: float, times: np.ndarray, positions: ChartPoints, velocities: ChartRates) -> Trajectory:
-    """The same motion, after the robot has waited until a departure [s]."""
-    if departure <= 0.0:
-        return Trajectory(times, positions, velocities)
-    still = np.zeros_like(velocities[:1])
+def later(motion: Trajectory) -> Trajectory:
+    """The motion from time 0 on: until its own begins the robot waits at its start."""
+    if motion.times[0] <= 0.0:
+        return motion
+    still = np.zeros_like(motion.velocities[:1])
     return Trajectory(
-        np.concatenate([[0.0], departure + times]),
-        cast(ChartPoints, np.concatenate([positions[:1], positions])),
-        cast(ChartRates, np.concatenate([still, velocities])),
+        np.concatenate([[0.0], motion.times]),
+        cast(ChartPoints, np.concatenate([motion.positions[:1], motion.positions])),
+        cast(ChartRates, np.concatenate([still, motion.velocities])),
     )

@@ -37,6 +37,8 @@ class ScheduleSettings:
         rooms: Shares of its limits that the path's motion uses, as stretched in time, where its rate changes: what is
             left of them is for changes of rate. Choices, tried in order.
         repairs: How often a place that the certificate refused is taken out, and a schedule looked for again. A choice.
+        aside: Where what moves keeps this, and the clearance asked for, from a motion that it doesn't delay, no better
+            one is looked for [m]: the range of the optimisation's barrier.
         kept_slices: Slices whose tables are kept. A choice.
     """
 
@@ -60,6 +62,7 @@ class ScheduleSettings:
     slack: float = 1.5
     rooms: tuple[float, ...] = (0.97, 0.85, 0.7)
     repairs: int = 8
+    aside: float = 0.08
     kept_slices: int = 400
 
 
