@@ -24,6 +24,7 @@ from guidefield.planner.guide.rounds import Attempt, Round, approach
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
@@ -84,10 +85,10 @@ class TimedPath(ReadOnly):
         """The same, as far as it goes."""
         return dataclasses.replace(self, failure=failure)
 
-    def trajectory(self) -> Trajectory:
-        """The motion: from rest to rest between one point and the next."""
-        positions = np.array(self.points)
-        return Trajectory(np.array(self.times), positions, np.zeros_like(positions))
+    def trajectory(self, since: int = 0) -> Trajectory:
+        """The motion from the point of an index on: from rest to rest between one point and the next."""
+        positions = np.array(self.points[since:])
+        return Trajectory(np.array(self.times[since:]), positions, np.zeros_like(positions))
 
 
 def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Attempt]) -> TimedPath:
@@ -223,9 +224,10 @@ def _in_comfort(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedP
     while path.time < problem.scene.end and path.time <= before.time + PATIENCE:
         if (longer := _along(problem, path, guided, COMFORT)) is not None:
             return longer
-        path = path.extended([path.points[-1]], [path.time + WAIT])
-        if not _judged(problem, before, path, MARGIN).free:
+        waiting = path.extended([path.points[-1]], [path.time + WAIT])
+        if not _judged(problem, path, waiting, MARGIN).free:
             return None
+        path = waiting
         problem.tell(Note(f"waits at {path.time:.2f} s"))
     return None
 
@@ -240,6 +242,9 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float 
         times.append(time)
         before = point
     longer = path.extended(list(points), times)
+    way = longer.trajectory(since=len(path.points) - 1)
+    if not keeps_aside(problem, way, problem.min_clearance + margin):
+        return None  # a certificate takes longer to refuse it
     return longer if _judged(problem, path, longer, margin).free else None
 
 

@@ -153,6 +153,7 @@ class SampledRobotSettings:
         coarser: One in so many of a link's points stands for all against other links. Chosen for time; the value is
             unrecorded.
         farthest: Ends count as keeping at most so much from obstacles [m]. Unrecorded.
+        spacing: Of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice.
     """
 
     weight: float = 100.0
@@ -160,6 +161,7 @@ class SampledRobotSettings:
     least_range: float = 0.004
     coarser: int = 3
     farthest: float = 0.25
+    spacing: float = 0.05
 
 
 SAMPLED_ROBOT = SampledRobotSettings()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from guidefield.kernels.barrier.moving_barrier import moving_distance
@@ -57,10 +59,15 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
 
 
 def keeps_aside(problem: Problem, motion: Trajectory, distance: float) -> bool:
-    """Whether a motion's points keep a distance [m] from all that moves, at its knots."""
+    """Whether the robot's points keep a distance [m] from all that moves, at samples of a motion.
+
+    Where they don't no certificate says that the robot keeps it; where they do it has to be asked.
+    """
     tables, moving = distance_tables(problem.scene), moving_tables(problem.scene)
     robot = sampled_robot(problem, tables, motion.positions[:0])
-    places = [(np.ascontiguousarray(z), time) for z, time in zip(motion.positions, motion.times.tolist(), strict=True)]
+    count = math.ceil(motion.duration / SAMPLED_ROBOT.spacing) + 1
+    times = np.linspace(float(motion.times[0]), float(motion.times[-1]), count)
+    places = zip(motion.evaluate(times)[0], times.tolist(), strict=True)
     return all(moving_distance(robot, moving, z, time, distance) >= distance for z, time in places)
 
 
