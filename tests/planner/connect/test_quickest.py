@@ -57,6 +57,17 @@ def test_a_goal_behind_a_wall_is_passed_by_for_one_that_is_farther_but_reached_s
     assert estimated_time(alone.path, limits) > estimated_time(way.path, limits)
 
 
+def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_alone_counts() -> None:
+    made = problem("panda", scene_of())
+    z, limits = made.group.chart(made.q_start), made.group.velocity_limits
+    one_joint, all_joints = z + 0.1 * np.eye(7)[0] * limits, z + 0.099 * limits
+    goals = np.array([all_joints, one_joint])
+    for objective, taken in ((Objective.BALANCED, one_joint), (Objective.TIME, all_joints)):
+        way = quickest_way(dataclasses.replace(made, objective=objective), z, goals, np.random.default_rng(0))
+        assert way is not None
+        np.testing.assert_array_equal(way.path, [z, taken])
+
+
 def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     never = dataclasses.replace(QUICKEST, enough=0.0)
     monkeypatch.setattr("guidefield.planner.connect.quickest.QUICKEST", never)

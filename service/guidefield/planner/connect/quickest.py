@@ -1,8 +1,9 @@
 """Which of several goals is reached soonest: a straight motion or a tree for each in turn, scored by estimated time.
 
-A straight motion along d takes at least max_j |d_j| / V_j, with the velocity limits V. Goals are tried in this order;
-the search ends at the first whose bound is no better than the best way that was found. A way of several straight pieces
+A straight motion along d takes at least max_j |d_j| / V_j, with the velocity limits V. A way of several straight pieces
 is scored between what it takes where all joints have to wait for the slowest on each piece, and where none has to.
+Where not time alone counts, a score has a share of the way's length besides. Goals are tried in the order of their
+straight ways' scores; the search ends at the first whose own is no better than the best way that was found.
 
 Several ways are left, except where clearance counts most: which is the quickest shows when they are optimised. Where
 time alone counts there are more of them, and more rounds of trees while the best score is far from the least bound.
@@ -54,9 +55,9 @@ def quickest_way(
     Returns:
         The best; None where none of them is reached with a few motions, so that all have to be tried together.
     """
-    bounds = (np.abs(goals - z_start) / problem.group.velocity_limits).max(axis=1)
-    order = np.argsort(bounds, kind="stable")[: QUICKEST.goals].tolist()
     search = _Search(problem, z_start, goals, rng)
+    bounds = np.array([search.score(np.array([z_start, goal])) for goal in goals])
+    order = np.argsort(bounds, kind="stable")[: QUICKEST.goals].tolist()
     for round_ in range(1 + (QUICKEST.rounds if problem.objective is Objective.TIME else 0)):
         if round_ and search.least <= QUICKEST.enough * bounds[order[0]]:
             break
@@ -84,6 +85,13 @@ class _Search:
     def least(self) -> float:
         """The best score [s]; infinite where no way was found."""
         return min((score for score, _ in self.found), default=np.inf)
+
+    def score(self, way: ChartPoints) -> float:
+        """What a way (n, nv) counts [s]: its estimated time, and a share of its length unless time alone counts."""
+        limits, score = self._problem.group.velocity_limits, estimated_time(way, self._problem.group.velocity_limits)
+        if self._problem.objective is not Objective.TIME:
+            score += QUICKEST.length * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
+        return score
 
     def try_goal(self, index: int) -> None:
         """Look for a way to a goal; for another one by another tree, unless the straight one is free."""
@@ -113,7 +121,7 @@ class _Search:
             if found.path is None:
                 return
             way = lanes.shortened(found.path, TREE.resolution, clearance + MARGIN)
-        self.found.append((estimated_time(way, problem.group.velocity_limits), way))
+        self.found.append((self.score(way), way))
 
 
 def estimated_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
