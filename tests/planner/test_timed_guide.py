@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
@@ -49,6 +50,43 @@ def test_it_waits_for_what_moves_and_is_certified(title: str) -> None:
     for index, plane in enumerate(made.guide_planes):
         q = made.group.from_chart(found.path[found.crossings[index]])
         assert abs(plane.signed_height(made.kinematics.tip_position(q))) <= 1e-4
+
+
+@pytest.mark.parametrize("title", ["door", "conveyor"])
+def test_optimised_in_time_it_is_sooner_and_does_not_rest_at_waypoints(title: str) -> None:
+    made = seed_problem(title)
+    shaped, found = planned(made), planned(dataclasses.replace(made, optimization_iterations=0))
+    assert found.status is Status.SUCCESS
+    assert shaped.trajectory is not None
+    assert found.trajectory is not None
+    assert shaped.trajectory.times[-1] < 0.9 * found.trajectory.times[-1]
+    speeds = np.abs(shaped.trajectory.velocities).max(axis=1)
+    assert (speeds[2:-1] > 0.0).all(), "but for a wait at the start and the end"
+    assert shaped.crossings.keys() == found.crossings.keys() == set(range(len(made.guide_planes)))
+    for index, plane in enumerate(made.guide_planes):
+        tip = made.kinematics.tip_position(made.group.from_chart(shaped.path[shaped.crossings[index]]))
+        assert abs(plane.signed_height(tip)) <= 2e-6
+        assert plane.distance(tip) <= 2e-6
+    clearances = [
+        min(
+            clearance_at(made.at(now).world, made.group.from_chart(z)).obstacle_distance
+            for now, z in zip(times, one.trajectory.evaluate(times)[0], strict=True)
+        )
+        for one in (shaped, found)
+        for times in (np.linspace(0.0, one.trajectory.times[-1], 60),)
+    ]
+    assert clearances[0] > min(0.02, clearances[1])
+
+
+def test_what_is_refused_in_time_stays_from_rest_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the objective that nothing improves, the motion that was found is the reply's."""
+    made = seed_problem("door")
+    monkeypatch.setattr("guidefield.planner.timed_shape.better", lambda *_: False)
+    kept, found = planned(made), planned(dataclasses.replace(made, optimization_iterations=0))
+    assert kept.trajectory is not None
+    assert found.trajectory is not None
+    np.testing.assert_array_equal(kept.trajectory.positions, found.trajectory.positions)
+    assert not kept.trajectory.velocities.any()
 
 
 def test_the_same_again_is_the_same_bit_for_bit() -> None:

@@ -225,6 +225,8 @@ def _more(
         )
     if kind == "constraint":
         more["path_constraints"] = [constraint(rng, loaded.model.tip, poses)]
+    if kind == "moving" and rng.random() < 0.6:
+        return more
     if kind in ("guided", "planes", "moving"):
         more["guide_planes"] = [plane(rng, "gate", poses[1])]
         more["planner"] = "guided" if kind == "guided" else "auto"

@@ -469,14 +469,15 @@ def _same(asked: np.ndarray, values: np.ndarray) -> bool:
 
 
 def _about_ends(request: PlanRequest, reply: PlanReply, judge: Judge) -> list[Disagreement]:
-    """That an end is refused as in collision which is free with room."""
+    """That an end is refused as in collision which is free with room; a goal, once all obstacles have come to rest."""
     ends = {"START_STATE_IN_COLLISION": request.start}
     if isinstance(request.goal, JointsGoal):
         ends["GOAL_IN_COLLISION"] = {**request.start, **request.goal.positions}
     if reply.status.name not in ends:
         return []
     values = as_values(ends[reply.status.name])
-    room = float((judge.distances_at(values) - judge.required - judge.slacks).min(initial=np.inf))
-    if room > FLOOR and judge.enclosed_at(values) is None:
+    time = judge.ends if reply.status.name == "GOAL_IN_COLLISION" else 0.0
+    room = float((judge.distances_at(values, time) - judge.required - judge.slacks).min(initial=np.inf))
+    if room > FLOOR and judge.enclosed_at(values, time) is None:
         return [Disagreement(Kind.FALSE_REFUSAL, f"{reply.status.name}, but everything keeps {room:.6g} m more")]
     return []

@@ -409,11 +409,15 @@ class Judge:
         bodies = self.geometry.geometryObjects
         return hulls.distance(bodies[i].geometry, self._scratch.oMg[i], bodies[j].geometry, self._scratch.oMg[j])
 
-    def distances_at(self, values: Values) -> np.ndarray:
-        """Exact distances of all pairs at values of one row, at rest, shape (pairs,) [m]."""
-        self._stand(
-            self.configurations(values)[0], [shapes.frames_at(one, np.zeros(1))[0] for _, one, _ in self._flights]
-        )
+    @property
+    def ends(self) -> float:
+        """When the last obstacle comes to rest [s]."""
+        return max((one.trajectory.times[-1] for _, one, _ in self._flights if one.trajectory), default=0.0)
+
+    def distances_at(self, values: Values, time: float = 0.0) -> np.ndarray:
+        """Exact distances of all pairs at values of one row, at rest, at a time [s]: shape (pairs,) [m]."""
+        frames = [shapes.frames_at(one, np.array([time]))[0] for _, one, _ in self._flights]
+        self._stand(self.configurations(values)[0], frames)
         return np.array(
             [pin.computeDistance(self.geometry, self._scratch, p).min_distance for p in range(len(self.pairs))]
         )
@@ -462,9 +466,9 @@ class Judge:
         self._stand(self.configurations(curve.at(at))[0], self._frames(at)[0])
         return self._enclosed()
 
-    def enclosed_at(self, values: Values) -> tuple[str, str] | None:
-        """The same at values of the joints, at rest."""
-        self._stand(self.configurations(values)[0], self._frames(np.zeros(1))[0])
+    def enclosed_at(self, values: Values, time: float = 0.0) -> tuple[str, str] | None:
+        """The same at values of the joints, at rest, at a time [s]."""
+        self._stand(self.configurations(values)[0], self._frames(np.array([time]))[0])
         return self._enclosed()
 
     def _enclosed(self) -> tuple[str, str] | None:

@@ -177,8 +177,8 @@ def optimized_motion(
         stages: Where time is counted.
         found: The path with the guide planes that the motion crosses; None: it crosses none.
     """
-    crossed = _Crossed.of(problem, found)
-    settings = settings_of(problem, passes=bool(crossed.passages))
+    crossed = NO_PLANES if found is None else Crossed.of(problem, found.path, found.crossings)
+    settings = settings_of(problem, passes=crossed.any)
     with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
         optimized = optimize(problem, motion, settings, others, crossed.passages)
         stage.outcome = optimized.outcome.value
@@ -212,7 +212,7 @@ def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettin
 
 
 @dataclass(frozen=True, eq=False)
-class _Crossed(ReadOnly):
+class Crossed(ReadOnly):
     """The guide planes that an optimised motion crosses.
 
     Attributes:
@@ -226,20 +226,23 @@ class _Crossed(ReadOnly):
     at_ends: Mapping[int, int]
 
     @classmethod
-    def of(cls, problem: Problem, found: PathSoFar | None) -> _Crossed:
-        """Of a path."""
-        if found is None:
-            return cls((), (), {})
-        last = len(found.path) - 1
-        inner = sorted((at, plane) for plane, at in found.crossings.items() if 0 < at < last)
+    def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> Crossed:
+        """Of a path (n, nv), and by index of each guide plane that was reached, its index in the path."""
+        last = len(path) - 1
+        inner = sorted((at, plane) for plane, at in crossings.items() if 0 < at < last)
         return cls(
             tuple(
-                Passage(PlanePlace.through(problem, problem.guide_planes[plane], found.path[at]), found.path[at])
+                Passage(PlanePlace.through(problem, problem.guide_planes[plane], path[at]), path[at])
                 for at, plane in inner
             ),
             tuple(plane for _, plane in inner),
-            {plane: 0 if at == 0 else -1 for plane, at in found.crossings.items() if at in (0, last)},
+            {plane: 0 if at == 0 else -1 for plane, at in crossings.items() if at in (0, last)},
         )
+
+    @property
+    def any(self) -> bool:
+        """Whether it crosses any on its way."""
+        return bool(self.passages)
 
     def knots(self, optimized: Optimized) -> dict[int, int]:
         """By index of each guide plane, the knot of an optimised trajectory that is on it."""
@@ -248,13 +251,17 @@ class _Crossed(ReadOnly):
         return at_ends | dict(zip(self.on_way, optimized.passed, strict=True))
 
 
+NO_PLANES = Crossed((), (), {})
+"""Of a motion that crosses none."""
+
+
 def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
     """The time-optimal motion along a path (n, nv), whatever its jerk."""
     group = problem.group
     return parameterize(through(problem, path), group.velocity_limits, group.acceleration_limits)
 
 
-def _of_optimized(problem: Problem, optimized: Optimized, crossed: _Crossed, stages: Stages) -> Finished:
+def _of_optimized(problem: Problem, optimized: Optimized, crossed: Crossed, stages: Stages) -> Finished:
     """An optimised trajectory, judged, with a warning where time was up meanwhile."""
     trajectory = optimized.trajectory
     with stages.entered("certify", "on the exact geometry, between samples too") as stage:

@@ -27,6 +27,7 @@ from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
 from guidefield.planner.timed_goal import reach_in_time
 from guidefield.planner.timed_guide import cross_planes_timed
+from guidefield.planner.timed_shape import shaped_across
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
@@ -144,9 +145,14 @@ def _in_time(problem: Problem, goals: ChartPoints | None, stages: Stages, attemp
         assert goals is not None, "without planes there is a goal"
         return reach_in_time(problem, goals, stages)
     crossed = cross_planes_timed(problem, stages, attempts)
-    if goals is None or crossed.failure is not None:
+    if crossed.failure is not None:
         return finish_timed(problem, crossed, stages)
-    begun = crossed.trajectory()
+    shaped = shaped_across(problem, crossed, stages)
+    if goals is None:
+        return shaped or finish_timed(problem, crossed, stages)
+    begun, crossings = crossed.trajectory(), crossed.crossings
+    if shaped is not None and shaped.trajectory is not None:
+        begun, crossings = shaped.trajectory, shaped.crossings
 
     def go_on(then: Problem) -> Finished:
         return _go_on(then, goals, stages)
@@ -154,7 +160,7 @@ def _in_time(problem: Problem, goals: ChartPoints | None, stages: Stages, attemp
     def around(rest: Trajectory) -> Trajectory:
         return one_after_another([led_to(begun, rest), rest])
 
-    return gone_on(problem, begun, go_on, around, stages, crossed.crossings)
+    return gone_on(problem, begun, go_on, around, stages, crossings)
 
 
 def _go_on(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:

@@ -9,16 +9,13 @@ waits until the obstacles have come to rest, if it may wait, and goes as the pla
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.timed_certificate import certify_moving
-from guidefield.collision.certify.verdict import Verdict, first_refused
+from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.planner.finish import Finished, finish, found_motion, soonest_along
@@ -32,17 +29,13 @@ from guidefield.planner.schedule.schedule import Schedule, Stuck, after, at_any_
 from guidefield.planner.schedule.settings import SCHEDULE, WAYS
 from guidefield.planner.schedule.slices import Slices
 from guidefield.planner.schedule.standing import free_from, met
-from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note
-from guidefield.planner.timed_shape import shaped_in_time
+from guidefield.planner.timed_shape import Judge, judged_in_time, shaped_in_time
 from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-
-Judge = Callable[[Trajectory], Verdict]
-"""Judges a motion for something of its own."""
 
 
 def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
@@ -224,7 +217,7 @@ class _Search:
 
     def _judged(self, motion: Trajectory) -> Verdict:
         """Whether a motion is free in time, and what else judges it says so."""
-        verdict = _judged(self._problem, motion)
+        verdict = judged_in_time(self._problem, motion)
         if not verdict.free or self._also is None:
             return verdict
         kept = self._also(motion)
@@ -319,20 +312,6 @@ class _Search:
         own = float(schedule.at(since, schedule.step)[0][0]) * along.duration / schedule.motion.duration
         self._problem.tell(Note(f"refused at {when:.2f} s: {verdict.reason.value}"))
         occupancy.take_out(when, min(max(own, 0.0), along.duration))
-
-
-def _judged(problem: Problem, motion: Trajectory) -> Verdict:
-    """Whether a motion is free of what rests and what moves, and keeps the path constraints."""
-    pieces, times, stopped = motion.bezier(), motion.piece_times(), problem.budget.spent
-    if (inside := enclosed_start(problem, pieces[0, 0])) is not None:
-        return inside
-    verdict = certify(problem.timed_world.resting, pieces, problem.min_clearance, stopped=stopped)
-    moving = certify_moving(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
-    verdict = first_refused(verdict, moving)
-    if verdict.free and problem.path_constraints:
-        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, stopped)
-        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
-    return verdict
 
 
 def _at_the_start(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:

@@ -9,28 +9,63 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
 
+from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
-from guidefield.planner.finish import HURRIED, Finished, settings_of
-from guidefield.planner.motion.limit_load import at_limits
+from guidefield.planner.finish import HURRIED, NO_PLANES, Crossed, Finished, settings_of
+from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.worth import better
 from guidefield.planner.schedule.retimed import later
+from guidefield.planner.schedule.standing import free_from, met
+from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
+from guidefield.planner.timed_guide import TimedPath
 from guidefield.robot.model.spaces import ChartRate
+
+Judge = Callable[[Trajectory], Verdict]
+"""Judges a motion in time."""
+
+
+def judged_in_time(problem: Problem, motion: Trajectory) -> Verdict:
+    """Whether a motion is free of what rests and what moves, and keeps the path constraints."""
+    pieces, times, stopped = motion.bezier(), motion.piece_times(), problem.budget.spent
+    if (inside := enclosed_start(problem, pieces[0, 0], float(times[0]))) is not None:
+        return inside
+    verdict = certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
+    if verdict.free and problem.path_constraints:
+        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, stopped)
+        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+    return verdict
+
+
+def shaped_across(problem: Problem, found: TimedPath, stages: Stages) -> Finished | None:
+    """The optimised motion across guide planes; None where it isn't better than the one that was found, or refused.
+
+    Args:
+        problem: Robot, obstacles, guide planes, limits, budget and most steps.
+        found: The motion that was found.
+        stages: Where time is counted.
+    """
+    motion = found.trajectory()
+    if problem.optimization_iterations == 0 or length_of(motion.positions) == 0.0:
+        return None
+    crossed = Crossed.of(problem, motion.positions, found.crossings)
+    until, since = met(problem, problem.z_start)[0], free_from(problem, motion.positions[-1])
+    between = until, since if since <= motion.times[-1] else -np.inf
+    return _shaped(problem, motion, between, partial(judged_in_time, problem), stages, crossed)
 
 
 def shaped_in_time(
-    problem: Problem,
-    scheduled: Finished,
-    between: tuple[float, float],
-    judged: Callable[[Trajectory], Verdict],
-    stages: Stages,
+    problem: Problem, scheduled: Finished, between: tuple[float, float], judged: Judge, stages: Stages
 ) -> Finished:
     """The optimised motion, or the scheduled one where that isn't better.
 
@@ -41,16 +76,33 @@ def shaped_in_time(
         judged: The certificate in time.
         stages: Where time is counted.
     """
-    motion, (leave_by, arrive_from) = scheduled.trajectory, between
+    motion = scheduled.trajectory
     assert motion is not None, "it is certified"
-    if problem.optimization_iterations == 0 or motion.duration == 0.0 or problem.budget.spent():
+    if problem.optimization_iterations == 0 or motion.duration == 0.0:
         return scheduled
-    begun, settings = _moving_part(motion), settings_of(problem)
+    made = _shaped(problem, motion, between, judged, stages, NO_PLANES)
+    return scheduled if made is None else replace(made, warnings=(*scheduled.warnings, *made.warnings))
+
+
+def _shaped(
+    problem: Problem,
+    motion: Trajectory,
+    between: tuple[float, float],
+    judged: Judge,
+    stages: Stages,
+    crossed: Crossed,
+) -> Finished | None:
+    """The optimised motion from one that keeps a schedule and crosses guide planes; None where it is no better."""
+    if problem.budget.spent():
+        return None
+    begun, settings, (leave_by, arrive_from) = _moving_part(motion), settings_of(problem, passes=crossed.any), between
     with stages.entered("relax", f"shape and time together, among what moves, {problem.objective.value}") as stage:
-        optimized = optimize(problem, begun, settings, leave_by=leave_by, arrive_from=arrive_from)
+        optimized = optimize(problem, begun, settings, (), crossed.passages, leave_by=leave_by, arrive_from=arrive_from)
         stage.outcome = optimized.outcome.value
-    warnings = (*scheduled.warnings, HURRIED) if optimized.outcome is Outcome.OUT_OF_TIME else scheduled.warnings
-    for shaped in _at_limits(problem, optimized.trajectory, arrive_from):
+    if optimized.outcome is Outcome.NOT_PASSING:
+        return None
+    warnings = (HURRIED,) if optimized.outcome is Outcome.OUT_OF_TIME else ()
+    for shaped in _within_limits(problem, optimized.trajectory, arrive_from):
         if not better(problem, shaped, begun, settings):
             continue
         with stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
@@ -58,8 +110,10 @@ def shaped_in_time(
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         if verdict.free:
-            return replace(scheduled, verdict=verdict, path=whole.positions, trajectory=whole, warnings=warnings)
-    return scheduled
+            before = len(whole.times) - len(shaped.times)  # a knot, where it waits
+            knots = {plane: before + at for plane, at in crossed.knots(optimized).items()}
+            return Finished(verdict, whole.positions, knots, whole, warnings=warnings)
+    return None
 
 
 def _moving_part(motion: Trajectory) -> Trajectory:
@@ -69,12 +123,16 @@ def _moving_part(motion: Trajectory) -> Trajectory:
     return Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
 
 
-def _at_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:
-    """A motion strictly within its limits as fast as it may go, if it doesn't arrive too soon then; and as it is."""
+def _within_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:
+    """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits."""
     group, begin = problem.group, float(motion.times[0])
     jerks = cast(ChartRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
-    rates = group.velocity_limits, group.acceleration_limits, jerks
-    fast = at_limits(motion.times - begin, motion.positions, motion.velocities, *rates)
+    knots, rates = (
+        (motion.times - begin, motion.positions, motion.velocities),
+        (group.velocity_limits, group.acceleration_limits, jerks),
+    )
+    fast = at_limits(*knots, *rates)
     if begin + fast.duration >= arrive_from:
         yield Trajectory(begin + fast.times, fast.positions, fast.velocities)
-    yield motion
+    if limit_load(*knots, *rates) <= 1.0:
+        yield motion
