@@ -14,8 +14,9 @@ from numba import njit
 from guidefield.kernels.stream.arrival import FADING, arrival
 from guidefield.kernels.stream.room import blocked, nearest
 from guidefield.messages.goals import JointsGoal
-from guidefield.messages.scene import HalfSpace, Scene
-from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.scene import Box, HalfSpace, Scene
+from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
 from guidefield.stream.obstacles import Drifting
@@ -52,7 +53,9 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
     for gap, kept in ((0.003, 0.5), (0.0015, 0.25), (0.0004, 0.0), (0.01, 1.0)):
         ceiling = HalfSpace(name="ceiling", normal=(0.0, 0.0, -1.0), offset=-(height + gap))
         scene = build(Scene("room", obstacles=[ceiling]))
-        with CertifiedStream(StreamOpen("ur5", "room", start=UP), robot("ur5"), scene) as stream:
+        with CertifiedStream(
+            StreamOpen("ur5", "room", start=UP, tracking_tolerance=0.0), robot("ur5"), scene
+        ) as stream:
             room, z0 = stream._room, stream.executing.ends
             z1 = z0.copy()
             z1[1] -= 1.0
@@ -62,6 +65,47 @@ def test_a_way_begins_where_the_robot_is_closer_than_ways_keep() -> None:
             way = room.way(NOTHING, Kept(0.1, 0.0), z0, z1, samples, np.empty((0, 4)))
         assert way is not None
         assert np.array_equal(way[[0, -1]], [z0, z1])
+
+
+def test_ways_keep_what_the_robot_may_be_off_by_and_what_the_judge_wants_of_each_obstacle() -> None:
+    tolerance, scene = 0.01, build(Scene("empty"))
+    crate = StreamObstacle(Box(name="crate", size=(0.1, 0.1, 0.1)), largest_speed=0.4, uncertainty=0.01)
+    asked = StreamOpen(
+        "ur5", "empty", start=UP, obstacles=[crate], tracking_tolerance=tolerance, clock_error=0.005, min_clearance=0.02
+    )
+    with CertifiedStream(asked, robot("ur5"), scene) as stream:
+        stream.update(time=0.0, obstacles=[Observation("crate", 0.0, Placement((0.3, 0.3, 1.5)))])
+        room, z = stream._room, stream.executing.ends
+        drifting = stream._obstacles.drifting(0.0)
+        swept, largest = room.swept([z]), most_moved(stream, z, tolerance)
+        ends = [z, z + 0.5]
+        assert largest <= swept <= 1.5 * largest
+        assert room.swept(ends) == max(swept, room.swept(ends[1:])) > swept
+        assert room.clearance(STREAM.resting, ends) == 0.02 + room.swept(ends) + STREAM.resting
+        assert drifting.margins == pytest.approx([0.01 + 0.02 + 0.4 * 0.005])
+        among = room._among(drifting, Kept(0.05, 0.1), 0.0, *ends)
+        assert among.grown == pytest.approx(0.05 + 0.1 * 0.4 + drifting.margins + room.swept(ends))
+
+
+def most_moved(stream: CertifiedStream, z: ChartPoint, tolerance: float) -> float:
+    """How far a vertex of a link goes at most where each joint is off by a tolerance, by Pinocchio, joint by joint."""
+    group = stream.group
+    data, placed = group.model.createData(), group.geometry.createData()
+    pin.computeJointJacobians(group.model, data, group.expand_from_chart(z))
+    pin.updateGeometryPlacements(group.model, data, group.geometry, placed)
+    most = 0.0
+    for shape, here in zip(group.geometry.geometryObjects, placed.oMg, strict=True):
+        if not isinstance(shape.geometry, coal.BVHModelBase | coal.ConvexBase):
+            continue
+        for vertex in shape.geometry.vertices()[::50]:
+            arm = here.act(vertex) - data.oMi[shape.parentJoint].translation
+            frame = pin.SE3(np.eye(3), data.oMi[shape.parentJoint].translation)
+            jacobian = frame.toActionMatrixInverse() @ pin.getJointJacobian(
+                group.model, data, shape.parentJoint, pin.ReferenceFrame.WORLD
+            )
+            rates = jacobian[:3] + np.cross(jacobian[3:].T, arm).T
+            most = max(most, tolerance * float(np.linalg.norm(rates, axis=0).sum()))
+    return most
 
 
 def test_who_stands_close_to_what_rests_and_has_no_piece_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +136,7 @@ def ball(where: tuple[float, float, float], drift: tuple[float, float, float], r
     """One that drifts, and may be as fast as that."""
     row = np.zeros((1, 16))
     row[0, [0, 5, 10]], row[0, [3, 7, 11]], row[0, 15] = 1.0, where, radius
-    return Drifting(row, np.array([drift]), np.array([np.linalg.norm(drift)]))
+    return Drifting(row, np.array([drift]), np.array([np.linalg.norm(drift)]), np.zeros(1))
 
 
 @njit

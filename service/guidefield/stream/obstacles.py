@@ -71,11 +71,13 @@ class Drifting(ReadOnly):
         boxes: Rounded boxes that stand for it, shape (k, 16) [m, world].
         drifts: The velocity of each as it was observed, shape (k, 3) [m/s].
         rates: How fast each grows for the judge, shape (k,) [m/s].
+        margins: What the judge wants to be kept beyond that, shape (k,) [m].
     """
 
     boxes: np.ndarray
     drifts: np.ndarray
     rates: np.ndarray
+    margins: np.ndarray
 
 
 @dataclass(eq=False)
@@ -306,9 +308,9 @@ class Obstacles:
         """What stands for what was seen, and how it goes on from a time [s]."""
         boxes = self.boxes([now])
         if not len(boxes):
-            return Drifting(boxes, np.empty((0, 3)), np.empty(0))
-        of = self._boxes_of[self._there[self._boxes_of]]
-        return Drifting(boxes, self._drifts.copy(), self._rates[len(self._resting) + of])
+            return Drifting(boxes, np.empty((0, 3)), np.empty(0), np.empty(0))
+        rows = len(self._resting) + self._boxes_of[self._there[self._boxes_of]]
+        return Drifting(boxes, self._drifts.copy(), self._rates[rows], self._margins[rows])
 
 
 def in_its_frame(message: messages.Obstacle) -> messages.Obstacle:

@@ -85,9 +85,10 @@ class CertifiedStream:
         self.request = request
         self.group, self.scene = asked.group, scene
         self.warnings = asked.warnings
-        self._room = Room(asked.group, asked.joints, asked.world, asked.bounds, request.min_clearance)
+        keeping = (request.min_clearance, request.tracking_tolerance)
+        self._room = Room(asked.group, asked.joints, asked.world, asked.bounds, *keeping)
         self._taking: TakeOver = taking or Counted()
-        beside = Room(asked.group, asked.joints, asked.world, asked.bounds, request.min_clearance)
+        beside = Room(asked.group, asked.joints, asked.world, asked.bounds, *keeping)
         self._planner = Planner(beside, asked.group, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
         for index, one in enumerate(request.obstacles):

@@ -16,7 +16,7 @@ import numpy as np
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.kernels.stream.arrival import arrival
-from guidefield.kernels.stream.room import RoomRobot, nearest
+from guidefield.kernels.stream.room import RoomRobot, nearest, swept
 from guidefield.kernels.stream.way import Surroundings, cut_short, straight_free, way_between
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
@@ -30,7 +30,7 @@ from guidefield.stream.views import read_only_views
 FAR = 0.3
 """Distances are measured up to this [m]."""
 
-NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0))
+NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))
 """Nothing moves."""
 
 _T = TypeVar("_T")
@@ -51,25 +51,40 @@ class Room:
         world: The robot among what rests.
         bounds: How fast it may be.
         least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
+        tolerance: How far each coordinate may be off [rad or m]: what that sweeps is kept as well.
     """
 
     def __init__(
-        self, group: PlanningGroup, joints: JointRows, world: World, bounds: JointBounds, least: float
+        self,
+        group: PlanningGroup,
+        joints: JointRows,
+        world: World,
+        bounds: JointBounds,
+        least: float,
+        tolerance: float,
     ) -> None:
         self._speeds = bounds.rates[:, 0].copy()
         self.robot: RoomRobot = room_robot(group, joints)
         self._lanes = BatchCollision.build(world)
-        self._least = least
+        self._least, self._tolerance = least, tolerance
 
     def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
         """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
         return nearest(self.robot, boxes, z, FAR) - INSIDE
 
     def clearance(self, most: float, ends: list[ChartPoint]) -> float:
-        """What to keep from what rests [m]: `most` beyond the least, or less where one of some ends (nv,) is closer."""
+        """What to keep from what rests [m]: `most` beyond the least, or less where one of some ends (nv,) is closer.
+
+        What the robot may be off by there is kept as well, unless an end is closer than that.
+        """
         zs = np.array(ends)
-        kept = [self._least + share * most for share in STREAM.closer]
+        beyond = [*(self.swept(ends) + share * most for share in STREAM.closer), 0.0]
+        kept = [self._least + one for one in beyond]
         return next((one for one in kept if not self._lanes.touching(zs, one).any()), kept[-1])
+
+    def swept(self, ends: list[ChartPoint]) -> float:
+        """How far the robot may be off at some points (nv,) [m]."""
+        return max(float(swept(self.robot, np.ascontiguousarray(z, float), self._tolerance)) for z in ends)
 
     def resting_free(self, zs: ChartPoints) -> np.ndarray:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
@@ -127,7 +142,8 @@ class Room:
             return way.length
         count = math.ceil(way.length / STREAM.step)
         places = np.array([way.at(way.length * k / count) for k in range(count + 1)])
-        going, waiting = (kept.from_each(drifting.rates) for kept in (STREAM.going, STREAM.waiting))
+        wanted = drifting.margins + self.swept([points[0], points[-1]])
+        going, waiting = (kept.from_each(drifting.rates) + wanted for kept in (STREAM.going, STREAM.waiting))
         return float(
             arrival(
                 self.robot, drifting.boxes, drifting.drifts, going, waiting, places, way.length / count,
@@ -146,7 +162,7 @@ class Room:
             clearance=clearance,
             boxes=drifting.boxes,
             drifts=drifting.drifts,
-            grown=kept.from_each(drifting.rates),
+            grown=kept.from_each(drifting.rates) + drifting.margins + self.swept([z0, z1]),
             ends=np.array([z0, z1]),
             gaps=np.array([self.gaps(drifting.boxes, z0), self.gaps(then, z1)]),
             speeds=self._speeds,

@@ -235,6 +235,35 @@ def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats) -> bool:
     return False
 
 
+@compiled(float64(ROOM_ROBOT, VECTOR, SCALAR))
+def swept(robot: RoomRobot, z: Floats, tolerance: float) -> float:
+    """How far the point of the robot that moves furthest is moved where each coordinate is off by a tolerance [m].
+
+    Args:
+        robot: The robot.
+        z: Coordinates, shape (nv,).
+        tolerance: How far each may be off [rad or m].
+    """
+    _place(robot, z)
+    most = 0.0
+    for body in range(robot.carriers.shape[0]):
+        joint, ball = robot.carriers[body], robot.bounds[body]
+        x, y, t = _point(robot.poses[joint], ball)
+        whole = 0.0
+        while joint > 0:
+            line, off = robot.lines[joint], abs(robot.multipliers[joint]) * tolerance
+            if robot.slides[joint] == 1:
+                whole += off
+            else:
+                px, py, pz = x - line[3], y - line[4], t - line[5]
+                cx, cy, cz = py * line[2] - pz * line[1], pz * line[0] - px * line[2], px * line[1] - py * line[0]
+                far = math.sqrt(cx * cx + cy * cy + cz * cz) + ball[3]
+                whole += 2.0 * math.sin(0.5 * min(off, math.pi)) * far
+            joint = robot.parents[joint]
+        most = max(most, whole)
+    return most
+
+
 def nearest(robot: RoomRobot, boxes: Floats, z: Floats, cut: float) -> Floats:
     """`distances` in an array of their own, shape (k,) [m]."""
     least = np.empty(len(boxes))
