@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from itertools import count
 from pathlib import Path
 
 import msgspec
@@ -125,17 +126,21 @@ def test_large_files_are_fewer(tmp_path: Path) -> None:
 def test_who_replays_is_told_from_where_on_a_stream_is_kept(tmp_path: Path) -> None:
     asked = msgspec.structs.replace(ASKED, scene="table", goal=None, obstacles=[])
     journal = Journal(tmp_path / "s", asked, "plain", {}, file_bytes=1, most_files=1)
+    clock = count()
     with Engine().stream(asked, None, journal) as stream:
-        for cycle in range(3):
-            stream.update(StreamUpdate(0.02 * cycle))
-            await_that(journal._entries.empty)
+
+        def another_file() -> bool:  # who writes may be behind
+            stream.update(StreamUpdate(0.02 * next(clock)))
+            return journal._index > 2
+
+        await_that(another_file)
     journal.close()
     (file,) = files_of(tmp_path / "s")
     begun, entries = read(file)
     assert begun.index > 1
     told: list[str] = []
     assert replay_stream([file], tmp_path, (), told.append, lambda _: "") == 0
-    assert told == [
+    assert told[-2:] == [  # before them it may say that kernels are compiled
         f"s is kept from {begun.snapshot.now} s of its client's clock on: {begun.index - 1} files before made room",
         f"s/{file.name}: bit-identical: {len(entries)} updates, 0 pieces",
     ]
