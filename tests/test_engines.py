@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from guidefield import engines as module
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, NotAllowed, QuotaExceeded, RobotInvalid, SceneInvalid, UnknownObject
 from guidefield.messages import requests
@@ -13,9 +14,11 @@ from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import Quota, Quotas
 from guidefield.messages.replies import ClearanceReply, RobotReply, RobotsReply, RunsReply, SceneReply, ScenesReply
 from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.streams import StreamOpen, StreamUpdate
 from guidefield.stores import by_user
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.shared import Kind
+from guidefield.stream.journal import Journal
 
 URDF = """<robot name="{}"><link name="a"/>
   <link name="b"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
@@ -158,3 +161,21 @@ def test_users_that_have_something_stored_are_bounded(tmp_path: Path, monkeypatc
     with pytest.raises(QuotaExceeded, match="2 users have something stored already"):
         stores.of("carol")
     assert stores.users() == ["alice", "bob"]
+
+
+def test_a_streams_recording_that_is_too_large_is_told_with_the_way_to_have_it(
+    engines: Engines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = StreamOpen("ur5", "table")
+    journal = Journal(engines.stores.streams_of("alice") / "s", asked, "alice", {})
+    with engines.of("alice").stream(asked, None, journal) as stream:
+        stream.update(StreamUpdate(0.0))
+    journal.close()
+    size = len(engines.stream_recording("alice", "s"))
+    monkeypatch.setattr(module, "LARGEST_RECORDING", size)
+    assert engines.stream_recording("alice", "s").startswith(b"RRF2")
+    monkeypatch.setattr(module, "LARGEST_RECORDING", 1000)
+    with pytest.raises(
+        UnknownObject, match=r"at most 1000 are sent: at the service `guidefield runs export s stream.rrd`"
+    ):
+        engines.stream_recording("alice", "s")

@@ -130,8 +130,12 @@ class Engines:
         except MalformedRequest as error:
             raise UnknownObject(f"stream {name!r} has no recording: {error.message}", stream=name) from None
         if len(recording) > LARGEST_RECORDING:
-            told = f"it has {len(recording)} bytes, at most {LARGEST_RECORDING} are sent"
-            raise UnknownObject(f"stream {name!r} has no recording: {told}", stream=name)
+            raise UnknownObject(
+                f"the recording of stream {name!r} has {len(recording)} bytes, at most {LARGEST_RECORDING} are sent: at"
+                f" the service `guidefield runs export {name} stream.rrd` writes it, `guidefield replay FILE --record"
+                " stream.rrd` that of a single file of it",
+                stream=name,
+            )
         return recording
 
     def _made(self, user: str) -> Engine:
